@@ -38,7 +38,7 @@ impl Node for Hello {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut options = CellOptions::default();
     options.drive.starts_homed = true;
-    let cell = Cell::new(&robot_model::AnyRobot::load("powercube6")?, &options, 1)?;
+    let cell = Cell::new(&robot_model::RobotModel::load("powercube6")?, &options, 1)?;
     // Module 6 turns the hand, to 1 rad. Its drive has started up after half a second.
     let ramp = MotionRequest::extended(MotionCommand::Ramp { target: Radians::new(1.0) });
     let (module, request, due) = (ModuleId::new(6)?, Request::Move(ramp), Instant::from_micros(500_000));

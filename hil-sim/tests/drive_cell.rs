@@ -11,10 +11,10 @@ use protocol::powercube::{
 };
 use protocol::units::{RadPerSec, Radians};
 use protocol::{Duration, Frame, Instant, StandardId};
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 fn arm(seed: u64, change: impl FnOnce(&mut CellOptions)) -> Rig {
-    let robot = AnyRobot::load("powercube6").unwrap();
+    let robot = RobotModel::load("powercube6").unwrap();
     let mut options = CellOptions::default();
     change(&mut options);
     let mut rig = Rig::of(Cell::new(&robot, &options, seed).unwrap());
@@ -201,7 +201,7 @@ fn too_much_current_for_too_long_cuts_the_supply_out() {
         "current_max_a = 8\njoints",
         1,
     );
-    let weak = AnyRobot::from_toml("weak supply", &text).unwrap();
+    let weak = RobotModel::from_toml("weak supply", &text).unwrap();
     let options = CellOptions {
         drive: hil_sim::drive::DriveOptions { starts_homed: true, ..Default::default() },
         ..CellOptions::default()
@@ -318,7 +318,7 @@ fn a_robot_without_fingers_in_its_file_is_refused_when_they_are_asked_for() {
     let text = robot_model::built_in_text("powercube6").unwrap();
     let (before, rest) = text.split_once("[fingers]").unwrap();
     let (_, after) = rest.split_once("# Boxes are uniform").unwrap();
-    let robot = AnyRobot::from_toml("arm.toml", &format!("{before}# {after}")).unwrap();
+    let robot = RobotModel::from_toml("arm.toml", &format!("{before}# {after}")).unwrap();
     let refused = Cell::new(&robot, &options, 1).err().unwrap();
     assert_eq!(refused, hil_sim::cell::CellError::NoFingers { robot: "powercube6".to_owned() });
 }
@@ -358,7 +358,7 @@ fn stuck_gripper_keeps_the_ball_and_late_release_moves_the_landing() {
 /// A run with commands and faults drawn from `seed`; everything that can be seen, as text.
 fn random_run(seed: u64, steps: usize) -> String {
     let mut rng = Rng::stream(seed, "swarm");
-    let robot = AnyRobot::load("powercube6").unwrap();
+    let robot = RobotModel::load("powercube6").unwrap();
     let mut options = CellOptions::default();
     options.drive.starts_homed = rng.chance(0.7);
     options.drive.brake = rng.chance(0.8);
@@ -509,7 +509,7 @@ fn how_often_the_cell_is_advanced_changes_nothing() {
 
 #[test]
 fn cold_cell_boots_before_it_answers() {
-    let robot = AnyRobot::load("powercube6").unwrap();
+    let robot = RobotModel::load("powercube6").unwrap();
     let options = CellOptions { cold_start: true, ..CellOptions::default() };
     let mut rig = Rig::of(Cell::new(&robot, &options, 1).unwrap());
     assert_eq!(rig.ask_module(id(1), Request::Get(Parameter::DefVersion)), None);
@@ -519,14 +519,14 @@ fn cold_cell_boots_before_it_answers() {
 
 #[test]
 fn cells_that_cannot_be_built_say_why() {
-    let robot = AnyRobot::load("powercube6").unwrap();
+    let robot = RobotModel::load("powercube6").unwrap();
     let build = |options: &CellOptions| Cell::new(&robot, options, 1).map(|_| ()).unwrap_err().to_string();
     let pose = CellOptions { start_q_rad: Some(vec![0.0; 5]), ..CellOptions::default() };
     assert!(build(&pose).contains("5 usable angles"));
     let step = CellOptions { step: Duration::from_micros(7), ..CellOptions::default() };
     assert!(build(&step).contains("7 us"));
     let text = robot_model::built_in_text("powercube6").unwrap().replace("address = 2\n", "address = 1\n");
-    let clash = AnyRobot::from_toml("clash", &text);
+    let clash = RobotModel::from_toml("clash", &text);
     if let Ok(clash) = clash {
         let error = Cell::new(&clash, &CellOptions::default(), 1).map(|_| ()).unwrap_err();
         assert!(error.to_string().contains("used twice"), "{error}");

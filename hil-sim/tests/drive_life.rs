@@ -78,7 +78,7 @@ fn index_makes_homing_repeatable_and_the_bare_switch_scatters() {
         let errors: Vec<f64> = (0..12)
             .map(|seed| {
                 let options = hil_sim::CellOptions::default();
-                let mut rig = Rig::of(hil_sim::Cell::bench::<1>(0x4614, &options, seed).unwrap());
+                let mut rig = Rig::of(hil_sim::Cell::bench(1, 0x4614, &options, seed).unwrap());
                 rig.run_ms(150);
                 if !index {
                     let config = Config::from_bits(rig.get(Parameter::Config) as u32);
@@ -271,7 +271,7 @@ fn request_on_the_other_channel_is_answered_all_the_same() {
 
 #[test]
 fn scan_of_all_addresses_finds_the_modules_that_are_there() {
-    let robot = robot_model::AnyRobot::load("powercube6").unwrap();
+    let robot = robot_model::RobotModel::load("powercube6").unwrap();
     let mut rig = Rig::of(hil_sim::Cell::new(&robot, &hil_sim::CellOptions::default(), 1).unwrap());
     let found: Vec<u8> = protocol::ModuleId::all()
         .filter(|module| rig.ask_module(*module, Request::Get(Parameter::DefVersion)).is_some())

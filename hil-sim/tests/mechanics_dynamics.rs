@@ -5,42 +5,40 @@ use hil_sim::mechanics::{AxisInput, Body, Elasticity, JointMechanics, MechanicsO
 use nalgebra::Vector3;
 use robot_model::{JointVec, RobotModel};
 
-type V6 = JointVec<6>;
-
-fn model() -> RobotModel<6> {
+fn model() -> RobotModel {
     RobotModel::from_toml("powercube6", robot_model::built_in_text("powercube6").unwrap()).unwrap()
 }
 
-fn deg(v: [f64; 6]) -> V6 {
-    V6::from(v).map(f64::to_radians)
+fn deg(v: [f64; 6]) -> JointVec {
+    JointVec::from(v).map(f64::to_radians)
 }
 
 /// Torque vectors A and B of the machine's reference: state, acceleration, torque.
-fn vectors() -> [(V6, V6, V6, V6); 2] {
+fn vectors() -> [(JointVec, JointVec, JointVec, JointVec); 2] {
     [
         (
             deg([30.0, -40.0, -110.0, 50.0, 70.0, -20.0]),
-            V6::from([1.0, -1.5, 0.5, -0.2, 2.0, 3.0]),
-            V6::from([5.0, -8.0, 6.0, 2.0, -10.0, 12.0]),
-            V6::from([4.649112, -53.373074, 23.994172, 1.013119, -0.343705, -0.000107]),
+            JointVec::from([1.0, -1.5, 0.5, -0.2, 2.0, 3.0]),
+            JointVec::from([5.0, -8.0, 6.0, 2.0, -10.0, 12.0]),
+            JointVec::from([4.649112, -53.373074, 23.994172, 1.013119, -0.343705, -0.000107]),
         ),
         (
             deg([-100.0, -150.0, -60.0, -120.0, -40.0, 135.0]),
-            V6::from([-2.0, 1.0, 2.0, 1.0, -3.0, 4.0]),
-            V6::from([-10.0, 9.0, -7.0, 3.0, 15.0, -20.0]),
-            V6::from([-15.510797, 60.18697, -26.347064, -0.644758, -1.086441, -0.004812]),
+            JointVec::from([-2.0, 1.0, 2.0, 1.0, -3.0, 4.0]),
+            JointVec::from([-10.0, 9.0, -7.0, 3.0, 15.0, -20.0]),
+            JointVec::from([-15.510797, 60.18697, -26.347064, -0.644758, -1.086441, -0.004812]),
         ),
     ]
 }
 
 /// Arm without rotors and friction.
-fn bare(model: &RobotModel<6>, q: V6, v: V6) -> Mechanism<6> {
-    let mut arm = Mechanism::new(Body::Arm(Box::new(model.clone())), [JointMechanics::ideal(0.0); 6], q);
+fn bare(model: &RobotModel, q: JointVec, v: JointVec) -> Mechanism {
+    let mut arm = Mechanism::new(Body::Arm(Box::new(model.clone())), vec![JointMechanics::ideal(0.0); 6], q);
     arm.set_state(q, v);
     arm
 }
 
-fn torques(tau: &V6) -> Vec<AxisInput> {
+fn torques(tau: &JointVec) -> Vec<AxisInput> {
     tau.iter().map(|t| AxisInput { torque_nm: *t, torque_max_nm: 1e6, ..AxisInput::default() }).collect()
 }
 
@@ -81,14 +79,14 @@ fn currents_of_the_published_state_are_those_of_equation_nine() {
 /// Largest deviation of the energy over two seconds of free swing, J, and the largest kinetic energy in it.
 fn drift(dt: f64) -> (f64, f64) {
     let model = model();
-    let mut arm = bare(&model, deg([30.0, -40.0, -110.0, 50.0, 70.0, -20.0]), V6::zeros());
+    let mut arm = bare(&model, deg([30.0, -40.0, -110.0, 50.0, 70.0, -20.0]), JointVec::zeros(6));
     // Rotors keep the wrist's motion slow enough to be resolved, as they do on the machine.
-    let joints = std::array::from_fn(|i| JointMechanics::ideal([0.5, 0.5, 0.5, 0.2, 0.1, 0.05][i]));
+    let joints = [0.5, 0.5, 0.5, 0.2, 0.1, 0.05].map(JointMechanics::ideal).to_vec();
     arm = Mechanism::new(arm.body().clone(), joints, arm.link_state().0);
     let start = arm.energy().total_j();
     let (mut worst, mut most) = (0.0_f64, 0.0_f64);
     for _ in 0..(2.0 / dt).round() as usize {
-        arm.step(dt, &torques(&V6::zeros()));
+        arm.step(dt, &torques(&JointVec::zeros(6)));
         worst = worst.max((arm.energy().total_j() - start).abs());
         most = most.max(arm.energy().kinetic_j);
     }
@@ -110,8 +108,8 @@ fn free_swing_keeps_its_energy_to_second_order_in_the_step() {
 fn work_of_the_drives_is_the_gain_in_energy() {
     let model = model();
     let (q, _, _, tau) = vectors()[0];
-    let mut arm = bare(&model, q, V6::zeros());
-    let joints = std::array::from_fn(|_| JointMechanics::ideal(0.5));
+    let mut arm = bare(&model, q, JointVec::zeros(6));
+    let joints = vec![JointMechanics::ideal(0.5); 6];
     arm = Mechanism::new(arm.body().clone(), joints, q);
     let (start, mut work) = (arm.energy().total_j(), 0.0);
     for _ in 0..1000 {
@@ -130,16 +128,16 @@ fn momentum_about_the_first_axis_is_kept_without_gravity() {
     let text = robot_model::built_in_text("powercube6")
         .unwrap()
         .replace("gravity_m_s2 = 9.81", "gravity_m_s2 = 1e-9");
-    let model: RobotModel<6> = RobotModel::from_toml("free", &text).unwrap();
+    let model: RobotModel = RobotModel::from_toml("free", &text).unwrap();
     let (q, v, _, _) = vectors()[0];
     let mut arm = bare(&model, q, v * 0.5);
-    let momentum = |arm: &Mechanism<6>| {
+    let momentum = |arm: &Mechanism| {
         let (q, v) = arm.link_state();
         (model.mass_matrix(&q) * v)[0]
     };
     let start = momentum(&arm);
     for _ in 0..4000 {
-        arm.step(2.5e-4, &torques(&V6::zeros()));
+        arm.step(2.5e-4, &torques(&JointVec::zeros(6)));
     }
     assert!(
         start.abs() > 0.1 && (momentum(&arm) - start).abs() < 1e-3 * start.abs(),
@@ -148,8 +146,8 @@ fn momentum_about_the_first_axis_is_kept_without_gravity() {
     );
 }
 
-fn wheel(joint: JointMechanics, inertia: f64) -> Mechanism<1> {
-    Mechanism::new(Body::Wheels(JointVec::repeat(inertia)), [joint], JointVec::zeros())
+fn wheel(joint: JointMechanics, inertia: f64) -> Mechanism {
+    Mechanism::new(Body::Wheels(JointVec::repeat(1, inertia)), vec![joint], JointVec::zeros(1))
 }
 
 fn servo(reference_rad: f64, inertia: f64) -> AxisInput {
@@ -193,7 +191,7 @@ fn position_loop_has_the_response_of_its_second_order_system() {
 fn sliding_stops_where_the_closed_form_says_and_stays() {
     let joint = JointMechanics { coulomb_nm: 20.0, ..JointMechanics::ideal(1.0) };
     let mut axis = wheel(joint, 3.0);
-    axis.set_state(JointVec::zeros(), JointVec::repeat(2.0));
+    axis.set_state(JointVec::zeros(6), JointVec::repeat(6, 2.0));
     let off = AxisInput::default();
     let mut last = 2.0;
     for _ in 0..2000 {
@@ -260,7 +258,7 @@ fn end_stop_holds_against_full_torque_and_does_not_throw_back() {
         ..JointMechanics::ideal(1.0)
     };
     let mut axis = wheel(joint, 3.0);
-    axis.set_state(JointVec::zeros(), JointVec::repeat(3.0));
+    axis.set_state(JointVec::zeros(6), JointVec::repeat(6, 3.0));
     let (mut deepest, mut rebound) = (0.0_f64, 0.0_f64);
     for _ in 0..4000 {
         axis.step(5e-4, &[AxisInput::default()]);
@@ -289,7 +287,7 @@ fn torque_limit_saturates_and_is_said() {
 #[test]
 fn brake_holds_the_arm_and_without_it_the_arm_falls() {
     let model = model();
-    let deviations = std::array::from_fn(|i| Scatter::default().draw(1, i));
+    let deviations: [_; 6] = std::array::from_fn(|i| Scatter::default().draw(1, i));
     // Stretched out: 54 N·m on the shoulder.
     let q = deg([0.0, 0.0, -90.0, 0.0, 0.0, 0.0]);
     for (brake, fallen) in [(true, false), (false, true)] {
@@ -309,7 +307,7 @@ fn servo_holds_the_arm_against_gravity_with_the_offset_of_its_stiffness() {
     let model = model();
     let options = MechanicsOptions::default();
     let tuned = options.servo_inertia_kg_m2(&model);
-    let deviations = std::array::from_fn(|i| Scatter::default().draw(1, i));
+    let deviations: [_; 6] = std::array::from_fn(|i| Scatter::default().draw(1, i));
     let q = deg([0.0, 0.0, -90.0, 0.0, 0.0, 0.0]);
     let no_friction = MechanicsOptions { coulomb_rad_s2: Some(0.0), ..options };
     let mut arm = no_friction.build(&model, q, &deviations);
@@ -343,7 +341,7 @@ fn hand_point_moves_as_its_position_says() {
 #[test]
 fn sphere_touches_the_box_it_is_in_and_nothing_far_away() {
     let model = model();
-    let arm = bare(&model, deg([0.0, -90.0, -90.0, 0.0, 0.0, 0.0]), V6::zeros());
+    let arm = bare(&model, deg([0.0, -90.0, -90.0, 0.0, 0.0, 0.0]), JointVec::zeros(6));
     // Upright: the fingers are just below (0, 0, 1.277).
     let touch = arm.touch(&Vector3::new(0.0, 0.0, 1.28), 0.03).unwrap();
     assert_eq!(touch.part, "fingers");
@@ -357,8 +355,8 @@ fn nan_stops_the_plant_and_nothing_else() {
     let model = model();
     let q = deg([0.0, -90.0, -90.0, 0.0, 0.0, 0.0]);
     for torque in [f64::NAN, f64::INFINITY, 1e300] {
-        let mut arm = bare(&model, q, V6::zeros());
-        let mut inputs = torques(&V6::zeros());
+        let mut arm = bare(&model, q, JointVec::zeros(6));
+        let mut inputs = torques(&JointVec::zeros(6));
         inputs[2] = AxisInput { torque_nm: torque, torque_max_nm: f64::INFINITY, ..AxisInput::default() };
         for _ in 0..10 {
             arm.step(5e-4, &inputs);
@@ -377,7 +375,7 @@ fn scatter_changes_the_arm_and_the_same_seed_changes_it_the_same_way() {
     let model = model();
     let scatter = Scatter { mass_share: 0.1, com_m: 0.01, friction_share: 0.3, ..Scatter::default() };
     let fall = |seed| {
-        let deviations = std::array::from_fn(|i| scatter.draw(seed, i));
+        let deviations: [_; 6] = std::array::from_fn(|i| scatter.draw(seed, i));
         let mut arm =
             MechanicsOptions::default().build(&model, deg([0.0, 0.0, -90.0, 0.0, 0.0, 0.0]), &deviations);
         for _ in 0..500 {
@@ -394,21 +392,20 @@ fn scatter_changes_the_arm_and_the_same_seed_changes_it_the_same_way() {
 fn the_ball_weighs_on_the_arm_until_it_leaves_the_hand() {
     let text = robot_model::built_in_text("powercube6").unwrap();
     let heavy =
-        RobotModel::<6>::from_toml("heavy", &text.replacen("ball_mass_kg = 0", "ball_mass_kg = 0.4", 1))
-            .unwrap();
+        RobotModel::from_toml("heavy", &text.replacen("ball_mass_kg = 0", "ball_mass_kg = 0.4", 1)).unwrap();
     let bare_model = model();
     let q = deg([30.0, -40.0, -110.0, 50.0, 70.0, -20.0]);
     let frames = bare_model.fk(&q);
     let jacobian = frames.jacobian(&bare_model.ball(&frames).pos);
-    let weight = jacobian.row(2).transpose() * (0.4 * bare_model.world().gravity_m_s2);
+    let weight = jacobian.row(2) * (0.4 * bare_model.world().gravity_m_s2);
     let holds = bare_model.gravity_torques(&q) + weight;
-    let mut arm = bare(&heavy, q, V6::zeros());
+    let mut arm = bare(&heavy, q, JointVec::zeros(6));
     arm.step(1e-4, &torques(&holds));
     assert!(arm.link_acceleration().amax() < 1e-9, "{}", arm.link_acceleration());
-    arm.set_state(q, V6::zeros());
+    arm.set_state(q, JointVec::zeros(6));
     arm.set_ball_held(false);
     arm.step(1e-4, &torques(&holds));
-    let expected = bare_model.forward_dynamics(&q, &V6::zeros(), &holds);
+    let expected = bare_model.forward_dynamics(&q, &JointVec::zeros(6), &holds);
     assert!(expected.amax() > 1.0);
     assert!((arm.link_acceleration() - expected).amax() < 1e-2 * expected.amax());
 }

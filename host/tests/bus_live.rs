@@ -209,7 +209,7 @@ fn two_modules_with_one_address_are_found_by_doctor() {
             },
             ..options.clone()
         };
-        (Cell::bench::<2>(0x4614, &options, 1).unwrap(), Cell::bench::<1>(0x4614, &other, 2).unwrap())
+        (Cell::bench(2, 0x4614, &options, 1).unwrap(), Cell::bench(1, 0x4614, &other, 2).unwrap())
     });
     let output = cubectl(&["doctor", "--bus", &served.spec]);
     assert_eq!(code(&output), 9, "{}{}", out(&output), err(&output));
@@ -218,7 +218,7 @@ fn two_modules_with_one_address_are_found_by_doctor() {
 
 #[test]
 fn firmware_without_position_and_state_in_one_answer_is_a_finding() {
-    let served = Served::new(|| Cell::bench::<1>(0x3500, &CellOptions::default(), 1).unwrap());
+    let served = Served::new(|| Cell::bench(1, 0x3500, &CellOptions::default(), 1).unwrap());
     let output = cubectl(&["doctor", "--bus", &served.spec]);
     assert_eq!(code(&output), 9, "{}", out(&output));
     assert!(out(&output).contains("firmware 3500 does not report position"), "{}", out(&output));
@@ -230,7 +230,7 @@ fn a_bus_without_drives_and_a_missing_drive_are_told_apart() {
     let output = cubectl(&["scan", "--bus", &empty.spec]);
     assert_eq!(code(&output), 8);
     assert!(err(&output).contains("no module answers"), "{}", err(&output));
-    let two = Served::new(|| Cell::bench::<2>(0x4614, &CellOptions::default(), 1).unwrap());
+    let two = Served::new(|| Cell::bench(2, 0x4614, &CellOptions::default(), 1).unwrap());
     let output = cubectl(&["doctor", "--bus", &two.spec, "--modules", "1-3"]);
     assert_eq!(code(&output), 9);
     assert!(out(&output).contains("module 3: no answer"), "{}", out(&output));

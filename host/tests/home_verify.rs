@@ -5,7 +5,7 @@ use hil_sim::scenario::fault_from_line;
 use hil_sim::{Cell, CellOptions};
 use operator::bus::BusArgs;
 use protocol::Duration;
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 fn verify(offset_deg: f64) -> (i32, String, serde_json::Value) {
     let line = format!(
@@ -16,7 +16,7 @@ fn verify(offset_deg: f64) -> (i32, String, serde_json::Value) {
         drive: hil_sim::drive::DriveOptions { starts_homed: true, ..Default::default() },
         ..CellOptions::default()
     };
-    let make = move || Cell::new(&AnyRobot::load("powercube6").unwrap(), &options, 1).unwrap();
+    let make = move || Cell::new(&RobotModel::load("powercube6").unwrap(), &options, 1).unwrap();
     let served = Served::with_faults(make, faults);
     // The drive holds what it counts, so it moves while the counts get lost. Then the joint stands.
     let mut waits = BusArgs { bus: served.spec.parse().unwrap(), ..BusArgs::default() }.open().unwrap();

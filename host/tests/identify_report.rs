@@ -6,7 +6,7 @@ use operator::bus::args::CellArgs;
 use operator::identify::experiment::Bounds;
 use operator::identify::joint::{JointExperiments, identify};
 use operator::identify::mounting::Mounting;
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 #[test]
 fn the_report_of_an_identification_is_a_whole_page_with_three_pictures() {
@@ -15,7 +15,7 @@ fn the_report_of_an_identification_is_a_whole_page_with_three_pictures() {
     let mut session = BusArgs::default().open_cell(&cell, None).unwrap();
     let bounds = Bounds { current_share: 0.8, speed_share: 0.8, bit_rate_bit_s: 1e6 };
     let wish = JointExperiments { joint: 2, bounds, level: 0.95 };
-    let robot = AnyRobot::load("powercube6").unwrap();
+    let robot = RobotModel::load("powercube6").unwrap();
     let findings = identify(&mut session, &robot, &Mounting::assumed(), &wish, &mut |_, _| {}).unwrap();
     let html = html(&findings).unwrap();
     assert!(html.matches("<svg").count() == 3 && html.ends_with("</html>\n"));

@@ -29,7 +29,7 @@ fn actual(folder: &Path) -> Vec<(f64, [f64; 6])> {
 /// Where a ball that is free at `t_s` comes down to the height of the target: position and speed of the hand from the
 /// forward kinematics of cubics through the recorded axes, flight in closed form.
 fn landing(motion: &[(f64, [f64; 6])], t_s: f64) -> Vector3<f64> {
-    let arm = RobotModel::<6>::load("kr16_2").expect("built in");
+    let arm = RobotModel::load("kr16_2").expect("built in");
     let ball = |t: f64| {
         let k = motion.iter().position(|(at, _)| *at > t).expect("inside").clamp(2, motion.len() - 2);
         let near = &motion[k - 2..k + 2];

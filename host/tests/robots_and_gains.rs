@@ -38,7 +38,7 @@ fn another_robot_gets_gains_that_are_designed_for_it_and_the_report_names_their_
     let told = summary(&folder, "a");
     assert_eq!((&told["outcome"], &told["gains_from"]), (&"landed".into(), &"designed".into()));
     let gains = std::fs::read_to_string(folder.0.join("a/gains.toml")).unwrap();
-    let robot = robot_model::AnyRobot::load(&my_arm).unwrap();
+    let robot = robot_model::RobotModel::load(&my_arm).unwrap();
     let mut held = operator::bus::settings::settings_of(&robot).unwrap();
     let robot_crc32 = held.limits_robot_crc32;
     GainsFile::from_toml(&gains, "my_arm").unwrap().enter(robot_crc32, &mut held);
@@ -68,8 +68,8 @@ fn gains_in_force_that_a_throw_writes_are_taken_by_replay() {
     in_force.insert("period_us".to_owned(), 10_000.into());
     let crc = summary(&folder, "a")["hashes"]["certificate_crc32"].as_str().unwrap().to_owned();
     in_force.insert("certificate_crc32".to_owned(), i64::from_str_radix(&crc, 16).unwrap().into());
-    let robot = robot_model::AnyRobot::load("powercube6").unwrap();
-    let robot_crc32 = operator::bus::settings::crc32_of_any(&robot).unwrap();
+    let robot = robot_model::RobotModel::load("powercube6").unwrap();
+    let robot_crc32 = operator::bus::settings::crc32_of(&robot);
     in_force.insert("robot_crc32".to_owned(), i64::from(robot_crc32).into());
     for (key, us) in [("delay_us", [8_000, 10_000]), ("lags_us", [130, 5_000])] {
         in_force.insert(key.to_owned(), us.map(toml::Value::Integer).to_vec().into());
@@ -130,7 +130,7 @@ fn the_paper_settings_are_refused_for_another_robot() {
 #[test]
 fn a_second_controller_does_not_start_with_the_paper_settings_either() {
     let served = crate::bus_common::Served::new(|| {
-        let robot = robot_model::AnyRobot::load("powercube6").unwrap();
+        let robot = robot_model::RobotModel::load("powercube6").unwrap();
         let cell = hil_sim::Cell::new(&robot, &hil_sim::CellOptions::default(), 1).unwrap();
         (cell, operator::bus::sim::soft_controller_guest())
     });

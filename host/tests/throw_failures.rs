@@ -16,7 +16,7 @@ use operator::tap::{Tap, Way};
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::cubecell::stop::Reason;
 use protocol::{Duration, Frame, Instant};
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 /// A throw to a near target; more words may be added.
 fn throw(folder: &Folder, words: &[&str]) -> std::process::Output {
@@ -67,10 +67,10 @@ fn drives_that_are_missing_double_or_too_old() {
     let silent = scenario(&folder, "[[fault]]\nkind = \"silent\"\ntarget = \"module 3\"\n");
     refused(&throw(&folder, &["--scenario", &silent]), 8, &["module 3: no answer"]);
     let twins = Served::new(|| {
-        let robot = AnyRobot::load("powercube6").unwrap();
+        let robot = RobotModel::load("powercube6").unwrap();
         let (options, mut other) = (CellOptions::default(), CellOptions::default());
         other.drive.processing_delay = Duration::from_micros(900);
-        (Cell::new(&robot, &options, 1).unwrap(), Cell::bench::<1>(0x4614, &other, 2).unwrap())
+        (Cell::new(&robot, &options, 1).unwrap(), Cell::bench(1, 0x4614, &other, 2).unwrap())
     });
     refused(&throw(&folder, &["--bus", &twins.spec]), 8, &["two modules answer at address 1"]);
     drop(twins);
@@ -170,11 +170,11 @@ impl Tap for Starts {
 impl Lab {
     fn new() -> Self {
         let served = Served::new(|| {
-            let robot = AnyRobot::load("powercube6").unwrap();
-            let AnyRobot::Six(arm) = &robot else { unreachable!("six joints") };
+            let robot = RobotModel::load("powercube6").unwrap();
+            let arm = &robot;
             let mut options = CellOptions::default();
             options.drive.starts_homed = true;
-            options.start_q_rad = Some(((arm.q_min() + arm.q_max()) * 0.5).as_slice().to_vec());
+            options.start_q_rad = Some(((arm.q_min() + arm.q_max()) * 0.5).to_vec());
             (Cell::new(&robot, &options, 1).unwrap(), operator::bus::sim::soft_controller_guest())
         });
         let mut watch = BusArgs { bus: served.spec.parse().unwrap(), ..BusArgs::default() }.open().unwrap();

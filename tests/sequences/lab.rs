@@ -232,7 +232,7 @@ impl Lab {
         let mut options = CellOptions::default();
         options.drive.starts_homed = true;
         options.start_q_rad = Some(start_mrad.iter().map(|q| f64::from(*q) * 1e-3).collect());
-        let cell = Cell::bench::<JOINTS>(0x4614, &options, seed).expect("two drives on a bench");
+        let cell = Cell::bench(JOINTS, 0x4614, &options, seed).expect("two drives on a bench");
         let settings = settings();
         let node = ControllerNode::new(
             Instant::ZERO,

@@ -2,7 +2,7 @@
 
 use protocol::powercube::BaudRate;
 use protocol::{Duration, Instant, ModuleId};
-use robot_model::{AnyRobot, JointVec, RobotModel, for_any_robot};
+use robot_model::{JointVec, RobotModel};
 
 use super::finger_release::FingerRelease;
 use super::throw::Throw;
@@ -108,26 +108,15 @@ impl Cell {
     ///
     /// # Errors
     /// [`CellError`]: a robot without drives, addresses that clash, a start pose that does not fit, a step out of range.
-    pub fn new(robot: &AnyRobot, options: &CellOptions, seed: u64) -> Result<Self, CellError> {
-        for_any_robot!(robot, model => Self::of_model(model, options, seed))
-    }
-
-    /// As [`Cell::new`], for a model whose number of joints is known.
-    ///
-    /// # Errors
-    /// As [`Cell::new`].
-    pub fn of_model<const N: usize>(
-        model: &RobotModel<N>,
-        options: &CellOptions,
-        seed: u64,
-    ) -> Result<Self, CellError> {
+    pub fn new(model: &RobotModel, options: &CellOptions, seed: u64) -> Result<Self, CellError> {
         let description =
             model.drives().ok_or_else(|| CellError::NoDrives { robot: model.name().to_owned() })?;
         let q = start_pose(model, options)?;
-        let deviations = std::array::from_fn(|i| options.scatter.draw(seed, i));
+        let n = model.n();
+        let deviations: Vec<_> = (0..n).map(|i| options.scatter.draw(seed, i)).collect();
         let tuned = options.mechanics.servo_inertia_kg_m2(model);
-        let mut drives = Vec::with_capacity(N);
-        for i in 0..N {
+        let mut drives = Vec::with_capacity(n);
+        for i in 0..n {
             let address = description[i].address;
             let clash = drives.iter().any(|d: &PowerCubeDrive| d.address().get() == address);
             let plate = Nameplate::of_joint(model, i, tuned[i]).filter(|_| !clash);
@@ -147,7 +136,7 @@ impl Cell {
             .iter()
             .map(|s| Supply::new(s.voltage_v, s.current_max_a, options.supply))
             .collect();
-        let supply_of = (0..N).map(|i| model.supplies().iter().position(|s| s.feeds[i])).collect();
+        let supply_of = (0..n).map(|i| model.supplies().iter().position(|s| s.feeds[i])).collect();
         let world = *model.world();
         let mut gripper = options.gripper;
         gripper.delay = options.scatter.draw_gripper_delay(seed, gripper.delay);
@@ -168,27 +157,27 @@ impl Cell {
         Self::assemble(drives, Box::new(plant), supplies, supply_of, throw, options)
     }
 
-    /// `N` modules on a bench, addresses from 1: each turns a wheel of half the inertia its loop is tuned for, without
+    /// So many modules on a bench, at most [`robot_model::JOINTS_MAX`], addresses from 1: each turns a wheel of half the inertia its loop is tuned for, without
     /// gravity, on a supply of its own that never sags; friction as in an arm.
     ///
     /// # Errors
     /// [`CellError::Step`], [`CellError::StartPose`].
-    pub fn bench<const N: usize>(firmware: u16, options: &CellOptions, seed: u64) -> Result<Self, CellError> {
-        let angles = options.start_q_rad.clone().unwrap_or_else(|| vec![0.1; N]);
+    pub fn bench(n: usize, firmware: u16, options: &CellOptions, seed: u64) -> Result<Self, CellError> {
+        let angles = options.start_q_rad.clone().unwrap_or_else(|| vec![0.1; n]);
         let usable = angles.iter().filter(|q| q.is_finite()).count();
-        if usable != N || angles.len() != N {
-            return Err(CellError::StartPose { found: usable, expected: N });
+        if usable != n || angles.len() != n {
+            return Err(CellError::StartPose { found: usable, expected: n });
         }
-        let q = JointVec::<N>::from_column_slice(&angles);
-        let mut drives = Vec::with_capacity(N);
-        let mut joints = [JointMechanics::ideal(1.0); N];
-        for i in 0..N {
+        let q = JointVec::from_slice(&angles);
+        let mut drives = Vec::with_capacity(n);
+        let mut joints = Vec::with_capacity(n);
+        for i in 0..n {
             let address = ModuleId::new(i as u8 + 1)
                 .map_err(|_| CellError::Address { joint: i + 1, address: i as u8 + 1 })?;
             let mounting = options.mounting_of(i);
             let plate = mounting.plate(Nameplate::bench(address, firmware));
             let half = 0.5 * plate.servo_inertia_kg_m2;
-            joints[i] = JointMechanics {
+            joints.push(JointMechanics {
                 rotor_kg_m2: half,
                 coulomb_nm: options.mechanics.coulomb_rad_s2.unwrap_or(5.0) * plate.servo_inertia_kg_m2,
                 viscous_nms_rad: options.mechanics.viscous_share * plate.torque_max_nm / plate.v_max_rad_s,
@@ -199,16 +188,16 @@ impl Cell {
                 stop_damping_nms_rad: 2.0
                     * (options.mechanics.stop_stiffness_nm_rad * plate.servo_inertia_kg_m2).sqrt(),
                 elasticity: options.mechanics.elasticity,
-            };
+            });
             drives.push(PowerCubeDrive::new(plate, options.drive.clone(), seed, mounting.drive_rad(q[i])));
         }
-        let wheels = Body::Wheels(JointVec::repeat(2.0));
+        let wheels = Body::Wheels(JointVec::repeat(n, 2.0));
         let plant: Box<dyn Plant> = Box::new(Mechanism::new(wheels, joints, q));
         if options.finger_release {
             return Err(CellError::NoFingers { robot: "bench".to_owned() });
         }
         let throw = Throw::new(Gripper::new(options.gripper, seed), None, 0.03, 9.81, 0.0);
-        Self::assemble(drives, plant, Vec::new(), vec![None; N], throw, options)
+        Self::assemble(drives, plant, Vec::new(), vec![None; n], throw, options)
     }
 
     fn assemble(
@@ -248,18 +237,16 @@ impl Cell {
     }
 }
 
-fn start_pose<const N: usize>(
-    model: &RobotModel<N>,
-    options: &CellOptions,
-) -> Result<JointVec<N>, CellError> {
+fn start_pose(model: &RobotModel, options: &CellOptions) -> Result<JointVec, CellError> {
+    let n = model.n();
     match &options.start_q_rad {
-        None => Ok((model.q_min() + model.q_max()) * 0.5 + JointVec::repeat(0.1)),
+        None => Ok((model.q_min() + model.q_max()) * 0.5 + JointVec::repeat(n, 0.1)),
         Some(given) => {
             let usable = given.iter().filter(|q| q.is_finite()).count();
-            if usable == N && given.len() == N {
-                Ok(JointVec::from_column_slice(given))
+            if usable == n && given.len() == n {
+                Ok(JointVec::from_slice(given))
             } else {
-                Err(CellError::StartPose { found: usable, expected: N })
+                Err(CellError::StartPose { found: usable, expected: n })
             }
         }
     }

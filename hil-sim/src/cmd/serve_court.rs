@@ -65,7 +65,7 @@ pub(super) struct Args {
 /// An arm at a point of the grid.
 struct ArmNow {
     at: Instant,
-    joints: JointsNow<6>,
+    joints: JointsNow,
     /// When the ball left the fingers.
     released_at: Option<Instant>,
 }
@@ -105,7 +105,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     say(args, "real time", &urgent.granted().to_string());
     let interrupt = Interrupt::listen();
     let until = args.duration_s.map_or(Instant::FAR_FUTURE, |s| Instant::ZERO + Duration::from_secs_f64(s));
-    let upright = JointsNow { q: JointVec::from(STANDING_DEG.map(f64::to_radians)), qd: JointVec::zeros() };
+    let upright = JointsNow { q: JointVec::from(STANDING_DEG.map(f64::to_radians)), qd: JointVec::zeros(6) };
     let mut live =
         Live { court: Court::new(court, 0, [upright; 2]), released: false, told: 0, datagrams: 0, unsent: 0 };
     let goes_on = || !interrupt.came() && clock.now() < until;
@@ -122,7 +122,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn arm_bus(
-    place: &ArmPlace<6>,
+    place: &ArmPlace,
     homed: bool,
     seed: u64,
     door: Door,
@@ -137,7 +137,7 @@ fn arm_bus(
             ..CellOptions::default()
         };
         options.drive.starts_homed = homed;
-        let mut cell = Cell::of_model(&model, &options, seed).map_err(|error| error.to_string())?;
+        let mut cell = Cell::new(&model, &options, seed).map_err(|error| error.to_string())?;
         cell.record_trace();
         let realtime = Realtime::new(cell, BusConfig::default(), seed, Vec::new(), vec![door], clock);
         let _urgent = Urgent::request(Role::Plant);
@@ -156,8 +156,8 @@ fn serve(mut realtime: Realtime<Cell>, to: &Sender<ArmNow>, over: &AtomicBool) -
         let Some(trace) = cell.trace() else { return Err("the arm is not recorded".to_owned()) };
         for index in sent..trace.len() {
             let joint = |i: usize, part: usize| trace.sample(index).get(i).map_or(0.0, |joint| joint[part]);
-            let q = JointVec::from_fn(|i, _| joint(i, 0));
-            let qd = JointVec::from_fn(|i, _| joint(i, 1));
+            let q = JointVec::from_fn(6, |i| joint(i, 0));
+            let qd = JointVec::from_fn(6, |i| joint(i, 1));
             let now = ArmNow {
                 at: trace.at(index),
                 joints: JointsNow { q, qd },
@@ -174,7 +174,7 @@ fn serve(mut realtime: Realtime<Cell>, to: &Sender<ArmNow>, over: &AtomicBool) -
 
 /// The court while it runs.
 struct Live {
-    court: Court<6>,
+    court: Court,
     released: bool,
     /// Events that were told.
     told: usize,

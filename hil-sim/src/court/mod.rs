@@ -45,8 +45,8 @@ const CHANNEL: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 500
 
 /// An arm and where it stands.
 #[derive(Clone, Debug)]
-pub struct ArmPlace<const N: usize> {
-    pub model: RobotModel<N>,
+pub struct ArmPlace {
+    pub model: RobotModel,
     /// Pose of its base in the world.
     pub x_wb: Pose,
 }
@@ -72,8 +72,8 @@ impl CupOptions {
 
 /// Everything about a court.
 #[derive(Clone, Debug)]
-pub struct CourtOptions<const N: usize> {
-    pub arms: [ArmPlace<N>; 2],
+pub struct CourtOptions {
+    pub arms: [ArmPlace; 2],
     pub ball: BallOptions,
     /// Both hands.
     pub cup: CupOptions,
@@ -134,27 +134,27 @@ pub enum CourtEvent {
 
 /// Position and speed of an arm's joints, rad and rad/s.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct JointsNow<const N: usize> {
-    pub q: JointVec<N>,
-    pub qd: JointVec<N>,
+pub struct JointsNow {
+    pub q: JointVec,
+    pub qd: JointVec,
 }
 
 /// A hand in the world, with what else of the arm a ball can hit.
-struct HandNow<const N: usize> {
+struct HandNow {
     x_we: Pose,
     v_m_s: Vector3<f64>,
     w_rad_s: Vector3<f64>,
-    frames: Frames<N>,
+    frames: Frames,
     /// Boxes in the world, each with its number in the robot's model.
     boxes: Vec<(usize, Obb)>,
 }
 
-pub struct Court<const N: usize> {
-    options: CourtOptions<N>,
+pub struct Court {
+    options: CourtOptions,
     place: BallPlace,
     tracker: Tracker,
     now: Instant,
-    joints: [JointsNow<N>; 2],
+    joints: [JointsNow; 2],
     jaws_open: [bool; 2],
     release: Option<(usize, Instant)>,
     released_at: Option<(usize, Instant)>,
@@ -166,9 +166,9 @@ pub struct Court<const N: usize> {
     events: Vec<(Instant, CourtEvent)>,
 }
 
-impl<const N: usize> Court<N> {
+impl Court {
     /// At time zero, the ball gripped by arm `holder` where its gripper holds balls (release frame of the robot file).
-    pub fn new(options: CourtOptions<N>, holder: usize, joints: [JointsNow<N>; 2]) -> Self {
+    pub fn new(options: CourtOptions, holder: usize, joints: [JointsNow; 2]) -> Self {
         let at_e_m = options.arms[holder].model.gripper().x_eb.pos;
         let mut tracker = Tracker::new(options.tracker.clone(), options.seed);
         tracker.set_output(1, Some(CHANNEL));
@@ -234,7 +234,7 @@ impl<const N: usize> Court<N> {
         self.released_at
     }
 
-    pub fn options(&self) -> &CourtOptions<N> {
+    pub fn options(&self) -> &CourtOptions {
         &self.options
     }
 
@@ -255,7 +255,7 @@ impl<const N: usize> Court<N> {
     }
 
     /// Moves on to `to`, at most 1 ms later; `joints` is where both arms are then.
-    pub fn step(&mut self, to: Instant, joints: [JointsNow<N>; 2]) {
+    pub fn step(&mut self, to: Instant, joints: [JointsNow; 2]) {
         let total_s = to.saturating_since(self.now).as_secs_f64();
         self.joints = joints;
         let hands = [self.hand(0), self.hand(1)];
@@ -286,14 +286,14 @@ impl<const N: usize> Court<N> {
         }
     }
 
-    fn hand(&self, arm: usize) -> HandNow<N> {
+    fn hand(&self, arm: usize) -> HandNow {
         let ArmPlace { model, x_wb } = &self.options.arms[arm];
         let JointsNow { q, qd } = &self.joints[arm];
         let frames = model.fk(q);
         let x_be = model.ee(&frames);
         let mut v = Vector3::zeros();
         let mut w = Vector3::zeros();
-        for i in 0..N {
+        for i in 0..frames.n() {
             let axis = frames.axis(i) * qd[i];
             v += axis.cross(&(x_be.pos - frames.origin(i)));
             w += axis;
@@ -322,7 +322,7 @@ impl<const N: usize> Court<N> {
         }
     }
 
-    fn sub_step(&mut self, h_s: f64, back_s: f64, hands: &[HandNow<N>; 2]) {
+    fn sub_step(&mut self, h_s: f64, back_s: f64, hands: &[HandNow; 2]) {
         let at = self.now;
         if let (BallPlace::Held { arm, at_e_m }, Some((_, due))) = (self.place, self.release)
             && due <= at
@@ -362,7 +362,7 @@ impl<const N: usize> Court<N> {
     }
 
     /// Pose and velocity of the cup's mouth, `back_s` before the end of the step.
-    fn mouth(&self, hand: &HandNow<N>, back_s: f64) -> (Pose, Vector3<f64>) {
+    fn mouth(&self, hand: &HandNow, back_s: f64) -> (Pose, Vector3<f64>) {
         let turn = Matrix3::identity() - hand.w_rad_s.cross_matrix() * back_s;
         let rot = turn * hand.x_we.rot;
         let off = rot.column(2) * self.options.cup.mouth_from_ee_m;
@@ -373,7 +373,7 @@ impl<const N: usize> Court<N> {
     fn touch_cup(
         &mut self,
         arm: usize,
-        hand: &HandNow<N>,
+        hand: &HandNow,
         back_s: f64,
         h_s: f64,
         before: &LooseBall,
@@ -443,7 +443,7 @@ impl<const N: usize> Court<N> {
         self.touched[place].is_none_or(|last| self.now.saturating_since(last) > GAP)
     }
 
-    fn touch_links(&mut self, arm: usize, hand: &HandNow<N>, back_s: f64, ball: &mut LooseBall) {
+    fn touch_links(&mut self, arm: usize, hand: &HandNow, back_s: f64, ball: &mut LooseBall) {
         if let Some((thrower, at)) = self.released_at
             && thrower == arm
             && self.now.saturating_since(at).as_secs_f64() < FREE_FROM_S

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use nalgebra::Vector3;
-use robot_model::{AnyRobot, Pose, RobotModel};
+use robot_model::{Pose, RobotModel};
 use toml_reader::{DESCRIPTION_MAX_BYTES, DocumentError, Problem, Section, Source, Value, read_text};
 
 use super::{ArmPlace, CourtOptions, CupOptions};
@@ -17,7 +17,7 @@ pub const TWO_ARMS: &str = include_str!("two_arms.toml");
 /// A file was refused: where, and why.
 pub type CourtError = TrackerScenarioError;
 
-impl CourtOptions<6> {
+impl CourtOptions {
     /// The built-in court.
     ///
     /// # Errors
@@ -49,7 +49,7 @@ impl CourtOptions<6> {
         root.schema("schema_version", SCHEMA_VERSION)?;
         let seed = root.or("seed", 0, Value::count)?;
         let arms = root.sections("arm")?.iter().map(arm).collect::<Result<Vec<_>, _>>()?;
-        let Ok(arms) = <[ArmPlace<6>; 2]>::try_from(arms) else {
+        let Ok(arms) = <[ArmPlace; 2]>::try_from(arms) else {
             return Err(root.error("arm", Problem::Invalid("a court has two [[arm]] tables".to_owned())));
         };
         let ball = ball(&root.required("ball", Value::section)?)?;
@@ -66,18 +66,13 @@ impl CourtOptions<6> {
     }
 }
 
-fn arm(table: &Section<'_>) -> Result<ArmPlace<6>, CourtError> {
+fn arm(table: &Section<'_>) -> Result<ArmPlace, CourtError> {
     let name = table.required("robot", Value::text)?;
     let refused = |why: String| table.error("robot", Problem::Invalid(why));
-    let model: RobotModel<6> = match AnyRobot::load(name).map_err(|error| refused(error.to_string()))? {
-        AnyRobot::Six(model) => *model,
-        other => {
-            return Err(refused(format!(
-                "robot {name} has {} joints; a court has arms of six",
-                other.joints()
-            )));
-        }
-    };
+    let model = RobotModel::load(name).map_err(|error| refused(error.to_string()))?;
+    if model.n() != 6 {
+        return Err(refused(format!("robot {name} has {} joints; a court has arms of six", model.n())));
+    }
     let position = Vector3::from(table.required("base_m", Value::numbers::<3>)?);
     let rpy_deg: [f64; 3] = table.or("base_rpy_deg", [0.0; 3], Value::numbers)?;
     table.finish()?;
@@ -140,7 +135,7 @@ mod tests {
     #[test]
     fn the_built_in_court_is_read_and_its_arms_face_each_other() {
         let court = CourtOptions::two_arms().unwrap();
-        let ahead = |arm: &ArmPlace<6>| arm.x_wb.rot.column(0).into_owned();
+        let ahead = |arm: &ArmPlace| arm.x_wb.rot.column(0).into_owned();
         assert!((ahead(&court.arms[0]) + ahead(&court.arms[1])).norm() < 1e-12);
         assert_eq!(court.tracker.period.as_micros(), 8333);
     }

@@ -3,12 +3,12 @@
 use super::*;
 
 /// Arm 1 holds its cup upright over its base, at rest; the ball comes from above with `v` and `off` beside the axis.
-fn thrown(off_m: f64, v: [f64; 3], change: impl Fn(&mut CourtOptions<6>)) -> Court<6> {
+fn thrown(off_m: f64, v: [f64; 3], change: impl Fn(&mut CourtOptions)) -> Court {
     let mut options = CourtOptions::two_arms().unwrap();
     options.tracker.noise_mm = 0.0;
     change(&mut options);
     let upright = [0.0, -90.0, -90.0, 0.0, 0.0, 0.0].map(f64::to_radians);
-    let rest = JointsNow { q: JointVec::from(upright), qd: JointVec::zeros() };
+    let rest = JointsNow { q: JointVec::from(upright), qd: JointVec::zeros(6) };
     let mut court = Court::new(options, 0, [rest; 2]);
     let (mouth, _) = court.mouth(&court.hand(1), 0.0);
     court.throw_in(LooseBall {
@@ -22,7 +22,7 @@ fn thrown(off_m: f64, v: [f64; 3], change: impl Fn(&mut CourtOptions<6>)) -> Cou
     court
 }
 
-fn has(court: &Court<6>, wanted: impl Fn(&CourtEvent) -> bool) -> bool {
+fn has(court: &Court, wanted: impl Fn(&CourtEvent) -> bool) -> bool {
     court.events().iter().any(|(_, event)| wanted(event))
 }
 
@@ -64,7 +64,7 @@ fn a_ball_that_bounces_well_jumps_out_of_a_shallow_cup() {
 fn open_jaws_are_no_cup() {
     let mut options = CourtOptions::two_arms().unwrap();
     options.tracker.noise_mm = 0.0;
-    let rest = JointsNow { q: JointVec::zeros(), qd: JointVec::zeros() };
+    let rest = JointsNow { q: JointVec::zeros(6), qd: JointVec::zeros(6) };
     let court = Court::new(options, 0, [rest; 2]);
     assert_eq!(court.jaws_open, [true, false]);
 }
@@ -78,7 +78,7 @@ fn a_released_ball_leaves_with_the_hands_velocity_and_the_tracker_sees_it_from_t
     let qd = JointVec::from([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     let q0 = JointVec::from([0.0, -20.0, -110.0, 0.0, 0.0, 0.0].map(f64::to_radians));
     let at = |ms: u64| JointsNow { q: q0 + qd * (ms as f64 * 1e-3), qd };
-    let rest = JointsNow { q: q0, qd: JointVec::zeros() };
+    let rest = JointsNow { q: q0, qd: JointVec::zeros(6) };
     let mut court = Court::new(options, 0, [at(0), rest]);
     court.release_at(Instant::from_micros(50_350));
     let mut stamps = Vec::new();

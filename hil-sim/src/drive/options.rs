@@ -253,11 +253,7 @@ impl Nameplate {
     ///
     /// Not in a robot file, chosen here: serial number 1000 + address; home switch in the middle of the range, cam
     /// 5 degrees; hard limits 2 degrees beyond the soft ones; torque 1e9 N·m where the file gives none.
-    pub fn of_joint<const N: usize>(
-        model: &robot::RobotModel<N>,
-        index: usize,
-        servo_inertia_kg_m2: f64,
-    ) -> Option<Self> {
+    pub fn of_joint(model: &robot::RobotModel, index: usize, servo_inertia_kg_m2: f64) -> Option<Self> {
         let drive = model.drives()?.get(index)?;
         let limits = &model.joints().get(index)?.limits;
         let servo = model.drive_loop();

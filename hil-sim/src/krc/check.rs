@@ -7,13 +7,13 @@ use super::monitor::Monitor;
 use super::options::{KrcOptions, Space};
 
 /// The monitor of a program run that starts at `start_deg`.
-pub(super) fn monitor(options: &KrcOptions, model: &RobotModel<6>, start_deg: [f64; 6]) -> Monitor {
+pub(super) fn monitor(options: &KrcOptions, model: &RobotModel, start_deg: [f64; 6]) -> Monitor {
     let joints = model.joints();
     let velocity = std::array::from_fn(|i| joints[i].limits.v_max_rad_s.to_degrees());
     Monitor::new(options.cut_out, velocity, range_deg(model), options.cycle, start_deg)
 }
 
-fn range_deg(model: &RobotModel<6>) -> [(f64, f64); 6] {
+fn range_deg(model: &RobotModel) -> [(f64, f64); 6] {
     let (low, high) = (model.q_min(), model.q_max());
     std::array::from_fn(|i| (low[i].to_degrees(), high[i].to_degrees()))
 }
@@ -32,7 +32,7 @@ pub(super) fn sensor(config: &Config, options: &KrcOptions) -> Result<Option<(u8
 pub(super) fn servable(
     config: &Config,
     options: &KrcOptions,
-    model: &RobotModel<6>,
+    model: &RobotModel,
 ) -> Result<[usize; 6], String> {
     if config.length_prefix {
         return Err("PROTCOLLENGTH is On: the format of that length is not known; set it to Off".to_owned());

@@ -64,7 +64,7 @@ struct Braking {
 /// A simulated robot controller with its arm, gripper and ball.
 #[derive(Clone, Debug)]
 pub struct Krc {
-    model: RobotModel<6>,
+    model: RobotModel,
     config: Config,
     options: KrcOptions,
     axis_places: [usize; 6],
@@ -95,12 +95,7 @@ impl Krc {
     ///
     /// # Errors
     /// The options or the configuration file cannot be served.
-    pub fn new(
-        model: RobotModel<6>,
-        config: Config,
-        options: KrcOptions,
-        seed: u64,
-    ) -> Result<Self, KrcError> {
+    pub fn new(model: RobotModel, config: Config, options: KrcOptions, seed: u64) -> Result<Self, KrcError> {
         let axis_places = check::servable(&config, &options, &model).map_err(KrcError::Options)?;
         let start = options.start_deg;
         Ok(Self {
@@ -295,7 +290,7 @@ impl Krc {
         &self.options
     }
 
-    pub fn model(&self) -> &RobotModel<6> {
+    pub fn model(&self) -> &RobotModel {
         &self.model
     }
 

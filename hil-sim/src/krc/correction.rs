@@ -19,7 +19,7 @@ pub struct Correction {
 
 impl Correction {
     /// Zero, from the start pose.
-    pub fn new(options: CorrectionOptions, model: &RobotModel<6>, start_deg: [f64; 6]) -> Self {
+    pub fn new(options: CorrectionOptions, model: &RobotModel, start_deg: [f64; 6]) -> Self {
         Self { options, start_deg, start_pose: tool(model, &start_deg), offset: [0.0; 6] }
     }
 
@@ -39,7 +39,7 @@ impl Correction {
     pub fn apply(
         &mut self,
         values: &[f64; 6],
-        model: &RobotModel<6>,
+        model: &RobotModel,
         last_deg: &[f64; 6],
     ) -> Result<[f64; 6], FaultCause> {
         let limits = self.options.lower.iter().zip(self.options.upper);
@@ -75,7 +75,7 @@ impl Correction {
     }
 
     /// The axes that put the tool at the corrected pose, in the posture of the last set point.
-    fn reach(&self, model: &RobotModel<6>, last_deg: &[f64; 6]) -> Result<[f64; 6], FaultCause> {
+    fn reach(&self, model: &RobotModel, last_deg: &[f64; 6]) -> Result<[f64; 6], FaultCause> {
         let [x, y, z, a, b, c] = self.offset;
         let shift = Vector3::new(x, y, z) / MM_PER_M;
         let turn = Pose::from_rpy([c, b, a].map(f64::to_radians), Vector3::zeros()).rot;
@@ -90,17 +90,17 @@ impl Correction {
             .ok()
             .zip(model.branch_of(&last))
             .and_then(|(solutions, branch)| solutions.get(branch));
-        solution.map(|found| found.q.map(f64::to_degrees).into()).ok_or(FaultCause::NotReachable)
+        solution.map(|found| found.q.map(f64::to_degrees).array()).ok_or(FaultCause::NotReachable)
     }
 }
 
 /// Axis angles for the robot model.
-pub fn radians(q_deg: &[f64; 6]) -> JointVec<6> {
+pub fn radians(q_deg: &[f64; 6]) -> JointVec {
     JointVec::from(q_deg.map(f64::to_radians))
 }
 
 /// Pose of the tool (the end effector of the robot file).
-pub fn tool(model: &RobotModel<6>, q_deg: &[f64; 6]) -> Pose {
+pub fn tool(model: &RobotModel, q_deg: &[f64; 6]) -> Pose {
     model.ee_at(&radians(q_deg))
 }
 

@@ -45,7 +45,7 @@ impl Hand {
         &mut self,
         now: Instant,
         drives: &Drives,
-        model: &RobotModel<6>,
+        model: &RobotModel,
     ) -> Option<(Instant, HandPoint)> {
         let free_at = self.gripper.freed(now)?;
         if self.released.is_some() {
@@ -61,7 +61,7 @@ impl Hand {
     }
 
     /// Where the ball meets the landing plane (the floor unless the options say otherwise).
-    pub fn landing(&self, model: &RobotModel<6>) -> Option<Landing> {
+    pub fn landing(&self, model: &RobotModel) -> Option<Landing> {
         let (_, from) = self.released?;
         let gripper = &self.options.gripper;
         let flight = Flight::new(from, model.world().gravity_m_s2, gripper.drag_1_m.unwrap_or(0.0));
@@ -73,7 +73,7 @@ impl Hand {
 }
 
 /// The ball's centre in the hand, and its velocity.
-pub fn point(model: &RobotModel<6>, state: &AxisState) -> HandPoint {
+pub fn point(model: &RobotModel, state: &AxisState) -> HandPoint {
     let frames = model.fk(&radians(&state.q_deg));
     let p_m = model.ball(&frames).pos;
     let twist = frames.jacobian(&p_m) * radians(&state.qd_deg_s);

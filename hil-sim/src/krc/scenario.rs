@@ -220,7 +220,8 @@ impl KrcScenario {
     /// # Errors
     /// The robot cannot be loaded, or options, robot and configuration file do not fit together.
     pub fn controller(&self) -> Result<Krc, KrcError> {
-        let model = RobotModel::load(&self.robot).map_err(|error| KrcError::Options(error.to_string()))?;
+        let model = RobotModel::load_with_joints(&self.robot, 6)
+            .map_err(|error| KrcError::Options(error.to_string()))?;
         Krc::new(model, self.config.clone(), self.options.clone(), self.seed)
     }
 

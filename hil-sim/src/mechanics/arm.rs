@@ -1,8 +1,9 @@
 //! The arm: rigid bodies of a robot file, or free wheels on a bench, behind [`Plant`].
 
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::Vector3;
+use robot_model::linalg::SquareMatrix;
 use robot_model::release::HandMotion;
-use robot_model::{JointVec, RobotModel};
+use robot_model::{JointVec, PerJoint, RobotModel};
 
 use super::joint::JointMechanics;
 use super::plant::{AxisInput, AxisState, Energy, Plant, PlantFault, Touch};
@@ -16,96 +17,97 @@ const DT_MAX_S: f64 = 0.01;
 
 /// What the joints move.
 #[derive(Clone, Debug)]
-pub enum Body<const N: usize> {
-    Arm(Box<RobotModel<N>>),
+pub enum Body {
+    Arm(Box<RobotModel>),
     /// One wheel of this inertia (kg·m²) per joint: no coupling, no gravity.
-    Wheels(JointVec<N>),
+    Wheels(JointVec),
 }
 
-impl<const N: usize> Body<N> {
+impl Body {
     /// Mass matrix, kg·m², and torques at zero acceleration, N·m.
-    pub fn dynamics(&self, q: &JointVec<N>, v: &JointVec<N>) -> (SMatrix<f64, N, N>, JointVec<N>) {
+    pub fn dynamics(&self, q: &JointVec, v: &JointVec) -> (SquareMatrix, JointVec) {
         match self {
             Self::Arm(model) => (model.mass_matrix(q), model.bias_torques(q, v)),
-            Self::Wheels(inertia) => (SMatrix::from_diagonal(inertia), JointVec::zeros()),
+            Self::Wheels(inertia) => (SquareMatrix::from_diagonal(inertia), JointVec::zeros(q.len())),
         }
     }
 }
 
-/// `N` joints with drives and what they move.
+/// Joints with drives, and what they move.
 #[derive(Clone, Debug)]
-pub struct Mechanism<const N: usize> {
-    body: Body<N>,
+pub struct Mechanism {
+    body: Body,
     /// The arm with the ball in its hand; `None` without a ball that weighs something.
-    holding: Option<Box<RobotModel<N>>>,
+    holding: Option<Box<RobotModel>>,
     ball_held: bool,
-    joints: [JointMechanics; N],
-    blocked: [bool; N],
+    joints: Vec<JointMechanics>,
+    blocked: PerJoint<bool>,
     // Rotor side, seen through the gear.
-    q: JointVec<N>,
-    v: JointVec<N>,
+    q: JointVec,
+    v: JointVec,
     // Link side; equal to the rotor side where the gear is stiff.
-    link_q: JointVec<N>,
-    link_v: JointVec<N>,
-    link_a: JointVec<N>,
-    drive_nm: JointVec<N>,
-    link_nm: JointVec<N>,
-    output_nm: JointVec<N>,
-    saturated: [bool; N],
+    link_q: JointVec,
+    link_v: JointVec,
+    link_a: JointVec,
+    drive_nm: JointVec,
+    link_nm: JointVec,
+    output_nm: JointVec,
+    saturated: PerJoint<bool>,
     fault: Option<PlantFault>,
 }
 
-impl<const N: usize> Mechanism<N> {
+impl Mechanism {
     /// At rest in `q` (rad), nothing twisted.
-    pub fn new(body: Body<N>, joints: [JointMechanics; N], q: JointVec<N>) -> Self {
+    pub fn new(body: Body, joints: Vec<JointMechanics>, q: JointVec) -> Self {
         let holding = match &body {
             Body::Arm(model) => model.holding_ball().map(Box::new),
             Body::Wheels(_) => None,
         };
+        let n = q.len();
         Self {
             body,
             holding,
             ball_held: true,
             joints,
-            blocked: [false; N],
+            blocked: PerJoint::default_of(n),
             q,
-            v: JointVec::zeros(),
+            v: JointVec::zeros(n),
             link_q: q,
-            link_v: JointVec::zeros(),
-            link_a: JointVec::zeros(),
-            drive_nm: JointVec::zeros(),
-            link_nm: JointVec::zeros(),
-            output_nm: JointVec::zeros(),
-            saturated: [false; N],
+            link_v: JointVec::zeros(n),
+            link_a: JointVec::zeros(n),
+            drive_nm: JointVec::zeros(n),
+            link_nm: JointVec::zeros(n),
+            output_nm: JointVec::zeros(n),
+            saturated: PerJoint::default_of(n),
             fault: None,
         }
     }
 
     /// Sets position (rad) and velocity (rad/s) of all joints, gears untwisted; clears a fault.
-    pub fn set_state(&mut self, q: JointVec<N>, v: JointVec<N>) {
+    pub fn set_state(&mut self, q: JointVec, v: JointVec) {
         (self.q, self.v, self.link_q, self.link_v) = (q, v, q, v);
-        self.link_a = JointVec::zeros();
+        self.link_a = JointVec::zeros(q.len());
         self.fault = None;
     }
 
     /// Position and velocity of the links, rad and rad/s.
-    pub fn link_state(&self) -> (JointVec<N>, JointVec<N>) {
+    pub fn link_state(&self) -> (JointVec, JointVec) {
         (self.link_q, self.link_v)
     }
 
     /// Accelerations of the links over the last step, rad/s².
-    pub fn link_acceleration(&self) -> JointVec<N> {
+    pub fn link_acceleration(&self) -> JointVec {
         self.link_a
     }
 
     /// What the joints move.
-    pub fn body(&self) -> &Body<N> {
+    pub fn body(&self) -> &Body {
         &self.body
     }
 
     /// What left the gear of joint `i`, N·m: the links' torque, and of the rest (friction, brake, stop, obstacle) what is
     /// more than the gear's own Coulomb friction.
-    fn output_torque(&self, i: usize, solution: &Solution<N>, h: f64) -> f64 {
+    fn output_torque(&self, i: usize, solution: &Solution, h: f64) -> f64 {
         let (joint, a) = (&self.joints[i], solution.rotor_a[i]);
         let v_mid = self.v[i] + 0.5 * h * a;
         let rest =
@@ -114,8 +116,8 @@ impl<const N: usize> Mechanism<N> {
     }
 
     /// The axis whose new state is no number or out of range.
-    fn bad_axis(&self, q: &JointVec<N>, v: &JointVec<N>) -> Option<PlantFault> {
-        (0..N).find_map(|axis| {
+    fn bad_axis(&self, q: &JointVec, v: &JointVec) -> Option<PlantFault> {
+        (0..q.len()).find_map(|axis| {
             let good = q[axis].abs() <= Q_MAX_RAD && v[axis].abs() <= V_MAX_RAD_S;
             // A comparison with NaN is false, so NaN is bad.
             (!good).then(|| PlantFault { axis, q_rad: q[axis], v_rad_s: v[axis] })
@@ -123,13 +125,13 @@ impl<const N: usize> Mechanism<N> {
     }
 }
 
-impl<const N: usize> Plant for Mechanism<N> {
+impl Plant for Mechanism {
     fn axes(&self) -> usize {
-        N
+        self.joints.len()
     }
 
     fn step(&mut self, dt_s: f64, inputs: &[AxisInput]) {
-        if self.fault.is_some() || inputs.len() != N {
+        if self.fault.is_some() || inputs.len() != self.axes() {
             return;
         }
         let h = dt_s.clamp(0.0, DT_MAX_S);
@@ -150,7 +152,7 @@ impl<const N: usize> Plant for Mechanism<N> {
             bias: &bias,
         };
         let solution = solve(&self.joints, &self.blocked, inputs, &start);
-        let advance = |q: &SVector<f64, N>, v: &SVector<f64, N>, a: &SVector<f64, N>| {
+        let advance = |q: &JointVec, v: &JointVec, a: &JointVec| {
             let v_end = v + a * h;
             (q + (v + v_end) * (0.5 * h), v_end)
         };
@@ -158,13 +160,13 @@ impl<const N: usize> Plant for Mechanism<N> {
         let (link_q, link_v) = advance(&self.link_q, &self.link_v, &solution.link_a);
         if let Some(fault) = self.bad_axis(&q, &v).or_else(|| self.bad_axis(&link_q, &link_v)) {
             self.fault = Some(fault);
-            (self.v, self.link_v, self.link_a) = (JointVec::zeros(), JointVec::zeros(), JointVec::zeros());
-            (self.drive_nm, self.link_nm) = (JointVec::zeros(), JointVec::zeros());
-            self.output_nm = JointVec::zeros();
+            let zero = JointVec::zeros(self.axes());
+            (self.v, self.link_v, self.link_a) = (zero, zero, zero);
+            (self.drive_nm, self.link_nm, self.output_nm) = (zero, zero, zero);
             return;
         }
         self.link_nm = mass * solution.link_a + bias;
-        self.output_nm = JointVec::from_fn(|i, _| self.output_torque(i, &solution, h));
+        self.output_nm = JointVec::from_fn(self.axes(), |i| self.output_torque(i, &solution, h));
         (self.q, self.v, self.link_q, self.link_v) = (q, v, link_q, link_v);
         self.link_a = solution.link_a;
         self.drive_nm = solution.drive_nm;
@@ -222,8 +224,9 @@ impl<const N: usize> Plant for Mechanism<N> {
     }
 
     fn energy(&self) -> Energy {
-        let rotors: f64 = (0..N).map(|i| 0.5 * self.joints[i].rotor_kg_m2 * self.v[i] * self.v[i]).sum();
-        let gears: f64 = (0..N)
+        let rotors: f64 =
+            (0..self.axes()).map(|i| 0.5 * self.joints[i].rotor_kg_m2 * self.v[i] * self.v[i]).sum();
+        let gears: f64 = (0..self.axes())
             .map(|i| {
                 let twist = self.q[i] - self.link_q[i];
                 self.joints[i].elasticity.map_or(0.0, |gear| 0.5 * gear.stiffness_nm_rad * twist * twist)

@@ -45,32 +45,27 @@ const TORQUE_UNKNOWN_NM: f64 = 100.0;
 
 impl MechanicsOptions {
     /// Inertia that each drive's loop is tuned for, kg·m².
-    pub fn servo_inertia_kg_m2<const N: usize>(&self, model: &RobotModel<N>) -> JointVec<N> {
+    pub fn servo_inertia_kg_m2(&self, model: &RobotModel) -> JointVec {
         let middle = (model.q_min() + model.q_max()) * 0.5;
         let mass = model.mass_matrix(&middle);
-        JointVec::from_fn(|i, _| mass[(i, i)] + self.rotor_kg_m2(model, i))
+        JointVec::from_fn(model.n(), |i| mass[(i, i)] + self.rotor_kg_m2(model, i))
     }
 
-    fn torque_max_nm<const N: usize>(model: &RobotModel<N>, i: usize) -> f64 {
+    fn torque_max_nm(model: &RobotModel, i: usize) -> f64 {
         model.joints()[i].limits.torque_max_nm.unwrap_or(TORQUE_UNKNOWN_NM)
     }
 
-    fn rotor_kg_m2<const N: usize>(&self, model: &RobotModel<N>, i: usize) -> f64 {
+    fn rotor_kg_m2(&self, model: &RobotModel, i: usize) -> f64 {
         self.rotor_share * Self::torque_max_nm(model, i) / model.joints()[i].limits.a_control_max_rad_s2
     }
 
     /// The arm at rest in `q_rad`, with deviations of each joint from its model.
-    pub fn build<const N: usize>(
-        &self,
-        model: &RobotModel<N>,
-        q_rad: JointVec<N>,
-        deviations: &[JointDeviation; N],
-    ) -> Mechanism<N> {
+    pub fn build(&self, model: &RobotModel, q_rad: JointVec, deviations: &[JointDeviation]) -> Mechanism {
         // The modules were tuned on the nominal arm; friction belongs to the module.
         let tuned = self.servo_inertia_kg_m2(model);
         let coulomb_rad_s2 =
             self.coulomb_rad_s2.or(model.drive_loop().map(|l| l.coulomb_friction_rad_s2)).unwrap_or(5.0);
-        let joints = std::array::from_fn(|i| {
+        let joint = |i: usize| {
             let (limits, deviation) = (&model.joints()[i].limits, &deviations[i]);
             let torque = Self::torque_max_nm(model, i);
             let stiffness = self.stop_stiffness_nm_rad;
@@ -86,7 +81,8 @@ impl MechanicsOptions {
                 stop_damping_nms_rad: 2.0 * (stiffness * tuned[i]).sqrt(),
                 elasticity: self.elasticity,
             }
-        });
+        };
+        let joints = (0..model.n()).map(joint).collect();
         let model = model.clone().with_inertias(|i, link| deviated(link, &deviations[i]));
         Mechanism::new(Body::Arm(Box::new(model)), joints, q_rad)
     }

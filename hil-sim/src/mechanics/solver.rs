@@ -22,8 +22,8 @@
 //! * Which friction branch and which side of the clamp hold is found by trying: solve, look, correct, at most
 //!   [`PASSES`] times. The matrix stays positive definite in all of them.
 
-use nalgebra::{SMatrix, SVector};
-use robot_model::linalg::Cholesky;
+use robot_model::linalg::{Cholesky, SquareMatrix};
+use robot_model::{JointVec, PerJoint};
 
 use super::joint::JointMechanics;
 use super::plant::AxisInput;
@@ -36,36 +36,38 @@ const STICK_RAD_S: f64 = 1e-6;
 const BLOCK_NM: f64 = 1e6;
 
 /// Rotor side of all joints at the start of a step.
-pub(super) struct Start<'a, const N: usize> {
+pub(super) struct Start<'a> {
     pub(super) dt_s: f64,
-    pub(super) q: &'a SVector<f64, N>,
-    pub(super) v: &'a SVector<f64, N>,
+    pub(super) q: &'a JointVec,
+    pub(super) v: &'a JointVec,
     /// Link side; equal to `q`, `v` at joints with stiff gears.
-    pub(super) link_q: &'a SVector<f64, N>,
-    pub(super) link_v: &'a SVector<f64, N>,
-    pub(super) mass: &'a SMatrix<f64, N, N>,
+    pub(super) link_q: &'a JointVec,
+    pub(super) link_v: &'a JointVec,
+    pub(super) mass: &'a SquareMatrix,
     /// c, N·m.
-    pub(super) bias: &'a SVector<f64, N>,
+    pub(super) bias: &'a JointVec,
 }
 
 /// Accelerations and torques over the step.
-pub(super) struct Solution<const N: usize> {
+pub(super) struct Solution {
     /// Rotor side, rad/s².
-    pub(super) rotor_a: SVector<f64, N>,
+    pub(super) rotor_a: JointVec,
     /// Link side, rad/s².
-    pub(super) link_a: SVector<f64, N>,
-    pub(super) drive_nm: SVector<f64, N>,
-    pub(super) saturated: [bool; N],
+    pub(super) link_a: JointVec,
+    pub(super) drive_nm: JointVec,
+    pub(super) saturated: PerJoint<bool>,
 }
 
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, Copy, Default, PartialEq)]
 enum Friction {
+    #[default]
     Stick,
     Slide(f64),
 }
 
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, Copy, Default, PartialEq)]
 enum Torque {
+    #[default]
     Loop,
     Clamped(f64),
 }
@@ -77,20 +79,20 @@ struct Row {
     rhs: f64,
 }
 
-pub(super) fn solve<const N: usize>(
-    joints: &[JointMechanics; N],
-    blocked: &[bool; N],
+pub(super) fn solve(
+    joints: &[JointMechanics],
+    blocked: &[bool],
     inputs: &[AxisInput],
-    start: &Start<'_, N>,
-) -> Solution<N> {
-    let h = start.dt_s;
-    let mut friction: [Friction; N] = std::array::from_fn(|i| branch_of(start.v[i]));
-    let mut torque = [Torque::Loop; N];
-    let fixed: [Row; N] = std::array::from_fn(|i| fixed_row(&joints[i], start.q[i], start.v[i], h));
-    let limit: [f64; N] = std::array::from_fn(|i| friction_limit(&joints[i], blocked[i], inputs[i].brake));
+    start: &Start<'_>,
+) -> Solution {
+    let (n, h) = (joints.len(), start.dt_s);
+    let mut friction = PerJoint::from_fn(n, |i| branch_of(start.v[i]));
+    let mut torque = PerJoint::<Torque>::default_of(n);
+    let fixed = PerJoint::from_fn(n, |i| fixed_row(&joints[i], start.q[i], start.v[i], h));
+    let limit = JointVec::from_fn(n, |i| friction_limit(&joints[i], blocked[i], inputs[i].brake));
     let mut last = None;
     for _ in 0..PASSES {
-        let rows: [Row; N] = std::array::from_fn(|i| {
+        let rows = PerJoint::from_fn(n, |i| {
             let mut row = fixed[i];
             add_torque(&mut row, &inputs[i], torque[i], start.q[i], start.v[i], h);
             add_friction(&mut row, friction[i], limit[i], start.v[i], h);
@@ -98,8 +100,8 @@ pub(super) fn solve<const N: usize>(
         });
         let (rotor_a, link_a) = accelerations(joints, &rows, start);
         let mut agreed = true;
-        let mut drive_nm = SVector::zeros();
-        for i in 0..N {
+        let mut drive_nm = JointVec::zeros(n);
+        for i in 0..n {
             let v_end = start.v[i] + h * rotor_a[i];
             let next = corrected_friction(friction[i], v_end);
             let (applied, side) = applied_torque(&inputs[i], start.q[i], start.v[i], rotor_a[i], h);
@@ -112,9 +114,10 @@ pub(super) fn solve<const N: usize>(
             break;
         }
     }
-    let (rotor_a, link_a, drive_nm) = last.unwrap_or((SVector::zeros(), SVector::zeros(), SVector::zeros()));
+    let zero = JointVec::zeros(n);
+    let (rotor_a, link_a, drive_nm) = last.unwrap_or((zero, zero, zero));
     // A stage that is off asks for nothing and is not at its limit.
-    let saturated = std::array::from_fn(|i| torque[i] != Torque::Loop && inputs[i].torque_max_nm > 0.0);
+    let saturated = PerJoint::from_fn(n, |i| torque[i] != Torque::Loop && inputs[i].torque_max_nm > 0.0);
     Solution { rotor_a, link_a, drive_nm, saturated }
 }
 
@@ -197,17 +200,13 @@ fn applied_torque(input: &AxisInput, q: f64, v: f64, a: f64, h: f64) -> (f64, To
     }
 }
 
-fn accelerations<const N: usize>(
-    joints: &[JointMechanics; N],
-    rows: &[Row; N],
-    start: &Start<'_, N>,
-) -> (SVector<f64, N>, SVector<f64, N>) {
-    let h = start.dt_s;
+fn accelerations(joints: &[JointMechanics], rows: &[Row], start: &Start<'_>) -> (JointVec, JointVec) {
+    let (n, h) = (joints.len(), start.dt_s);
     let mut a_matrix = *start.mass;
     let mut rhs = -*start.bias;
     // Rotor sides are eliminated: (D + κ) α = r - n0 + κ a with the spring's part n = n0 + κ (α - a).
-    let mut back = [(0.0, 0.0); N];
-    for i in 0..N {
+    let mut back = PerJoint::<(f64, f64)>::default_of(n);
+    for i in 0..n {
         let d = joints[i].rotor_kg_m2 + rows[i].kappa;
         match joints[i].elasticity {
             None => {
@@ -230,9 +229,9 @@ fn accelerations<const N: usize>(
     // Positive definite for finite states; the caller's check catches the rest.
     let link_a = match Cholesky::new(&a_matrix) {
         Some(factor) => factor.solve(&rhs),
-        None => SVector::repeat(f64::NAN),
+        None => JointVec::repeat(n, f64::NAN),
     };
-    let rotor_a = SVector::from_fn(|i, _| match joints[i].elasticity {
+    let rotor_a = JointVec::from_fn(n, |i| match joints[i].elasticity {
         None => link_a[i],
         Some(_) => back[i].0 + back[i].1 * link_a[i],
     });

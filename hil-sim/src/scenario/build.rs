@@ -1,6 +1,6 @@
 //! From a scenario to a world that can run.
 
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 use super::Scenario;
 use super::host::ScriptedHost;
@@ -29,7 +29,7 @@ pub type CellWith<N> = (Cell, Solo<N>);
 impl Scenario {
     /// The cell, seeded.
     pub fn cell(&self) -> Result<Cell, BuildError> {
-        let robot = AnyRobot::load(&self.robot)?;
+        let robot = RobotModel::load(&self.robot)?;
         Cell::new(&robot, &self.cell, self.seed)
             .map_err(|error| BuildError::Cell { file: self.file.clone(), error })
     }

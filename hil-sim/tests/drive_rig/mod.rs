@@ -51,7 +51,7 @@ impl Rig {
     pub(crate) fn bench(firmware: u16, change: impl FnOnce(&mut CellOptions)) -> Self {
         let mut options = CellOptions::default();
         change(&mut options);
-        let mut rig = Self::of(Cell::bench::<1>(firmware, &options, 1).unwrap());
+        let mut rig = Self::of(Cell::bench(1, firmware, &options, 1).unwrap());
         // The brake opens within its time-out.
         rig.run_ms(150);
         rig

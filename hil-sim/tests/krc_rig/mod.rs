@@ -10,8 +10,7 @@ use protocol::{Duration, Instant};
 use robot_model::RobotModel;
 use rsi_protocol::{Config, Generation};
 
-pub(crate) static ARM: LazyLock<RobotModel<6>> =
-    LazyLock::new(|| RobotModel::load("kr16_2").expect("built in"));
+pub(crate) static ARM: LazyLock<RobotModel> = LazyLock::new(|| RobotModel::load("kr16_2").expect("built in"));
 
 pub(crate) const MS: fn(u64) -> Instant = |ms| Instant::from_micros(ms * 1000);
 

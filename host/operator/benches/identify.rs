@@ -14,7 +14,7 @@ use operator::identify::experiment::Bounds;
 use operator::identify::joint::{JointExperiments, identify};
 use operator::identify::mounting::Mounting;
 use rayon::prelude::*;
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 use tuner::identify::current::CurrentConstant;
 use tuner::identify::regression::Estimate;
 
@@ -38,7 +38,7 @@ struct Run {
     k_m: Option<Option<Estimate>>,
 }
 
-fn one(robot: &AnyRobot, joint: usize, seed: u64) -> Option<Run> {
+fn one(robot: &RobotModel, joint: usize, seed: u64) -> Option<Run> {
     let mut cell = CellArgs { seed: Some(seed), ..CellArgs::default() }.load().ok()?;
     cell.setup.cell.drive.starts_homed = true;
     cell.setup.cell.drive.current_noise_a = NOISE_A;
@@ -90,7 +90,7 @@ fn main() {
     let seeds = seeds(&arguments.next().unwrap_or_else(|| "100".to_owned()));
     let joints: Vec<usize> = arguments.filter_map(|a| a.parse().ok()).collect();
     let wanted = |joint: usize| joints.is_empty() || joints.contains(&joint);
-    let robot = match AnyRobot::load("powercube6") {
+    let robot = match RobotModel::load("powercube6") {
         Ok(robot) => robot,
         Err(error) => panic!("built-in robot: {error}"),
     };

@@ -18,8 +18,8 @@ use operator::port::{BallSeen, InProcess};
 use operator::way::Travel;
 use planner::plan::statistics::Noise;
 use planner::plan::{Arm, Budget, Kept, Options, Watch, seeds};
-use planner::request::{Plans, Request, Wanted};
-use robot_model::AnyRobot;
+use planner::request::{Request, Wanted};
+use robot_model::RobotModel;
 
 const SEED: u64 = 1;
 
@@ -37,10 +37,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         budget: Budget { starts: 2, all: false, time: None, seed: SEED },
     };
     let wanted = Wanted { robot: "powercube6", noise: &Noise::default(), region: None, draws: None };
-    let planned = arm.plan(&seeds::built_in(&arm), &request, &wanted, &Watch::default())?;
+    let planned = request.plan(&arm, &seeds::built_in(&arm), &wanted, &Watch::default())?;
     let plan = planned.plan.ok_or("the ball does not come down on the plane of the target")?;
 
-    let robot = AnyRobot::load("powercube6")?;
+    let robot = RobotModel::load("powercube6")?;
     let mut setup = SimSetup::default();
     take_plan(&mut setup.cell, &plan);
     let mut operator = InProcess::new(&robot, &setup, SEED, &settings_with_gains(&robot)?)?;

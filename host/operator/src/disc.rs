@@ -20,7 +20,7 @@ use planner::disc::intercept::Plan;
 use planner::disc::witness::{self, Gripper, Moment, Rule, Verdict};
 use protocol::cyphal::cubecell::group_state::State;
 use protocol::{Duration, Instant, ModuleId};
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 use crate::bus::args::Cell;
 use crate::bus::period::settings_with_gains;
@@ -127,7 +127,7 @@ pub struct Judged {
 /// # Errors
 /// [`NoRun`]: nothing has moved. A run that fails on its way is told in [`Executed::told`].
 pub fn run(
-    robot: &AnyRobot,
+    robot: &RobotModel,
     arm: &DiscArm,
     path: &Path,
     plan: &Plan,
@@ -159,7 +159,12 @@ pub fn close_s(arm: &DiscArm, path: &Path, plan: &Plan) -> f64 {
     since_s.unwrap_or(plan.choice.t_s - plan.reach.half_dwell_s) + CLOSE_LATER_S
 }
 
-fn execute(robot: &AnyRobot, plan: &Plan, close_s: f64, lost: Option<DriveLost>) -> Result<Executed, NoRun> {
+fn execute(
+    robot: &RobotModel,
+    plan: &Plan,
+    close_s: f64,
+    lost: Option<DriveLost>,
+) -> Result<Executed, NoRun> {
     let settings = settings_with_gains(robot)?;
     let file = trajectory(plan, close_s, &settings)?;
     let mut session = open(robot, &plan.motion.q(plan.motion.from_s), &settings)?;
@@ -196,7 +201,7 @@ fn trajectory(plan: &Plan, close_s: f64, settings: &Settings) -> Result<Vec<u8>,
 }
 
 /// The cell at the pose where the plan begins. Servos know their angles without homing.
-fn open(robot: &AnyRobot, start: &Joints, settings: &Settings) -> Result<Session, BusFailure> {
+fn open(robot: &RobotModel, start: &Joints, settings: &Settings) -> Result<Session, BusFailure> {
     let mut setup = SimSetup::default();
     setup.cell.start_q_rad = Some(start.as_slice().to_vec());
     setup.cell.drive.absolute_encoder = true;
@@ -266,7 +271,7 @@ fn judge(arm: &DiscArm, moments: &[Moment], closed_s: Option<f64>) -> Verdict {
 fn tracking(arm: &DiscArm, plan: &Plan, moved: &[Moved]) -> Tracking {
     let mut out = Tracking { worst_rad: Joints::zeros(), at_catch_rad: Joints::zeros(), tip_m: (0.0, 0.0) };
     let tip = |q: &Joints| {
-        arm.model.ee_at(q).transform_point(&nalgebra::Vector3::new(arm.size.gripper_m, 0.0, 0.0))
+        arm.model.ee_at(&(*q).into()).transform_point(&nalgebra::Vector3::new(arm.size.gripper_m, 0.0, 0.0))
     };
     let mut nearest_s = f64::INFINITY;
     for moved in moved {

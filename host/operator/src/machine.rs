@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
-use robot_model::{AnyRobot, JointVec, Pose, for_any_robot};
+use robot_model::{JointVec, Pose, RobotModel};
 use serde::Serialize;
 
 /// The bodies at joint angles in rad.
@@ -36,16 +36,18 @@ pub struct Placed {
 impl Machine {
     /// The machine that a robot file describes; drives read the angles of their joints.
     #[must_use]
-    pub fn of(robot: &AnyRobot) -> Self {
+    pub fn of(robot: &RobotModel) -> Self {
         let own = robot.clone();
-        for_any_robot!(robot, arm => Self {
-            robot: arm.name().to_owned(),
-            joints: arm.joints().iter().map(|joint| joint.name.clone()).collect(),
-            addresses: arm.drives().map_or_else(Vec::new, |drives| drives.iter().map(|drive| drive.address).collect()),
-            boxes: arm.collision().boxes().iter().map(|b| (b.link, b.x_lb, b.half_m.into())).collect(),
-            ball_radius_m: arm.gripper().ball_radius_m,
+        Self {
+            robot: robot.name().to_owned(),
+            joints: robot.joints().iter().map(|joint| joint.name.clone()).collect(),
+            addresses: robot
+                .drives()
+                .map_or_else(Vec::new, |drives| drives.iter().map(|drive| drive.address).collect()),
+            boxes: robot.collision().boxes().iter().map(|b| (b.link, b.x_lb, b.half_m.into())).collect(),
+            ball_radius_m: robot.gripper().ball_radius_m,
             place: Box::new(move |q_rad| placed(&own, q_rad)),
-        })
+        }
     }
 
     /// Names of the joints by the address of their drive.
@@ -61,12 +63,10 @@ impl Machine {
     }
 }
 
-fn placed(robot: &AnyRobot, q_rad: &[f64]) -> Placed {
-    for_any_robot!(robot, arm => {
-        let frames = arm.fk(&JointVec::from_fn(|j, _| q_rad.get(j).copied().unwrap_or_default()));
-        let hand = arm.ball(&frames).pos;
-        Placed { links: frames.x_w.iter().map(numbers).collect(), hand_m: [hand.x, hand.y, hand.z] }
-    })
+fn placed(robot: &RobotModel, q_rad: &[f64]) -> Placed {
+    let frames = robot.fk(&JointVec::from_fn(robot.n(), |j| q_rad.get(j).copied().unwrap_or_default()));
+    let hand = robot.ball(&frames).pos;
+    Placed { links: frames.x_w.iter().map(numbers).collect(), hand_m: [hand.x, hand.y, hand.z] }
 }
 
 fn numbers(pose: &Pose) -> [f64; 12] {

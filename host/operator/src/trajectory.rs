@@ -71,8 +71,8 @@ pub fn standing(settings: &Settings, q_rad: &[f64], length_us: u32) -> Option<Ve
 ///
 /// # Errors
 /// [`TrajectoryError::TooLong`]; with `settings` also everything that a controller with them would refuse.
-pub fn encode<const N: usize>(
-    motion: &Motion<N>,
+pub fn encode(
+    motion: &Motion,
     period_us: u32,
     robot_crc32: u32,
     settings: Option<&Settings>,
@@ -85,7 +85,7 @@ pub fn encode<const N: usize>(
     let mut knots = Vec::with_capacity(motion.knots.len());
     for knot in &motion.knots {
         let mut state = PerJoint::default();
-        for joint in JointIndex::first(N) {
+        for joint in JointIndex::first(knot.q_rad.len()) {
             state.set(joint, (knot.q_rad[joint.get()] as f32, knot.qd_rad_s[joint.get()] as f32));
         }
         knots.push(Knot { t_us: us(knot.t_s).ok_or_else(too_long)?, state });
@@ -100,7 +100,8 @@ pub fn encode<const N: usize>(
             return Err(TrajectoryError::TooManyEvents { events: motion.events.len() });
         }
     }
-    let header = Header { joints: N as u8, period_us, events, robot_crc32, envelope: None };
+    let header =
+        Header { joints: motion.start_rad().len() as u8, period_us, events, robot_crc32, envelope: None };
     let mut bytes = vec![0; FILE_LEN_MAX];
     let len = trajectory_format::encode(&header, &knots, &mut bytes).ok_or_else(too_long)?;
     bytes.truncate(len);
@@ -108,18 +109,18 @@ pub fn encode<const N: usize>(
     Ok(bytes)
 }
 
-/// The motion of a controller's file; `None` if no controller of six joints would take it. Events do not matter to who follows it.
+/// The motion of a controller's file; `None` if no controller would take it. Events do not matter to who follows it.
 #[must_use]
 pub fn motion_of(bytes: &[u8]) -> Option<Motion> {
     let (header, spline) = decoded(bytes).ok()?;
+    let n = usize::from(header.joints);
     let joint = |knot: &Knot, k: usize| JointIndex::new(k).map_or((0.0, 0.0), |joint| knot.state.get(joint));
     let knots = (0..spline.len()).map_while(|index| spline.knot(index)).map(|knot| planner::motion::Knot {
         t_s: f64::from(knot.t_us) * 1e-6,
-        q_rad: Joints::from_fn(|k, _| joint(&knot, k).0.into()),
-        qd_rad_s: Joints::from_fn(|k, _| joint(&knot, k).1.into()),
+        q_rad: Joints::from_fn(n, |k| joint(&knot, k).0.into()),
+        qd_rad_s: Joints::from_fn(n, |k| joint(&knot, k).1.into()),
     });
-    (usize::from(header.joints) == Joints::zeros().len())
-        .then(|| Motion { knots: knots.collect(), events: Vec::new() })
+    Some(Motion { knots: knots.collect(), events: Vec::new() })
 }
 
 fn decoded(bytes: &[u8]) -> Result<(Header, Box<Spline>), firmware::fault::Refusal> {
@@ -154,8 +155,11 @@ mod tests {
     use planner::motion::Knot as MotionKnot;
 
     fn motion() -> Motion {
-        let knot =
-            |t_s, q: f64, qd: f64| MotionKnot { t_s, q_rad: Joints::repeat(q), qd_rad_s: Joints::repeat(qd) };
+        let knot = |t_s, q: f64, qd: f64| MotionKnot {
+            t_s,
+            q_rad: Joints::repeat(6, q),
+            qd_rad_s: Joints::repeat(6, qd),
+        };
         // Up to 0.6 rad/s in 0.56 s, back to rest in 0.36 s, constant jerk in each.
         let middle = 2.0 / 3.0 * 0.6 * 0.56;
         let stop = middle + 2.0 / 3.0 * 0.6 * 0.36;

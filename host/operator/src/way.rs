@@ -3,7 +3,7 @@
 pub use planner::way::{WayError as NoWay, way};
 
 /// How an arm goes.
-pub type Travel = planner::way::Travel<{ planner::plan::JOINTS }>;
+pub type Travel = planner::way::Travel;
 
 /// What people do where there is no way.
 pub(crate) fn next(why: &NoWay) -> &'static str {

@@ -24,7 +24,7 @@ fn ball_through(pair: &Pair, at: Vector3<f64>, v: Vector3<f64>, before_s: f64) -
 
 /// Middle of the cup at rest and its axis, in the world.
 fn cup(pair: &Pair, options: &TrialOptions) -> (Vector3<f64>, Vector3<f64>) {
-    let (mouth, axis, _) = pair.catcher(false).mouth(&options.wait, &Joints::zeros());
+    let (mouth, axis, _) = pair.catcher(false).mouth(&options.wait, &Joints::zeros(6));
     (mouth, axis)
 }
 
@@ -84,7 +84,7 @@ fn a_ball_that_has_just_fallen_out_of_the_cup_is_not_told_as_caught() {
     let settings = Settings { keep_clear: false, probability_min: 1.1, ..Settings::default() };
     let level = TrialOptions { settings, ..TrialOptions::default() };
     let turned = |turn: f64| level.wait + Joints::from([0.0, 0.0, 0.0, 0.0, turn, 0.0]);
-    let below = |turn: f64| (pair.catcher(false).mouth(&turned(turn), &Joints::zeros()).1.z + 0.099).abs();
+    let below = |turn: f64| (pair.catcher(false).mouth(&turned(turn), &Joints::zeros(6)).1.z + 0.099).abs();
     let turns = (0..800).map(|k| 0.004 * f64::from(k) - 1.6);
     let turn = turns.min_by(|a, b| below(*a).total_cmp(&below(*b))).unwrap();
     let options = TrialOptions { wait: turned(turn), ..level };

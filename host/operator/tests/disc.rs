@@ -9,19 +9,19 @@ use planner::disc::flight::{Air, DiscState, Path};
 use planner::disc::intercept::{Plan, Settings, plan};
 use planner::disc::motion::{At, MotionLaw};
 use planner::disc::paper::Throw;
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 struct Case {
-    robot: AnyRobot,
+    robot: RobotModel,
     arm: DiscArm,
     path: Path,
     plan: Plan,
 }
 
 fn case(throw: &Throw, law: MotionLaw) -> Case {
-    let robot = AnyRobot::load("pincher4").unwrap();
-    let AnyRobot::Four(model) = &robot else { panic!("four joints") };
-    let arm = DiscArm::new((**model).clone()).unwrap();
+    let robot = RobotModel::load("pincher4").unwrap();
+    let model = &robot;
+    let arm = DiscArm::new(model.clone()).unwrap();
     let body = Body::of_paper();
     let released = DiscState::released(throw, nalgebra::Vector3::z(), 0.0, &body);
     let path = Path::flown(&body, &Air::vacuum(), &released, 3.0);
@@ -58,7 +58,7 @@ fn planned_catches_are_catches_of_the_joints_as_the_drives_move_them() {
         let close_s = close_s(&case.arm, &case.path, &case.plan);
         let closed_s = judged.executed.closed_s.unwrap();
         assert!((-0.001..0.002).contains(&(closed_s - close_s)), "{name}: {closed_s} instead of {close_s} s");
-        let allowed: Joints = case.arm.model.limit(|l| l.v_max_rad_s);
+        let allowed = Joints::from(case.arm.model.limit(|l| l.v_max_rad_s).array());
         assert!(judged.speed_rad_s.component_div(&allowed).max() < 1.03, "{name}: {}", judged.speed_rad_s);
     }
 }

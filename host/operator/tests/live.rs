@@ -10,7 +10,7 @@ use operator::machine::Machine;
 use operator::tap::{Tap, Way};
 use protocol::powercube::{Parameter, Reply, Value};
 use protocol::{Duration, Instant, ModuleId};
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 use tungstenite::client::IntoClientRequest;
 use tungstenite::http::HeaderValue;
 use tungstenite::{Message, WebSocket};
@@ -22,7 +22,7 @@ struct View {
 }
 
 fn view() -> View {
-    let robot = AnyRobot::load("powercube6").unwrap();
+    let robot = RobotModel::load("powercube6").unwrap();
     let state = LiveState::new(Machine::of(&robot), Duration::ZERO, 1_000_000);
     let (state, stop) = (Arc::new(Mutex::new(state)), Arc::new(AtomicBool::new(false)));
     let any = "127.0.0.1:0".parse().unwrap();
@@ -103,8 +103,8 @@ fn a_page_sees_what_drives_tell_and_where_the_arm_is() {
         0.005,
         "the first one was heard 5 ms before the last"
     );
-    let AnyRobot::Six(arm) = AnyRobot::load("powercube6").unwrap() else { panic!("six joints") };
-    let frames = arm.fk(&robot_model::JointVec::from_fn(|j, _| f64::from(q_rad[j])));
+    let arm = RobotModel::load("powercube6").unwrap();
+    let frames = arm.fk(&robot_model::JointVec::from_fn(6, |j| f64::from(q_rad[j])));
     let hand = arm.ball(&frames).pos;
     for (axis, want) in hand.iter().enumerate() {
         assert!((seen["placed"]["hand_m"][axis].as_f64().unwrap() - want).abs() < 1e-12);
@@ -186,7 +186,7 @@ fn a_robotics_viewer_subscribes_and_gets_transforms() {
 
 #[test]
 fn a_port_that_other_machines_reach_is_refused() {
-    let robot = AnyRobot::load("powercube6").unwrap();
+    let robot = RobotModel::load("powercube6").unwrap();
     let state = Arc::new(Mutex::new(LiveState::new(Machine::of(&robot), Duration::ZERO, 1_000_000)));
     let started =
         LiveServer::start("0.0.0.0:0".parse().unwrap(), state, String::new(), Vec::new(), Arc::default());

@@ -21,9 +21,9 @@ use std::io::Write;
 use nalgebra::Vector3;
 use planner::plan::rng::SplitMix64;
 use planner::plan::{Budget, Kept, Options, Watch, seeds};
-use planner::request::{Plans, Request};
+use planner::request::Request;
 use planner::store::Index;
-use robot_model::{AnyRobot, RobotModel, for_any_robot};
+use robot_model::RobotModel;
 
 #[path = "../benches/best_known/judge.rs"]
 mod judge;
@@ -65,12 +65,12 @@ fn main() -> Result<(), Box<dyn Error>> {
         range_m: [near.parse()?, far.parse()?],
         seed: text(3, "1").parse()?,
     };
-    let robot = AnyRobot::load(robot)?;
-    for_any_robot!(&robot, arm => fill(arm, file, &asked))
+    let robot = RobotModel::load(robot)?;
+    fill(&robot, file, &asked)
 }
 
 /// Target number `index` above an arm: range and height uniform, any azimuth.
-fn target<const N: usize>(arm: &RobotModel<N>, range_m: [f64; 2], index: u64) -> Vector3<f64> {
+fn target(arm: &RobotModel, range_m: [f64; 2], index: u64) -> Vector3<f64> {
     let mut rng = SplitMix64::stream(TARGETS_SEED, index);
     let azimuth_rad = (rng.unit() * 2.0 - 1.0) * PI;
     let range_m = range_m[0] + (range_m[1] - range_m[0]) * rng.unit();
@@ -78,10 +78,7 @@ fn target<const N: usize>(arm: &RobotModel<N>, range_m: [f64; 2], index: u64) ->
     Vector3::new(range_m * azimuth_rad.cos(), range_m * azimuth_rad.sin(), arm.world().floor_z_m + height_m)
 }
 
-fn fill<const N: usize>(arm: &RobotModel<N>, file: &str, asked: &Asked) -> Result<(), Box<dyn Error>>
-where
-    RobotModel<N>: Plans<N>,
-{
+fn fill(arm: &RobotModel, file: &str, asked: &Asked) -> Result<(), Box<dyn Error>> {
     let table = if asked.starts.is_none() { seeds::built_in(arm) } else { Index::default() };
     let before = std::fs::read_to_string(file).unwrap_or_default();
     // A torn last line is computed again.
@@ -104,10 +101,7 @@ where
 }
 
 /// The better one of two rows for one target: the lower rung, then the lower price.
-fn better<const N: usize>(arm: &RobotModel<N>, old: &str, new: String) -> Result<String, Box<dyn Error>>
-where
-    RobotModel<N>: Plans<N>,
-{
+fn better(arm: &RobotModel, old: &str, new: String) -> Result<String, Box<dyn Error>> {
     let before = Row::read(old)?;
     let known =
         before.known.filter(|(rung, _)| before.throw.is_empty() || judge(arm, &before, *rung).is_ok());
@@ -122,17 +116,14 @@ where
     })
 }
 
-fn row<const N: usize>(arm: &RobotModel<N>, asked: &Asked, table: &Index<N>, index: u64) -> String
-where
-    RobotModel<N>: Plans<N>,
-{
+fn row(arm: &RobotModel, asked: &Asked, table: &Index, index: u64) -> String {
     let target = target(arm, asked.range_m, index);
     let head = format!("{index},{},{},{}", target.x, target.y, target.z);
     let usual = Budget { seed: asked.seed ^ index << 20, ..Budget::default() };
     let budget = asked.starts.map_or(usual, |starts| Budget { starts, all: true, ..usual });
     let none = format!("{head},,,{},0,0,", 3 * budget.starts);
     let request = Request { target, options: &Options::best(), kept: Kept::default(), quick: None, budget };
-    let Ok(answer) = arm.search(table, &request, &Watch::default()) else { return none };
+    let Ok(answer) = request.search(arm, table, &Watch::default()) else { return none };
     let (rung, best) = (answer.given_up as usize, answer.best);
     let (price, hits) = (best.found.objective, best.confidence.at_best);
     let throw = throw_column(&best.found.throw);

@@ -249,7 +249,7 @@ fn arms(starts: usize, only: Option<[f64; 2]>) {
     heading();
     for (arm, reach_m, targets) in arms {
         println!("{}", arm.name());
-        let base_z_m = arm.fk(&planner::follow::limits::Axes::zeros()).origin(0).z;
+        let base_z_m = arm.fk(&planner::follow::limits::Axes::zeros(6)).origin(0).z;
         // Postures by iteration take about a thousand times as long, so the grid is coarser.
         let resolution = if arm.name() == "ur5" { 0.45 } else { 1.0 };
         let paper = PaperOptions::covering(reach_m, base_z_m, arm.world().floor_z_m, resolution);

@@ -11,8 +11,7 @@
 
 use std::error::Error;
 
-use planner::request::Plans;
-use robot_model::{AnyRobot, RobotModel, for_any_robot};
+use robot_model::RobotModel;
 
 #[path = "../benches/best_known/judge.rs"]
 mod judge;
@@ -38,14 +37,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     if theirs.len() != known.len() || theirs.iter().zip(&known).any(|(a, b)| a.target != b.target) {
         return Err("the two files are not for the same targets in the same order".into());
     }
-    let robot = AnyRobot::load(robot)?;
-    for_any_robot!(&robot, arm => judge_all(arm, &theirs, &known))
+    let robot = RobotModel::load(robot)?;
+    judge_all(&robot, &theirs, &known)
 }
 
-fn judge_all<const N: usize>(arm: &RobotModel<N>, theirs: &[Row], known: &[Row]) -> Result<(), Box<dyn Error>>
-where
-    RobotModel<N>: Plans<N>,
-{
+fn judge_all(arm: &RobotModel, theirs: &[Row], known: &[Row]) -> Result<(), Box<dyn Error>> {
     let (mut invalid, mut missing, mut relaxed, mut stricter) = (0, 0, 0, 0);
     let mut gaps: Vec<f64> = Vec::new();
     for (index, (row, best)) in theirs.iter().zip(known).enumerate() {

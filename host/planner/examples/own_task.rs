@@ -8,21 +8,18 @@ use std::ops::Range;
 
 use nalgebra::Vector3;
 use planner::solve::sqp::{Settings, solve};
-use planner::solve::{Row, Sink, Task, When};
+use planner::solve::{Row, Sink, Task, WIDTH, When};
 use robot_model::{JointVec, RobotModel};
 
-/// Six variables, rounded up to a multiple of four.
-const WIDTH: usize = 8;
-
 struct Hold<'a> {
-    arm: &'a RobotModel<6>,
+    arm: &'a RobotModel,
     point_m: Vector3<f64>,
 }
 
 /// Torques of about 100 Nm weigh like rows of about 1.
 const TORQUE_SCALE_1_NM2: f64 = 1e-4;
 
-impl Task<WIDTH> for Hold<'_> {
+impl Task for Hold<'_> {
     type Part = ();
 
     fn variables(&self) -> usize {
@@ -34,13 +31,14 @@ impl Task<WIDTH> for Hold<'_> {
     fn angles(&self) -> Range<usize> {
         0..6
     }
-    fn is_motion(&self, _: &Row<WIDTH>) -> bool {
+    fn is_motion(&self, _: &Row) -> bool {
         true
     }
-    fn rows<S: Sink<WIDTH>>(&self, x: &Row<WIDTH>, sink: &mut S) {
-        let (q, rest) = (JointVec::from_column_slice(&x[..6]), JointVec::zeros());
+    fn rows<S: Sink>(&self, x: &Row, sink: &mut S) {
+        let (q, rest) = (JointVec::from_slice(&x[..6]), JointVec::zeros(6));
         let gravity = self.arm.inverse_dynamics_gradient(&q, &rest, &rest);
-        let by_q = gravity.by_q.transpose() * gravity.tau * (2.0 * TORQUE_SCALE_1_NM2);
+        let by_q = (0..6).fold(rest, |sum, i| sum + gravity.by_q.row(i) * gravity.tau[i])
+            * (2.0 * TORQUE_SCALE_1_NM2);
         sink.objective(TORQUE_SCALE_1_NM2 * gravity.tau.norm_squared(), |g| {
             (0..6).for_each(|k| g.add(k, by_q[k]));
         });
@@ -58,7 +56,7 @@ impl Task<WIDTH> for Hold<'_> {
     fn parts(&self) -> impl Iterator<Item = ((), When)> {
         std::iter::once(((), When::Always))
     }
-    fn part_rows<S: Sink<WIDTH>>(&self, (): (), x: &Row<WIDTH>, sink: &mut S) {
+    fn part_rows<S: Sink>(&self, (): (), x: &Row, sink: &mut S) {
         self.rows(x, sink);
     }
     fn bends(&self, (): (), _: usize) -> bool {
@@ -70,7 +68,7 @@ impl Task<WIDTH> for Hold<'_> {
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let arm = RobotModel::<6>::load("powercube6")?;
+    let arm = RobotModel::load("powercube6")?;
     let start = [0.3, -1.2, -1.2, 0.2, 0.5, 0.1];
     let point_m = arm.ball(&arm.fk(&JointVec::from(start))).pos;
     let mut x = [0.0; WIDTH];
@@ -78,9 +76,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let found = solve(&Hold { arm: &arm, point_m }, &x, &Settings::default(), None);
 
     // The same by the robot model alone: where the ball is, and what gravity asks for.
-    let q = JointVec::from_column_slice(&found.x[..6]);
+    let q = JointVec::from_slice(&found.x[..6]);
     let off_m = (arm.ball(&arm.fk(&q)).pos - point_m).norm();
-    let torque = |q: &JointVec<6>| arm.gravity_torques(q).norm();
+    let torque = |q: &JointVec| arm.gravity_torques(q).norm();
     let (before_nm, after_nm) = (torque(&JointVec::from(start)), torque(&q));
     println!("{} steps: {before_nm:.1} Nm before, {after_nm:.1} Nm now, {off_m:.1e} m off", found.iterations);
     let in_range = arm

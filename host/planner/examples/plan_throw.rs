@@ -6,7 +6,8 @@ use std::path::Path;
 use nalgebra::Vector3;
 use planner::plan::statistics::Noise;
 use planner::plan::{Arm, Budget, Kept, Options, Watch, seeds};
-use planner::request::{Plans, Request, Wanted};
+use planner::request::{Request, Wanted};
+use planner::verify;
 
 fn main() -> Result<(), Box<dyn Error>> {
     // Target in the frame of the arm's base, m; z is up.
@@ -27,14 +28,14 @@ fn main() -> Result<(), Box<dyn Error>> {
         budget: Budget { starts: 8, all: false, time: None, seed: 1 },
     };
     let wanted = Wanted { robot: "powercube6", noise: &Noise::default(), region: None, draws: None };
-    let planned = arm.plan(&starts, &request, &wanted, &Watch::default())?;
+    let planned = request.plan(&arm, &starts, &wanted, &Watch::default())?;
     let throw = &planned.answer.best.found.throw;
     println!("release after {:.3} s, flight of {:.3} s", throw.ha_s, throw.flight_s);
 
     // The plan as a file, and a second opinion that shares nothing with the planner.
     let file = planned.plan.ok_or("the ball does not land")?;
     println!("lands at {:.3?} m", file.landing.position_m);
-    if let Some(wrong) = arm.check(&file).findings.into_iter().find(|f| f.enforced && !f.ok) {
+    if let Some(wrong) = verify::check(&arm, &file).findings.into_iter().find(|f| f.enforced && !f.ok) {
         return Err(format!("the plan is refused: {wrong:?}").into());
     }
     if let Some(path) = arguments.get(3) {

@@ -14,9 +14,8 @@ use planner::plan::ladder::rungs;
 use planner::plan::prepare::{Grid, Preparation};
 use planner::plan::search::kind_of;
 use planner::plan::{Kept, Options};
-use planner::request::Plans;
 use planner::store::{file, robot_fingerprint};
-use robot_model::{AnyRobot, RobotModel, for_any_robot};
+use robot_model::RobotModel;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let args: Vec<String> = std::env::args().skip(1).collect();
@@ -49,34 +48,33 @@ fn main() -> Result<(), Box<dyn Error>> {
             _ => return Err(format!("{word}: not a name and value that this example knows").into()),
         }
     }
-    let robot = AnyRobot::load(robot)?;
-    for_any_robot!(&robot, arm => make(arm, Path::new(out), &options, grid, seed))
+    let robot = RobotModel::load(robot)?;
+    make(&robot, Path::new(out), &options, grid, seed)
 }
 
-fn make<const N: usize>(
-    arm: &RobotModel<N>,
+fn make(
+    arm: &RobotModel,
     out: &Path,
     options: &Options,
     grid: Grid,
     seed: u64,
-) -> Result<(), Box<dyn Error>>
-where
-    RobotModel<N>: Plans<N>,
-{
+) -> Result<(), Box<dyn Error>> {
     // The easiest set of options first: throws to it are starts for the others.
     let sets: Vec<Options> =
         rungs(options, Kept::default()).into_iter().rev().map(|(_, options)| options).collect();
     let kinds: Vec<u32> = sets.iter().map(kind_of).collect();
     let robot = robot_fingerprint(arm);
     let mut all = match std::fs::read(out) {
-        Ok(bytes) => file::parse(&bytes, robot).ok_or("OUT is not a table of this robot: remove it")?,
+        Ok(bytes) => {
+            file::parse(&bytes, robot, arm.n()).ok_or("OUT is not a table of this robot: remove it")?
+        }
         Err(_) => Vec::new(),
     };
     all.retain(|record| !kinds.contains(&record.kind));
     let preparation = Preparation::new(arm, sets, grid, seed);
     let mut made = Vec::new();
     for step in 0..preparation.steps() {
-        made = RobotModel::prepare_step(&preparation, step, made, &|| false).ok_or("stopped")?;
+        made = preparation.step(step, made, &|| false).ok_or("stopped")?;
         println!("step {} of {}: {} throws", step + 1, preparation.steps(), made.len());
     }
     all.extend(made);

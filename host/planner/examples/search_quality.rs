@@ -14,9 +14,9 @@ use nalgebra::Vector3;
 use nix::time::{ClockId, clock_gettime};
 use planner::plan::seeds::built_in;
 use planner::plan::{Budget, Kept, Options, Watch};
-use planner::request::{Plans, Request};
+use planner::request::Request;
 use planner::store::{Index, file, robot_fingerprint};
-use robot_model::{AnyRobot, RobotModel, for_any_robot};
+use robot_model::RobotModel;
 
 #[path = "../benches/best_known/rows.rs"]
 #[allow(dead_code, reason = "other examples use the rest")]
@@ -67,24 +67,19 @@ fn main() -> std::result::Result<(), Box<dyn Error>> {
     }
     // Times are those of one core.
     rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build_global()?;
-    let robot = AnyRobot::load(robot)?;
-    for_any_robot!(&robot, arm => {
-        let table = match rest.get(2) {
-            Some(path) => {
-                let records = file::parse(&std::fs::read(path)?, robot_fingerprint(arm));
-                Index::new(records.ok_or("not a table of this robot")?)
-            }
-            None => built_in(arm),
-        };
-        of_arm(arm, &known, &table, seeds);
-    });
+    let robot = RobotModel::load(robot)?;
+    let table = match rest.get(2) {
+        Some(path) => {
+            let records = file::parse(&std::fs::read(path)?, robot_fingerprint(&robot), robot.n());
+            Index::new(records.ok_or("not a table of this robot")?)
+        }
+        None => built_in(&robot),
+    };
+    of_arm(&robot, &known, &table, seeds);
     Ok(())
 }
 
-fn of_arm<const N: usize>(arm: &RobotModel<N>, known: &[Known], table: &Index<N>, seeds: u64)
-where
-    RobotModel<N>: Plans<N>,
-{
+fn of_arm(arm: &RobotModel, known: &[Known], table: &Index, seeds: u64) {
     let (of_table, none) = ((arm, table), (arm, &Index::default()));
     if !table.records().is_empty() {
         for seed in 1..=seeds {
@@ -96,10 +91,7 @@ where
     }
 }
 
-fn judge<const N: usize>(known: &[Known], (arm, table): (&RobotModel<N>, &Index<N>), seed: u64) -> Result
-where
-    RobotModel<N>: Plans<N>,
-{
+fn judge(known: &[Known], (arm, table): (&RobotModel, &Index), seed: u64) -> Result {
     let (options, watch) = (Options::best(), Watch::default());
     let budget = Budget { seed, ..Budget::default() };
     let mut result = Result::default();
@@ -107,7 +99,7 @@ where
         let began = cpu();
         let request =
             Request { target: k.target, options: &options, kept: Kept::default(), quick: None, budget };
-        let answer = arm.search(table, &request, &watch).ok();
+        let answer = request.search(arm, table, &watch).ok();
         let found = answer.map(|answer| (answer.given_up as usize, answer.best.found.objective));
         result.seconds.push((cpu() - began).as_secs_f64());
         let lost = match found {

@@ -9,17 +9,17 @@ use robot_model::cubic::Cubic;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::throw::{JOINTS, Throw};
+use crate::throw::Throw;
 
 /// State of the joints at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Knot<const N: usize = JOINTS> {
+pub struct Knot {
     /// Time since the start, s.
     pub t_s: f64,
     /// Angles, rad.
-    pub q_rad: JointVec<N>,
+    pub q_rad: JointVec,
     /// Speeds, rad/s.
-    pub qd_rad_s: JointVec<N>,
+    pub qd_rad_s: JointVec,
 }
 
 /// What happens to the gripper.
@@ -34,33 +34,34 @@ pub enum GripperEvent {
 
 /// A motion of all joints.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Motion<const N: usize = JOINTS> {
+pub struct Motion {
     /// At least two, times ascending from 0; none where nothing moves.
-    pub knots: Vec<Knot<N>>,
+    pub knots: Vec<Knot>,
     /// Events with their times, s since the start.
     pub events: Vec<(f64, GripperEvent)>,
 }
 
 /// Position, speed, acceleration and jerk of all joints at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sample<const N: usize = JOINTS> {
+pub struct Sample {
     /// rad.
-    pub q: JointVec<N>,
+    pub q: JointVec,
     /// rad/s.
-    pub qd: JointVec<N>,
+    pub qd: JointVec,
     /// rad/s².
-    pub qdd: JointVec<N>,
+    pub qdd: JointVec,
     /// rad/s³.
-    pub jerk: JointVec<N>,
+    pub jerk: JointVec,
 }
 
-impl<const N: usize> Sample<N> {
-    fn standing(q: JointVec<N>) -> Self {
-        Self { q, qd: JointVec::zeros(), qdd: JointVec::zeros(), jerk: JointVec::zeros() }
+impl Sample {
+    fn standing(q: JointVec) -> Self {
+        let zero = JointVec::zeros(q.len());
+        Self { q, qd: zero, qdd: zero, jerk: zero }
     }
 }
 
-impl<const N: usize> Motion<N> {
+impl Motion {
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         self.knots.last().map_or(0.0, |knot| knot.t_s)
@@ -68,14 +69,14 @@ impl<const N: usize> Motion<N> {
 
     /// Pose at the start, rad.
     #[must_use]
-    pub fn start_rad(&self) -> JointVec<N> {
-        self.knots.first().map_or_else(JointVec::zeros, |knot| knot.q_rad)
+    pub fn start_rad(&self) -> JointVec {
+        self.knots.first().map_or_else(|| JointVec::zeros(0), |knot| knot.q_rad)
     }
 
     /// Pose at the end, rad.
     #[must_use]
-    pub fn stop_rad(&self) -> JointVec<N> {
-        self.knots.last().map_or_else(JointVec::zeros, |knot| knot.q_rad)
+    pub fn stop_rad(&self) -> JointVec {
+        self.knots.last().map_or_else(|| JointVec::zeros(0), |knot| knot.q_rad)
     }
 
     /// When what the gripper holds is free for the first time, s.
@@ -86,7 +87,7 @@ impl<const N: usize> Motion<N> {
 
     /// The motion at `t_s`; at a knot by the cubic that ends there. It stands at its ends before and after.
     #[must_use]
-    pub fn at(&self, t_s: f64) -> Sample<N> {
+    pub fn at(&self, t_s: f64) -> Sample {
         if t_s < 0.0 {
             return Sample::standing(self.start_rad());
         }
@@ -96,7 +97,7 @@ impl<const N: usize> Motion<N> {
     }
 
     /// Accelerations of the cubics at both of their ends, rad/s², with the times: where each is largest.
-    pub fn accelerations(&self) -> impl Iterator<Item = ((f64, JointVec<N>), (f64, JointVec<N>))> + '_ {
+    pub fn accelerations(&self) -> impl Iterator<Item = ((f64, JointVec), (f64, JointVec))> + '_ {
         self.knots.windows(2).map(|pair| {
             let at = |t_s: f64| (t_s, between(&pair[0], &pair[1], t_s).qdd);
             (at(pair[0].t_s), at(pair[1].t_s))
@@ -105,7 +106,7 @@ impl<const N: usize> Motion<N> {
 }
 
 /// The cubic from `a` to `b` at `t_s`.
-fn between<const N: usize>(a: &Knot<N>, b: &Knot<N>, t_s: f64) -> Sample<N> {
+fn between(a: &Knot, b: &Knot, t_s: f64) -> Sample {
     let cubic = Cubic::between(b.t_s - a.t_s, (a.q_rad, a.qd_rad_s), (b.q_rad, b.qd_rad_s));
     let t_s = t_s - a.t_s;
     Sample {
@@ -116,9 +117,9 @@ fn between<const N: usize>(a: &Knot<N>, b: &Knot<N>, t_s: f64) -> Sample<N> {
     }
 }
 
-impl<const N: usize> From<&Throw<N>> for Motion<N> {
+impl From<&Throw> for Motion {
     /// Start, release and end of a throw.
-    fn from(throw: &Throw<N>) -> Self {
+    fn from(throw: &Throw) -> Self {
         let knot = |t_s, sigma| {
             let state = throw.at_phase(sigma);
             Knot { t_s, q_rad: state.q, qd_rad_s: state.qd }
@@ -137,9 +138,9 @@ mod tests {
 
     fn throw() -> Throw {
         Throw {
-            q_rad: Joints::repeat(0.3),
-            qd_rad_s: Joints::repeat(1.5),
-            qdd_rad_s2: Joints::repeat(-2.0),
+            q_rad: Joints::repeat(6, 0.3),
+            qd_rad_s: Joints::repeat(6, 1.5),
+            qdd_rad_s2: Joints::repeat(6, -2.0),
             flight_s: 0.5,
             ha_s: 0.56,
             hb_s: 0.36,

@@ -16,22 +16,20 @@
 use nalgebra::Vector3;
 use robot_model::{JointVec, RobotModel};
 
-/// Joints of the arms that controller, analysis and reports know. The planner takes four to seven.
-pub const JOINTS: usize = 6;
-/// An arm of six joints.
-pub type Arm = RobotModel<JOINTS>;
-/// One number per joint of such an arm.
-pub type Joints = JointVec<JOINTS>;
+/// An arm.
+pub type Arm = RobotModel;
+/// One number per joint.
+pub type Joints = JointVec;
 
 /// Motion of all joints through one release.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Throw<const N: usize = JOINTS> {
+pub struct Throw {
     /// Joint angles at the release in rad.
-    pub q_rad: JointVec<N>,
+    pub q_rad: JointVec,
     /// Joint speeds at the release in rad/s.
-    pub qd_rad_s: JointVec<N>,
+    pub qd_rad_s: JointVec,
     /// Joint accelerations at the release in rad/s²; zero in the paper's form.
-    pub qdd_rad_s2: JointVec<N>,
+    pub qdd_rad_s2: JointVec,
     /// Time of flight F in s.
     pub flight_s: f64,
     /// Duration of the acceleration phase h_a in s; the release is at this time.
@@ -42,13 +40,13 @@ pub struct Throw<const N: usize = JOINTS> {
 
 /// Joint state at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct JointState<const N: usize = JOINTS> {
+pub struct JointState {
     /// Angles in rad.
-    pub q: JointVec<N>,
+    pub q: JointVec,
     /// Speeds in rad/s.
-    pub qd: JointVec<N>,
+    pub qd: JointVec,
     /// Accelerations in rad/s².
-    pub qdd: JointVec<N>,
+    pub qdd: JointVec,
 }
 
 /// How position, speed and acceleration at a phase depend on `(q̇_r, q̈_r)`: `q = q_r + pos.0 q̇_r + pos.1 q̈_r`, etc.
@@ -80,7 +78,13 @@ impl Basis {
     }
 }
 
-impl<const N: usize> Throw<N> {
+impl Throw {
+    /// Number of joints.
+    #[must_use]
+    pub fn joints(&self) -> usize {
+        self.q_rad.len()
+    }
+
     /// Duration of the whole movement H_s in s.
     #[must_use]
     pub fn duration_s(&self) -> f64 {
@@ -100,7 +104,7 @@ impl<const N: usize> Throw<N> {
 
     /// Joint state at phase `sigma`: -1 start, 0 release, 1 stop; held outside.
     #[must_use]
-    pub(crate) fn at_phase(&self, sigma: f64) -> JointState<N> {
+    pub(crate) fn at_phase(&self, sigma: f64) -> JointState {
         let sigma = sigma.clamp(-1.0, 1.0);
         let b = Basis::at(sigma, self.phase_s(sigma));
         JointState {
@@ -112,32 +116,32 @@ impl<const N: usize> Throw<N> {
 
     /// Joint state `time_s` after the start of the motion; at rest outside `[0, H_s]`.
     #[must_use]
-    pub fn at_time(&self, time_s: f64) -> JointState<N> {
+    pub fn at_time(&self, time_s: f64) -> JointState {
         let since = time_s - self.ha_s;
         let sigma = if since < 0.0 { since / self.ha_s } else { since / self.hb_s };
         let mut state = self.at_phase(sigma);
         if !(-1.0..=1.0).contains(&sigma) {
-            state.qd = JointVec::zeros();
-            state.qdd = JointVec::zeros();
+            state.qd = JointVec::zeros(self.joints());
+            state.qdd = JointVec::zeros(self.joints());
         }
         state
     }
 
     /// Joint angles at the start in rad.
     #[must_use]
-    pub fn start(&self) -> JointVec<N> {
+    pub fn start(&self) -> JointVec {
         self.at_phase(-1.0).q
     }
 
     /// Joint angles at the stop in rad.
     #[must_use]
-    pub fn stop(&self) -> JointVec<N> {
+    pub fn stop(&self) -> JointVec {
         self.at_phase(1.0).q
     }
 
     /// Jerk of the two phases in rad/s³; constant within each.
     #[must_use]
-    pub fn jerk(&self) -> (JointVec<N>, JointVec<N>) {
+    pub fn jerk(&self) -> (JointVec, JointVec) {
         let (a, b) = (self.ha_s, self.hb_s);
         (
             (self.qdd_rad_s2 * a - self.qd_rad_s) * (2.0 / (a * a)),
@@ -147,8 +151,8 @@ impl<const N: usize> Throw<N> {
 
     /// Largest speed of each joint over the motion in rad/s: at the release, or where the acceleration passes zero.
     #[must_use]
-    pub(crate) fn peak_speed(&self) -> JointVec<N> {
-        JointVec::from_fn(|j, _| {
+    pub(crate) fn peak_speed(&self) -> JointVec {
+        JointVec::from_fn(self.joints(), |j| {
             [-1.0, 1.0]
                 .into_iter()
                 .filter_map(|side| self.speed_peak_phase(j, side))
@@ -162,10 +166,10 @@ impl<const N: usize> Throw<N> {
 
     /// Largest acceleration of each joint over the motion in rad/s²: at start, release or stop, as it is linear between.
     #[must_use]
-    pub(crate) fn peak_acceleration(&self) -> JointVec<N> {
+    pub(crate) fn peak_acceleration(&self) -> JointVec {
         let start = self.qd_rad_s * (2.0 / self.ha_s) - self.qdd_rad_s2;
         let stop = self.qd_rad_s * (-2.0 / self.hb_s) - self.qdd_rad_s2;
-        JointVec::from_fn(|j, _| start[j].abs().max(stop[j].abs()).max(self.qdd_rad_s2[j].abs()))
+        JointVec::from_fn(self.joints(), |j| start[j].abs().max(stop[j].abs()).max(self.qdd_rad_s2[j].abs()))
     }
 
     /// Phase inside (-1, 0) for `side < 0` or (0, 1) where the speed of joint `j` has its extreme, if there is one.
@@ -188,7 +192,7 @@ impl<const N: usize> Throw<N> {
 
     /// Ball in the hand at the release: position (m) and velocity (m/s) in the world.
     #[must_use]
-    pub fn ball_at_release(&self, arm: &RobotModel<N>) -> (Vector3<f64>, Vector3<f64>) {
+    pub fn ball_at_release(&self, arm: &RobotModel) -> (Vector3<f64>, Vector3<f64>) {
         let frames = arm.fk(&self.q_rad);
         let p = arm.ball(&frames).pos;
         let twist = frames.jacobian(&p) * self.qd_rad_s;
@@ -197,7 +201,7 @@ impl<const N: usize> Throw<N> {
 
     /// Acceleration of the ball in the hand at the release, `J̇ q̇ + J q̈`, in m/s².
     #[must_use]
-    pub(crate) fn ball_acceleration_at_release(&self, arm: &RobotModel<N>) -> Vector3<f64> {
+    pub(crate) fn ball_acceleration_at_release(&self, arm: &RobotModel) -> Vector3<f64> {
         let frames = arm.fk(&self.q_rad);
         let jacobian = frames.jacobian(&arm.ball(&frames).pos);
         let a = frames.bias_acceleration(&jacobian, &self.qd_rad_s) + jacobian * self.qdd_rad_s2;
@@ -206,7 +210,7 @@ impl<const N: usize> Throw<N> {
 
     /// Ball in the hand at any time: position and velocity in the world, for releases early or late.
     #[must_use]
-    pub(crate) fn ball_at_time(&self, arm: &RobotModel<N>, time_s: f64) -> (Vector3<f64>, Vector3<f64>) {
+    pub(crate) fn ball_at_time(&self, arm: &RobotModel, time_s: f64) -> (Vector3<f64>, Vector3<f64>) {
         let state = self.at_time(time_s);
         let frames = arm.fk(&state.q);
         let p = arm.ball(&frames).pos;
@@ -222,9 +226,9 @@ mod tests {
 
     fn throw() -> Throw {
         Throw {
-            q_rad: Joints::from_column_slice(&[0.1, -0.2, 0.3, -0.4, 0.5, -0.6]),
-            qd_rad_s: Joints::from_column_slice(&[1.0, -1.5, 0.2, 0.0, 2.0, -0.1]),
-            qdd_rad_s2: Joints::from_column_slice(&[2.0, 8.0, -5.0, 1.0, 0.0, -3.0]),
+            q_rad: Joints::from_slice(&[0.1, -0.2, 0.3, -0.4, 0.5, -0.6]),
+            qd_rad_s: Joints::from_slice(&[1.0, -1.5, 0.2, 0.0, 2.0, -0.1]),
+            qdd_rad_s2: Joints::from_slice(&[2.0, 8.0, -5.0, 1.0, 0.0, -3.0]),
             flight_s: 0.6,
             ha_s: 0.7,
             hb_s: 0.4,
@@ -258,7 +262,7 @@ mod tests {
     #[test]
     fn peaks_bound_a_dense_sample_tightly() {
         let t = throw();
-        let (mut speed, mut acceleration) = (Joints::zeros(), Joints::zeros());
+        let (mut speed, mut acceleration) = (Joints::zeros(6), Joints::zeros(6));
         for i in 0..=20_000 {
             let s = t.at_phase(f64::from(i) / 10_000.0 - 1.0);
             speed = speed.sup(&s.qd.abs());
@@ -272,7 +276,7 @@ mod tests {
     #[test]
     fn without_release_acceleration_it_is_the_printed_spline() {
         let mut t = throw();
-        t.qdd_rad_s2 = Joints::zeros();
+        t.qdd_rad_s2 = Joints::zeros(6);
         let (ha, hb) = (t.ha_s, t.hb_s);
         for i in 0..=10 {
             let x = ha * f64::from(i) / 10.0;

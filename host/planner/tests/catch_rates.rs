@@ -11,9 +11,9 @@ use super::catch_rig::arm;
 
 /// The velocity of the mouth per joint rate, by differences of the forward kinematics.
 fn jacobian(arm: &CatchArm, q: &Joints) -> Matrix3x6<f64> {
-    let mouth = |q: &Joints| arm.mouth(q, &Joints::zeros()).0;
+    let mouth = |q: &Joints| arm.mouth(q, &Joints::zeros(6)).0;
     Matrix3x6::from_columns(&std::array::from_fn::<_, 6, _>(|i| {
-        let mut by = Joints::zeros();
+        let mut by = Joints::zeros(6);
         by[i] = 1e-6;
         (mouth(&(q + by)) - mouth(&(q - by))) / 2e-6
     }))
@@ -56,7 +56,7 @@ fn rates_move_the_hand_as_asked_keep_all_limits_and_are_hardly_ever_missed() {
         let (mut found, mut at_bound, mut none, mut missed) = (0, 0, 0, 0);
         for _ in 0..400 {
             let limits = arm.limits(false);
-            let q = Joints::from_fn(|i, _| {
+            let q = Joints::from_fn(6, |i| {
                 let (low, high) = limits[i].q_rad;
                 if i == 5 { 0.0 } else { low + (high - low) * rng.unit() }
             });

@@ -127,9 +127,9 @@ fn a_run_that_loses_the_times_of_its_motion_ends_without_a_throw_or_with_one_tha
     let target = Vector3::new(1.5, 1.0, -1.0);
     let problem = Problem::new(&arm, target, Options::best()).expect("valid");
     let start = Throw {
-        q_rad: Joints::from_element(1e-3),
-        qd_rad_s: Joints::from_element(40.0),
-        qdd_rad_s2: Joints::from_element(-4e3),
+        q_rad: Joints::repeat(6, 1e-3),
+        qd_rad_s: Joints::repeat(6, 40.0),
+        qdd_rad_s2: Joints::repeat(6, -4e3),
         flight_s: 2e-3,
         ha_s: 2e-3,
         hb_s: 2e-3,
@@ -161,8 +161,8 @@ fn what_a_search_says_about_its_gap_follows_its_starts() {
 }
 
 /// What the verifier refuses of the plan that the default search finds.
-fn refused_of<const N: usize>(robot: &str, target: [f64; 3]) -> Vec<String> {
-    let arm = RobotModel::<N>::load(robot).expect("built in");
+fn refused_of(robot: &str, target: [f64; 3]) -> Vec<String> {
+    let arm = RobotModel::load(robot).expect("built in");
     let ladder = Ladder::new(&arm, Vector3::from(target), &Options::best(), Kept::default()).expect("valid");
     let settled = ladder
         .search(&seeds::built_in(&arm), &Budget::default(), &Watch::default(), None)
@@ -171,7 +171,7 @@ fn refused_of<const N: usize>(robot: &str, target: [f64; 3]) -> Vec<String> {
     refused(&arm, &plan.expect("it lands"))
 }
 
-fn refused<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Vec<String> {
+fn refused(arm: &RobotModel, plan: &PlanFile) -> Vec<String> {
     let findings = verify::check(arm, plan).findings;
     findings.into_iter().filter(|f| f.enforced && !f.ok).map(|f| format!("{}: {}", f.what, f.worst)).collect()
 }
@@ -180,20 +180,17 @@ fn refused<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Vec<String> 
 #[test]
 fn a_ball_that_is_released_early_comes_down_through_the_plane_and_does_not_graze_it() {
     assert_eq!(
-        refused_of::<6>("powercube6", [0.547153718062688, -0.9089935350476135, 0.23347482640581774]),
+        refused_of("powercube6", [0.547153718062688, -0.9089935350476135, 0.23347482640581774]),
         [""; 0]
     );
-    assert_eq!(
-        refused_of::<6>("kr16_2", [-1.3938405064065176, -1.0557594565364068, 1.032072862117285]),
-        [""; 0]
-    );
+    assert_eq!(refused_of("kr16_2", [-1.3938405064065176, -1.0557594565364068, 1.032072862117285]), [""; 0]);
 }
 
 /// Foot and wrist of a KR 16 came 2.7 mm near between two instants of the look along the motion, which looked between instants
 /// only where a PowerCube arm could have come nearer.
 #[test]
 fn links_of_a_large_arm_that_come_near_between_two_instants_are_seen() {
-    let arm = RobotModel::<6>::load("kr16_2").expect("built in");
+    let arm = RobotModel::load("kr16_2").expect("built in");
     let throw = Throw {
         flight_s: 0.546181054,
         ha_s: 1.875583850,
@@ -214,7 +211,7 @@ fn links_of_a_large_arm_that_come_near_between_two_instants_are_seen() {
             1.139695966,
             1.035477072,
         ]),
-        qdd_rad_s2: Joints::zeros(),
+        qdd_rad_s2: Joints::zeros(6),
     };
     let target = Vector3::new(-0.5487208224105184, 2.1906126702537305, 1.3438069299049837);
     let [.., plain] = rungs();

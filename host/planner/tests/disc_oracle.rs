@@ -31,7 +31,7 @@ fn dh_exponentials_and_both_jacobians_agree_with_pinocchio() {
         printed.fixed_view_mut::<3, 3>(0, 0).copy_from(&arm.hand_axes(&q));
         printed.fixed_view_mut::<3, 1>(0, 3).copy_from(&arm.terminal_point(&q));
         for (what, ours) in [
-            ("DH table", arm.model.ee_at(&q).to_matrix()),
+            ("DH table", arm.model.ee_at(&q.into()).to_matrix()),
             ("equation (3)", printed),
             ("exponentials", screws::pose(&arm.size, &q)),
         ] {

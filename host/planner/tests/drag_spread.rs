@@ -46,8 +46,8 @@ fn drawn(arm: &Arm, throw: &Throw, noise: &Noise, drag_per_m: f64, z_m: f64) -> 
     (0..DRAWS)
         .map(|_| {
             let mut state = throw.at_time(throw.ha_s + noise.release_time_s * rng.normal());
-            state.q += Joints::from_fn(|_, _| noise.position_rad * rng.normal());
-            state.qd += Joints::from_fn(|_, _| noise.speed_rad_s * rng.normal());
+            state.q += Joints::from_fn(6, |_| noise.position_rad * rng.normal());
+            state.qd += Joints::from_fn(6, |_| noise.speed_rad_s * rng.normal());
             let frames = arm.fk(&state.q);
             let p = arm.ball(&frames).pos;
             let twist: Vector6<f64> = frames.jacobian(&p) * state.qd;

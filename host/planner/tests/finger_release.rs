@@ -16,13 +16,13 @@ fn arm() -> Arm {
     Arm::load("powercube6").expect("built in")
 }
 
-fn planned(problem: &Problem<'_, 6>) -> Throw {
+fn planned(problem: &Problem<'_>) -> Throw {
     let budget = Budget { starts: 4, ..Budget::default() };
     let index = seeds::built_in(problem.arm());
     Planner::new(problem).attempt(&index, &budget, &Watch::default()).expect("in reach").found.throw
 }
 
-fn problem(arm: &Arm, range_m: f64) -> Problem<'_, 6> {
+fn problem(arm: &Arm, range_m: f64) -> Problem<'_> {
     let options = Options { delay_windows: Vec::new(), ..Options::best() };
     Problem::new(arm, Vector3::new(range_m, 0.0, -1.0), options).expect("valid")
 }

@@ -58,8 +58,8 @@ fn set_points_keep_the_following_accelerations_of_the_robot_file() {
     let file = arm.limit(|l| l.a_follow_max_rad_s2.expect("stated"));
     let commands: Vec<Axes> = plan.steps.iter().map(|step| Axes::from(step.command_rad)).collect();
     let differences = commands.windows(3).map(|w| (w[2] - 2.0 * w[1] + w[0]).abs() / plan.period_s.powi(2));
-    let largest = differences.fold(Axes::zeros(), |most, a| most.sup(&a));
-    println!("largest {} deg/s2", largest.map(f64::to_degrees).transpose());
+    let largest = differences.fold(Axes::zeros(6), |most, a| most.sup(&a));
+    println!("largest {} deg/s2", largest.map(f64::to_degrees));
     assert!((0..6).all(|axis| largest[axis] <= file[axis]), "{largest}");
 }
 

@@ -196,7 +196,7 @@ fn a_hand_that_is_nowhere_across_the_flight_is_no_plan_of_the_paper() {
             let x_wb = ARM.ball(&ARM.fk(&q));
             let turned = Pose::new(sideways.rot * x_wb.rot, x_wb.pos);
             let q = reach.near(&turned, &q).expect("in reach");
-            (p.steps[k].q_rad, p.steps[k].command_rad) = (q.into(), q.into());
+            (p.steps[k].q_rad, p.steps[k].command_rad) = (q.array(), q.array());
         }
     });
     refuses(&report, Check::Across);

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use planner::plan::search::{Budget, Watch};
 use planner::plan::{GivenUp, Kept, Ladder, Options};
 use planner::store::Index;
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 /// Target 2 of `benches/best_known/ur5.csv`: 67 of 2 000 random starts end in a throw that nulls the delay, none in one that
 /// keeps the limits of the shift too.
@@ -14,9 +14,8 @@ const FAR_OBJECTIVE: f64 = 36.62965494365056;
 
 fn given_up(kept: Kept, seed: u64) -> Option<(GivenUp, f64)> {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../robots/model/tests/data/ur5.toml");
-    let robot = AnyRobot::load(path).unwrap();
-    let AnyRobot::Six(arm) = &robot else { unreachable!("six joints") };
-    let ladder = Ladder::new(arm, Vector3::from(FAR), &Options::best(), kept).unwrap();
+    let arm = RobotModel::load(path).unwrap();
+    let ladder = Ladder::new(&arm, Vector3::from(FAR), &Options::best(), kept).unwrap();
     let budget = Budget { seed, ..Budget::default() };
     let settled = ladder.search(&Index::default(), &budget, &Watch::default(), None).ok()?;
     Some((settled.given_up, settled.best.found.objective))

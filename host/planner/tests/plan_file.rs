@@ -62,7 +62,7 @@ fn plans_of_older_versions_are_read_with_the_same_motion() {
     // Joint 2 before its release: -1.9957.. t³ + 2.5290.. t² - 3.9580.. of the file.
     let t = 0.3_f64;
     let q = (-1.9957200674360418 * t + 2.529025961803713) * t * t - 3.958061369935754;
-    assert!((newest.motion.to_motion::<6>().at(t).q[1] - q).abs() < 1e-13);
+    assert!((newest.motion.to_motion().at(t).q[1] - q).abs() < 1e-13);
     assert_eq!(newest.motion.events, [EventInfo { t_s: newest.release_time_s, event: GripperEvent::Open }]);
     // Written and read again it is a file of this version.
     assert_eq!(PlanFile::from_json(path, &newest.to_json()).expect("reads"), newest);

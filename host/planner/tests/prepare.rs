@@ -12,7 +12,7 @@ const GRID: Grid =
     Grid { step_m: 0.4, range_max_m: 1.6, height_max_m: 0.3, starts: 3, keep: 2, sweeps: 1, trials: 4 };
 
 fn stopped_and_continued(name: &str, text: &str) {
-    let arm = RobotModel::<6>::from_toml(name, text).expect("the fixture loads");
+    let arm = RobotModel::from_toml(name, text).expect("the fixture loads");
     let plain = Options { null_delay: false, delay_windows: Vec::new(), ..Options::best() };
     let preparation = Preparation::new(&arm, vec![plain], GRID, 1);
     let at_once = (0..preparation.steps())
@@ -20,11 +20,11 @@ fn stopped_and_continued(name: &str, text: &str) {
     assert!(at_once.len() >= 3, "{name}: {} throws", at_once.len());
     // Stopped in every step, saved as a file, read and continued.
     let robot = robot_fingerprint(&arm);
-    let mut records: Vec<Record<6>> = Vec::new();
+    let mut records: Vec<Record> = Vec::new();
     for step in 0..preparation.steps() {
         assert_eq!(preparation.step(step, records.clone(), &|| true), None);
         let bytes = file::to_bytes(robot, &records);
-        let read = file::parse(&bytes, robot).expect("its own bytes");
+        let read = file::parse(&bytes, robot, arm.n()).expect("its own bytes");
         records = preparation.step(step, read, &|| false).expect("not stopped");
     }
     assert_eq!(records, at_once, "{name}");

@@ -10,7 +10,7 @@ fn limits(n: usize, v: f64, a: f64, j: f64) -> Limits {
 }
 
 /// Largest speed, acceleration and jerk of any joint, by differences of the sampled angles alone.
-fn sampled(motion: &Motion<6>, dt: f64) -> [f64; 3] {
+fn sampled(motion: &Motion, dt: f64) -> [f64; 3] {
     let steps = (motion.duration_s() / dt).ceil() as usize;
     let q: Vec<_> = (0..=steps + 2).map(|i| motion.at(i as f64 * dt - dt).q).collect();
     let mut most = [0.0_f64; 3];
@@ -107,7 +107,7 @@ fn on_a_line_the_motion_along_a_path_is_the_straight_one_and_rounding_corners_sa
     assert!((0.999..1.02).contains(&ratio), "{ratio}");
 
     let points = corners(&mut SplitMix64::new(8), 6);
-    let of = |blend| along::<6>(&Path::through(&points, blend).unwrap(), &limits).unwrap().duration_s();
+    let of = |blend| along(&Path::through(&points, blend).unwrap(), &limits).unwrap().duration_s();
     let resting = of(0.0);
     assert!([0.001, 0.02, 0.1].into_iter().all(|blend| of(blend) <= resting));
     assert!(of(0.4) < of(0.2) && of(0.2) < 0.97 * resting && of(0.4) < 0.85 * resting);
@@ -120,7 +120,7 @@ fn durations_by_blend() {
     for seed in 1..8 {
         let points = corners(&mut SplitMix64::new(seed), 6);
         let of = |blend| {
-            let motion = along::<6>(&Path::through(&points, blend).unwrap(), &limits).unwrap();
+            let motion = along(&Path::through(&points, blend).unwrap(), &limits).unwrap();
             (motion.duration_s(), motion.knots.len())
         };
         println!("{:?}", [0.0, 0.005, 0.02, 0.05, 0.1, 0.2, 0.4, 0.8].map(of));
@@ -167,26 +167,26 @@ fn points_with_times_are_followed_at_these_times_with_and_without_their_speeds()
 
 #[test]
 fn points_with_times_that_exceed_a_limit_name_joint_time_value_and_limit() {
-    let text = motion_of_rows::<6>(&rows(true), &limits(6, 0.9, 8.0, 80.0)).unwrap_err().to_string();
+    let text = motion_of_rows(&rows(true), &limits(6, 0.9, 8.0, 80.0)).unwrap_err().to_string();
     assert!(
         text.starts_with("joint 1: speed 0.9") && text.contains("exceeds the limit 0.9000 rad/s"),
         "{text}"
     );
-    let acceleration = motion_of_rows::<6>(&rows(true), &limits(6, 2.0, 2.0, 80.0)).unwrap_err();
+    let acceleration = motion_of_rows(&rows(true), &limits(6, 2.0, 2.0, 80.0)).unwrap_err();
     assert!(
         matches!(acceleration, GivenError::Limit { what: "acceleration", limit: 2.0, .. }),
         "{acceleration:?}"
     );
-    let jerk = motion_of_rows::<6>(&rows(true), &limits(6, 2.0, 8.0, 5.0)).unwrap_err();
+    let jerk = motion_of_rows(&rows(true), &limits(6, 2.0, 8.0, 5.0)).unwrap_err();
     assert!(matches!(jerk, GivenError::Limit { what: "jerk", .. }), "{jerk:?}");
     let mut late = rows(false);
     late[7].t_s = late[6].t_s;
     assert_eq!(
-        motion_of_rows::<6>(&late, &limits(6, 2.0, 8.0, 80.0)).unwrap_err(),
+        motion_of_rows(&late, &limits(6, 2.0, 8.0, 80.0)).unwrap_err(),
         GivenError::Order { row: 7, t_s: late[6].t_s, before_s: late[6].t_s }
     );
     let mut moving = rows(true);
     moving.truncate(10);
-    let text = motion_of_rows::<6>(&moving, &limits(6, 2.0, 8.0, 80.0)).unwrap_err().to_string();
+    let text = motion_of_rows(&moving, &limits(6, 2.0, 8.0, 80.0)).unwrap_err().to_string();
     assert!(text.contains("must begin and end at rest"), "{text}");
 }

@@ -9,14 +9,11 @@ use robot_model::Pose;
 use robot_model::collision::{CollisionChecker, Obb, Scene, StraightMove};
 
 fn arm() -> Arm {
-    let robot_model::AnyRobot::Six(arm) = robot_model::AnyRobot::load("powercube6").unwrap() else {
-        panic!("six joints")
-    };
-    *arm
+    Arm::load("powercube6").unwrap()
 }
 
 fn deg(q: [f64; 6]) -> Joints {
-    Joints::from_column_slice(&q.map(f64::to_radians))
+    Joints::from_slice(&q.map(f64::to_radians))
 }
 
 fn box_at(at: [f64; 3], half: [f64; 3]) -> (String, Obb) {
@@ -61,7 +58,7 @@ fn ways_between_random_poses_are_free_within_limits_and_end_where_they_should() 
         let (low, high) = (arm.q_min(), arm.q_max());
         let mut drawn = CollisionChecker::new(&arm, &scene);
         let mut pose = || loop {
-            let q = Joints::from_fn(|j, _| low[j] + (high[j] - low[j]) * (0.2 + 0.6 * rng.unit()));
+            let q = Joints::from_fn(6, |j| low[j] + (high[j] - low[j]) * (0.2 + 0.6 * rng.unit()));
             if !drawn.collides(&arm.fk(&q)) {
                 return q;
             }

@@ -9,12 +9,12 @@ use host::exit;
 use planner::follow::limits::{AXES, Arm};
 use planner::follow::plan::{FollowPlan, Step};
 use planner::motion::{Knot, Motion};
-use planner::plan::file::{MotionInfo, PlanFile, PlanFileError};
+use planner::plan::file::{PlanFile, PlanFileError};
 use planner::record::PlanRecord;
-use planner::request::Plans;
+use planner::verify;
 use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
-use robot_model::{AnyRobot, for_any_robot};
+use robot_model::RobotModel;
 
 use crate::arrays::{array, doubles};
 use crate::calls::interruptible;
@@ -28,26 +28,20 @@ fn input(error: &impl std::fmt::Display) -> ExpectedError {
 }
 
 /// A plan from its text, and the robot that it names, or the one given.
-pub(crate) fn plan_of(text: &str, robot: Option<&str>) -> Result<(PlanFile, AnyRobot), ExpectedError> {
+pub(crate) fn plan_of(text: &str, robot: Option<&str>) -> Result<(PlanFile, RobotModel), ExpectedError> {
     let path = Path::new(NAME);
     let plan = PlanFile::from_json(path, text).map_err(|error| input(&error))?;
-    let robot = AnyRobot::load(robot.unwrap_or(&plan.robot.source)).map_err(|error| input(&error))?;
-    for_any_robot!(&robot, arm => plan.require_robot(path, arm)).map_err(|error| input(&error))?;
+    let robot = RobotModel::load(robot.unwrap_or(&plan.robot.source)).map_err(|error| input(&error))?;
+    plan.require_robot(path, &robot).map_err(|error| input(&error))?;
     Ok((plan, robot))
 }
 
 /// The arm of a plan that follows the flight, or the one given.
 pub(crate) fn arm_of(plan: &FollowPlan, robot: Option<&str>) -> Result<Arm, ExpectedError> {
     let source = robot.unwrap_or(&plan.robot.source);
-    let robot = AnyRobot::load(source).map_err(|error| input(&error))?;
-    let AnyRobot::Six(arm) = robot else {
-        return Err(input(&format!(
-            "robot \"{source}\" has not six joints; the plan is for \"{}\"",
-            plan.robot.name
-        )));
-    };
+    let arm = RobotModel::load_with_joints(source, AXES).map_err(|error| input(&error))?;
     plan.require_robot(Path::new(NAME), &arm).map_err(|error| input(&error))?;
-    Ok(*arm)
+    Ok(arm)
 }
 
 /// A plan as JSON and what was given up for it, from words of the command line of `cubectl plan throw`.
@@ -76,7 +70,7 @@ pub(crate) fn check(py: Python<'_>, plan: String, robot: Option<String>) -> PyRe
             }
             _ => {
                 let (plan, robot) = plan_of(&plan, robot.as_deref())?;
-                let report = for_any_robot!(&robot, arm => arm.check(&plan));
+                let report = verify::check(&robot, &plan);
                 serde_json::to_value(&report)
                     .map_err(|error| ExpectedError::new(exit::BUG, error.to_string()))?
             }
@@ -92,8 +86,8 @@ pub(crate) fn sample<'py>(py: Python<'py>, plan: &str, times: &[u8]) -> PyResult
     let plan = record(plan).map_err(|error| bad(&error))?;
     let times = doubles(times)?;
     let rows = match &plan {
-        PlanRecord::Throw(plan) => of_joints(&plan.motion, &times)?,
-        PlanRecord::Move(plan) => of_joints(&plan.motion, &times)?,
+        PlanRecord::Throw(plan) => sampled(&plan.motion.to_motion(), &times),
+        PlanRecord::Move(plan) => sampled(&plan.motion.to_motion(), &times),
         PlanRecord::Follow(plan) => sampled(&led(plan), &times),
     };
     Ok(array(py, &rows))
@@ -104,23 +98,13 @@ fn record(text: &str) -> Result<PlanRecord, PlanFileError> {
 }
 
 /// The motion on which a robot is led: cubics through position and speed of the set points.
-fn led(plan: &FollowPlan) -> Motion<AXES> {
+fn led(plan: &FollowPlan) -> Motion {
     let knot = |step: &Step| Knot { t_s: step.t_s, q_rad: step.q_rad.into(), qd_rad_s: step.qd_rad_s.into() };
     Motion { knots: plan.steps.iter().map(knot).collect(), events: Vec::new() }
 }
 
-fn of_joints(motion: &MotionInfo, times: &[f64]) -> PyResult<Vec<f64>> {
-    Ok(match motion.joints.len() {
-        4 => sampled(&motion.to_motion::<4>(), times),
-        5 => sampled(&motion.to_motion::<5>(), times),
-        6 => sampled(&motion.to_motion::<6>(), times),
-        7 => sampled(&motion.to_motion::<7>(), times),
-        joints => return Err(bad(&format!("a plan for {joints} joints; robots have four to seven"))),
-    })
-}
-
-fn sampled<const N: usize>(motion: &Motion<N>, times: &[f64]) -> Vec<f64> {
-    let mut rows = Vec::with_capacity(3 * N * times.len());
+fn sampled(motion: &Motion, times: &[f64]) -> Vec<f64> {
+    let mut rows = Vec::with_capacity(3 * motion.start_rad().len() * times.len());
     for t in times {
         let state = motion.at(*t);
         rows.extend(state.q.iter().chain(state.qd.iter()).chain(state.qdd.iter()));

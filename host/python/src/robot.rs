@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
-use robot_model::{AnyRobot, JointVec, for_any_robot};
+use robot_model::{JointVec, RobotModel};
 
 use crate::arrays::{array, doubles};
 use crate::errors::bad;
@@ -10,7 +10,7 @@ use crate::errors::bad;
 /// A robot from its file.
 #[pyclass(frozen)]
 pub(crate) struct Robot {
-    robot: AnyRobot,
+    robot: RobotModel,
     #[pyo3(get)]
     source: String,
 }
@@ -19,7 +19,7 @@ pub(crate) struct Robot {
 impl Robot {
     #[new]
     fn new(source: String) -> PyResult<Self> {
-        let robot = AnyRobot::load(&source).map_err(|error| bad(&error))?;
+        let robot = RobotModel::load(&source).map_err(|error| bad(&error))?;
         Ok(Self { robot, source })
     }
 
@@ -30,30 +30,28 @@ impl Robot {
 
     #[getter]
     fn joint_names(&self) -> Vec<String> {
-        for_any_robot!(&self.robot, arm => arm.joints().iter().map(|joint| joint.name.clone()).collect())
+        self.robot.joints().iter().map(|joint| joint.name.clone()).collect()
     }
 
     #[getter]
     fn gravity_m_s2(&self) -> f64 {
-        for_any_robot!(&self.robot, arm => arm.world().gravity_m_s2)
+        self.robot.world().gravity_m_s2
     }
 
     /// Smallest and largest angles, rad, then largest speeds, rad/s, and accelerations, rad/s².
     fn limits<'py>(&self, py: Python<'py>) -> Bound<'py, PyByteArray> {
-        let all: Vec<f64> = for_any_robot!(&self.robot, arm => {
-            let (v, a) = (arm.limit(|l| l.v_max_rad_s), arm.limit(|l| l.a_max_rad_s2));
-            arm.q_min().iter().chain(arm.q_max().iter()).chain(v.iter()).chain(a.iter()).copied().collect()
-        });
-        array(py, &all)
+        let robot = &self.robot;
+        let (v, a) = (robot.limit(|l| l.v_max_rad_s), robot.limit(|l| l.a_max_rad_s2));
+        array(py, &[&robot.q_min()[..], &robot.q_max(), &v, &a].concat())
     }
 
     /// Poses of the ball in the hand in the world, 4 × 4 by rows, for rows of angles.
     fn hand<'py>(&self, py: Python<'py>, q_rad: &[u8]) -> PyResult<Bound<'py, PyByteArray>> {
         let values = doubles(q_rad)?;
         let poses = py.detach(|| {
-            for_any_robot!(&self.robot, arm => rows(&values, |q: &JointVec<_>| {
-                arm.ball(&arm.fk(q)).to_matrix().transpose().iter().copied().collect()
-            }))
+            rows(&self.robot, &values, |q| {
+                self.robot.ball(&self.robot.fk(q)).to_matrix().transpose().iter().copied().collect()
+            })
         });
         Ok(array(py, &poses))
     }
@@ -62,15 +60,13 @@ impl Robot {
     fn gravity_torques<'py>(&self, py: Python<'py>, q_rad: &[u8]) -> PyResult<Bound<'py, PyByteArray>> {
         let values = doubles(q_rad)?;
         let torques = py.detach(|| {
-            for_any_robot!(&self.robot, arm => rows(&values, |q: &JointVec<_>| {
-                arm.gravity_torques(q).iter().copied().collect()
-            }))
+            rows(&self.robot, &values, |q| self.robot.gravity_torques(q).iter().copied().collect())
         });
         Ok(array(py, &torques))
     }
 }
 
-/// A function of each row of `N` angles, its results one after the other.
-fn rows<const N: usize>(values: &[f64], of: impl Fn(&JointVec<N>) -> Vec<f64>) -> Vec<f64> {
-    values.chunks_exact(N).flat_map(|row| of(&JointVec::from_fn(|j, _| row[j]))).collect()
+/// A function of each row of as many angles as there are joints, its results one after the other.
+fn rows(robot: &RobotModel, values: &[f64], of: impl Fn(&JointVec) -> Vec<f64>) -> Vec<f64> {
+    values.chunks_exact(robot.n()).flat_map(|row| of(&JointVec::from_slice(row))).collect()
 }

@@ -16,7 +16,6 @@ use operator::way::Travel;
 use planner::follow::plan::FollowPlan;
 use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
-use robot_model::AnyRobot;
 use serde_json::json;
 use tuner::gains::gains_file::GainsFile;
 
@@ -50,11 +49,7 @@ pub(crate) fn simulate(py: Python<'_>, request: Request) -> PyResult<String> {
 fn throw(request: &Request, stop: &Arc<AtomicBool>) -> Result<String, ExpectedError> {
     let bad = |error: &dyn std::fmt::Display| ExpectedError::bad_input(&error);
     let (plan, robot) = plan_of(&request.plan, request.robot.as_deref())?;
-    let AnyRobot::Six(arm) = &robot else {
-        return Err(bad(
-            &"throws are simulated for robots of six joints; plans of others are made and checked only",
-        ));
-    };
+    let arm = &robot;
     let source = request.robot.clone().unwrap_or_else(|| plan.robot.source.clone());
     let cell = CellArgs { robot: Some(source), seed: Some(request.seed), scenario: request.scenario.clone() };
     let mut setup = cell.load()?.setup;

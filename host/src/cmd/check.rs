@@ -8,8 +8,7 @@ use planner::follow;
 use planner::follow::limits::{Arm, Limits};
 use planner::follow::plan::FollowPlan;
 use planner::record::PlanRecord;
-use planner::request::Plans;
-use robot_model::for_any_robot;
+use planner::verify;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -42,10 +41,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         }
     };
     let robot = super::robot(args.robot.as_deref().unwrap_or(&plan.robot.source))?;
-    let report = for_any_robot!(&robot, arm => {
-        plan.require_robot(&args.plan, arm).map_err(|e| ExpectedError::bad_input(&e))?;
-        arm.check(&plan)
-    });
+    plan.require_robot(&args.plan, &robot).map_err(|e| ExpectedError::bad_input(&e))?;
+    let report = verify::check(&robot, &plan);
     if args.json {
         console::line!("{}", serde_json::to_string_pretty(&report).unwrap_or_default());
     } else {
@@ -95,7 +92,7 @@ pub fn follow_json((report, findings): &(follow::verify::Report, Vec<String>)) -
 
 /// Checks a throw that follows the flight, from its set points.
 fn check_follow(args: &Args, plan: &FollowPlan) -> Result<(), ExpectedError> {
-    let arm = super::arm(args.robot.as_deref().unwrap_or(&plan.robot.source))?;
+    let arm = super::six_axes(args.robot.as_deref().unwrap_or(&plan.robot.source))?;
     plan.require_robot(&args.plan, &arm).map_err(|e| ExpectedError::bad_input(&e))?;
     let checked = follow_findings(&arm, plan);
     let (report, findings) = &checked;

@@ -16,7 +16,7 @@ use firmware::store::{RamStorage, Storage, load_settings};
 use protocol::Duration;
 use protocol::cyphal::crc::Crc64;
 use protocol::cyphal::id::NodeId;
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 use super::throw::{period_request, period_us, read_gains};
 use super::upload::node_id;
@@ -164,7 +164,7 @@ fn defaults(
     link: &mut dyn CanLink,
     clock: Clock,
 ) -> Result<Settings, ExpectedError> {
-    let robot = AnyRobot::load(&args.robot).map_err(|error| ExpectedError::bad_input(&error))?;
+    let robot = RobotModel::load(&args.robot).map_err(|error| ExpectedError::bad_input(&error))?;
     let mut settings = settings_of(&robot).map_err(|error| ExpectedError::bad_input(&error))?;
     let given = args.gains.as_ref().map(|path| read_gains(path, robot.name())).transpose()?;
     if args.paper {

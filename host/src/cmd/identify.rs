@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use can_link::BusSpec;
 use indicatif::{ProgressBar, ProgressStyle};
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 use super::consent::Consent;
 use super::home::{home_first, positive};
@@ -23,6 +23,7 @@ use operator::identify::experiment::{Bounds, ExperimentError};
 use operator::identify::joint::{JointError, JointExperiments, identify};
 use operator::identify::mounting::{Mounting, Source};
 use operator::interrupt::interrupt;
+use planner::follow::limits::AXES;
 use planner::plan::Arm;
 use tuner::identify::findings::Findings;
 
@@ -116,10 +117,10 @@ impl From<JointError> for ExpectedError {
 fn industrial(args: &Args) -> Result<Option<Arm>, ExpectedError> {
     let named = args.bus.cell.robot.as_deref();
     if matches!(args.bus.bus, BusSpec::Rsi(_)) {
-        return super::arm(named.unwrap_or("kr16_2")).map(Some);
+        return super::six_axes(named.unwrap_or("kr16_2")).map(Some);
     }
     match named.map(super::robot).transpose()? {
-        Some(AnyRobot::Six(arm)) if is_industrial(&arm) => Ok(Some(*arm)),
+        Some(arm) if arm.n() == AXES && is_industrial(&arm) => Ok(Some(arm)),
         _ => Ok(None),
     }
 }
@@ -178,7 +179,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 }
 
 /// The session and the robot; drives of the simulated cell are homed.
-fn open(args: &Args) -> Result<(Session, AnyRobot), ExpectedError> {
+fn open(args: &Args) -> Result<(Session, RobotModel), ExpectedError> {
     let mut cell = args.bus.cell.load()?;
     if args.bus.bus == BusSpec::Sim {
         cell.setup.cell.drive.starts_homed = true;

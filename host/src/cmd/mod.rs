@@ -54,26 +54,19 @@ mod modules;
 mod progress;
 mod words;
 
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 use crate::error::ExpectedError;
-use planner::plan::Arm;
+use planner::follow::limits::AXES;
 
-/// The robot of a file; planning and checking take four to seven joints.
-pub(crate) fn robot(robot: &str) -> Result<AnyRobot, ExpectedError> {
-    AnyRobot::load(robot).map_err(|e| ExpectedError::bad_input(&e))
+/// The robot of a file.
+pub(crate) fn robot(robot: &str) -> Result<RobotModel, ExpectedError> {
+    RobotModel::load(robot).map_err(|e| ExpectedError::bad_input(&e))
 }
 
-/// The arm of a robot file for verbs that move or analyse, or a reason why they cannot use it.
-pub(crate) fn arm(name: &str) -> Result<Arm, ExpectedError> {
-    match robot(name)? {
-        AnyRobot::Six(arm) => Ok(*arm),
-        other => Err(ExpectedError::bad_input(&format!(
-            "robot \"{}\" has {} joints; the controller moves six\n  next: `cubectl plan throw --robot {name}` plans a throw of this robot, `cubectl check` checks the plan",
-            other.name(),
-            other.joints()
-        ))),
-    }
+/// The robot of a file for what leads six axes: motions that follow the flight, and RSI.
+pub(crate) fn six_axes(robot: &str) -> Result<RobotModel, ExpectedError> {
+    RobotModel::load_with_joints(robot, AXES).map_err(|e| ExpectedError::bad_input(&e))
 }
 
 /// `1 module`, `6 modules`.

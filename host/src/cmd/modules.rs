@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use protocol::cyphal::cubecell::group_state::GroupState;
 use protocol::powercube::CubeState;
 use protocol::{Duration, Instant, ModuleId};
-use robot_model::{AnyRobot, RobotModel, for_any_robot};
+use robot_model::RobotModel;
 
 use crate::error::ExpectedError;
 use crate::exit;
@@ -77,16 +77,10 @@ impl Wanted {
 
     /// The drives of a robot; none if its file describes none.
     #[must_use]
-    pub fn of_robot(robot: &AnyRobot) -> Self {
-        for_any_robot!(robot, arm => Self::of_arm(arm))
-    }
-
-    /// As [`Wanted::of_robot`].
-    #[must_use]
-    pub fn of_arm<const N: usize>(arm: &RobotModel<N>) -> Self {
-        let drives = arm.drives().into_iter().flatten();
+    pub fn of_robot(robot: &RobotModel) -> Self {
+        let drives = robot.drives().into_iter().flatten();
         let modules = drives.filter_map(|drive| ModuleId::new(drive.address).ok()).collect();
-        Self { modules, robot: Some(arm.name().to_owned()) }
+        Self { modules, robot: Some(robot.name().to_owned()) }
     }
 
     /// Those that are not among the modules that were found.

@@ -107,7 +107,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let consent = Consent::on(&args.bus.bus, args.yes || args.dry_run)?;
     let source = args.bus.cell.robot.as_deref().unwrap_or("powercube6");
-    let arm = super::arm(source)?;
+    let arm = super::robot(source)?;
     let scene = args.scene();
     let target = Target::of(args, &arm)?;
     let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
@@ -201,7 +201,7 @@ impl Target {
     fn of(args: &Args, arm: &Arm) -> Result<Self, ExpectedError> {
         let joints = arm.joints().len();
         let fits = |q: &[f64]| {
-            (q.len() == joints).then(|| Joints::from_column_slice(q)).ok_or_else(|| {
+            (q.len() == joints).then(|| Joints::from_slice(q)).ok_or_else(|| {
                 ExpectedError::bad_input(&format!(
                     "{} angles for an arm of {joints} joints\n  next: give one for each joint",
                     q.len()

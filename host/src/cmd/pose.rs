@@ -78,14 +78,14 @@ pub fn run(verb: &PoseVerb) -> Result<(), ExpectedError> {
 }
 
 fn save(args: &SaveArgs) -> Result<(), ExpectedError> {
-    let arm = super::arm(args.bus.cell.robot.as_deref().unwrap_or("powercube6"))?;
+    let arm = super::robot(args.bus.cell.robot.as_deref().unwrap_or("powercube6"))?;
     let mut poses = Poses::read(&args.poses.poses)?;
     let q = match &args.joints {
         Some(Angles(q)) => q.clone(),
         None => measured(args)?,
     };
     let joints = arm.joints().len();
-    if q.len() != joints || !arm.in_range(&Joints::from_iterator(q.iter().copied()), 0.02) {
+    if q.len() != joints || !arm.in_range(&Joints::from_slice(&q), 0.02) {
         return Err(ExpectedError::bad_input(&format!(
             "({}) rad is no pose of {} inside its joint ranges; it has {joints} joints\n  next: name the robot with --robot",
             q.iter().map(|q| fixed(*q, 3)).collect::<Vec<_>>().join(", "),

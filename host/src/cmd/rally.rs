@@ -126,7 +126,7 @@ impl Catching {
 }
 
 /// The court of a file, or the built-in one.
-pub(super) fn court(file: Option<&Path>) -> Result<CourtOptions<6>, ExpectedError> {
+pub(super) fn court(file: Option<&Path>) -> Result<CourtOptions, ExpectedError> {
     let court = match file {
         Some(file) => CourtOptions::load(file),
         None => CourtOptions::two_arms(),
@@ -183,7 +183,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 }
 
 /// One throw over two buses in real time.
-fn on_wire(args: &Args, court: CourtOptions<6>, options: &TrialOptions) -> Result<(), ExpectedError> {
+fn on_wire(args: &Args, court: CourtOptions, options: &TrialOptions) -> Result<(), ExpectedError> {
     let outcome = args.wire.run(court, options, args.catching.seed)?;
     if args.json {
         print_json(&rally_on_wire::as_json(&outcome, &told_word(outcome.told)));
@@ -291,7 +291,7 @@ pub(super) fn as_json(outcome: &Outcome) -> Value {
         "crossing": outcome.crossing.map(|c| json!({"miss_m": c.miss_m, "angle_rad": c.angle_rad, "speed_m_s": c.speed_m_s})),
         "choice": outcome.choice.as_ref().map(|c| json!({
             "mode": mode_word(c.mode), "after_release_s": c.t_s - outcome.planned_s.0, "p_m": c.p_m.as_slice(),
-            "axis": c.axis.as_slice(), "q_rad": c.q.as_slice(), "qd_rad_s": c.qd.as_slice(),
+            "axis": c.axis.as_slice(), "q_rad": c.q[..], "qd_rad_s": c.qd[..],
             "probability": c.probability, "used": c.used, "relative_m_s": c.relative_m_s,
         })),
         "decisions": outcome.log.iter().map(|l| json!({
@@ -334,7 +334,7 @@ fn rally_json(rally: &Rally) -> Value {
     })
 }
 
-fn study_of(args: &Args, court: &CourtOptions<6>, throws: u32) -> Result<(), ExpectedError> {
+fn study_of(args: &Args, court: &CourtOptions, throws: u32) -> Result<(), ExpectedError> {
     let options = StudyOptions { throws: throws as usize, seed: args.catching.seed, only: args.only.clone() };
     let mut rows = Vec::new();
     let study = study::run(court, &options, |row| {

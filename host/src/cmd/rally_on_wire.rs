@@ -52,7 +52,7 @@ impl Wire {
     /// A bus or the tracker is not there, a controller refuses, or no throw has a place where it can be caught.
     pub(super) fn run(
         &self,
-        court: CourtOptions<6>,
+        court: CourtOptions,
         options: &TrialOptions,
         seed: u64,
     ) -> Result<WireOutcome, ExpectedError> {

@@ -7,7 +7,7 @@ use protocol::cyphal::cubecell::group_state;
 use protocol::cyphal::id::{NodeId, Route};
 use protocol::powercube::{Address, Channel};
 use protocol::{Frame, Id, Instant, Node};
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 use toml_reader::{DESCRIPTION_MAX_BYTES, read_text};
 
 use super::print_json;
@@ -87,7 +87,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             path.display()
         )));
     }
-    let robot = AnyRobot::load(&args.robot).map_err(|error| ExpectedError::bad_input(&error))?;
+    let robot = RobotModel::load(&args.robot).map_err(|error| ExpectedError::bad_input(&error))?;
     let mut settings = settings_of(&robot).map_err(|error| ExpectedError::bad_input(&error))?;
     settings.node_id = node.get().into();
     let beside = path.with_file_name("gains.toml");
@@ -139,7 +139,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 }
 
 /// Lets the controller begin with the gains of a file: a certified one, or what a controller held during a throw.
-fn begin_with(path: &Path, robot: &AnyRobot, settings: &mut Settings) -> Result<(), ExpectedError> {
+fn begin_with(path: &Path, robot: &RobotModel, settings: &mut Settings) -> Result<(), ExpectedError> {
     let text = read_text(path, DESCRIPTION_MAX_BYTES).map_err(|error| ExpectedError::io(path, &error))?;
     if let Ok(in_force) = InForce::from_toml(&text) {
         in_force.begin(settings);

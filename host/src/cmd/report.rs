@@ -137,7 +137,7 @@ pub fn read(
     let recording = candump::read_file(log)?;
     let mut files = vec![checksum(plan)?, checksum(log)?];
     let plan_file = PlanFile::read(plan).map_err(|error| ExpectedError::bad_input(&error))?;
-    let arm = super::arm(robot.unwrap_or(&plan_file.robot.source))?;
+    let arm = super::robot(robot.unwrap_or(&plan_file.robot.source))?;
     plan_file.require_robot(plan, &arm).map_err(|error| ExpectedError::bad_input(&error))?;
     let summary = match summary {
         Some(path) => {
@@ -218,7 +218,7 @@ fn robot_files(folder: &Path) -> Result<(FollowPlan, Value), ExpectedError> {
 /// A file cannot be read, or the report not be written.
 pub fn write_robot(folder: &Path, out: &Path) -> Result<(), ExpectedError> {
     let (plan, summary) = robot_files(folder)?;
-    let arm = super::arm(&plan.robot.source)?;
+    let arm = super::six_axes(&plan.robot.source)?;
     let file = folder.join("motion.csv");
     let text =
         toml_reader::read_text(&file, SUMMARY_MAX_BYTES).map_err(|error| ExpectedError::io(&file, &error))?;

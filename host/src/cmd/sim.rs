@@ -7,7 +7,7 @@ use hil_sim::participants::Solo;
 use hil_sim::realtime::{Door, Realtime, RealtimeError, Visit, shared_time};
 use hil_sim::scenario::{Scenario, ScriptedHost};
 use protocol::{Duration, Instant};
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 use super::sim_robot::RobotRun;
 use crate::error::ExpectedError;
@@ -82,7 +82,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     scenario.seed = args.seed.unwrap_or(scenario.seed);
     let cell = scenario.cell().map_err(|error| ExpectedError::bad_input(&error))?;
     let guests = if args.controller {
-        let robot = AnyRobot::load(&scenario.robot).map_err(|error| ExpectedError::bad_input(&error))?;
+        let robot = RobotModel::load(&scenario.robot).map_err(|error| ExpectedError::bad_input(&error))?;
         let settings = settings_with_gains(&robot).map_err(|error| ExpectedError::bad_input(&error))?;
         controller_guest(&settings, std::rc::Rc::default())
     } else {

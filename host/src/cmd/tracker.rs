@@ -10,7 +10,7 @@ use operator::tracker::calibration::{Calibration, Pair, RoomToRobot, Solved, Uns
 use operator::tracker::client::{Place, TrackerError, measure};
 use operator::tracker::target::{Target, TargetRequest};
 use planner::store::file::write_whole;
-use robot_model::{AnyRobot, Pose};
+use robot_model::{Pose, RobotModel};
 
 use super::plan::options::point;
 use super::print_json;
@@ -215,7 +215,7 @@ fn solved(calibration: &Calibration, path: &Path) -> Result<Solved, ExpectedErro
 
 fn require_robot(calibration: &Calibration, path: &Path, robot: &str) -> Result<(), ExpectedError> {
     let name = |robot: &str| {
-        AnyRobot::load(robot).map_or_else(|_| robot.to_owned(), |robot| robot.name().to_owned())
+        RobotModel::load(robot).map_or_else(|_| robot.to_owned(), |robot| robot.name().to_owned())
     };
     if name(&calibration.robot) == name(robot) {
         return Ok(());

@@ -2,11 +2,11 @@
 
 use firmware::registers::{Kind, RegisterInfo, TABLE};
 use protocol::cyphal::cubecell::command::{UNLOCK, UNLOCK_VALID_S_MAX, Unlock};
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 use super::key::Target;
 use crate::error::ExpectedError;
-use operator::bus::settings::crc32_of_any;
+use operator::bus::settings::crc32_of;
 use operator::dialogue::registers::Numbers;
 
 /// Arguments.
@@ -53,8 +53,8 @@ fn setting(text: &str) -> Result<(&'static str, Vec<f32>), String> {
 /// # Errors
 /// The robot, the key file, the bus, or a controller that refuses.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    let robot = AnyRobot::load(&args.robot).map_err(|error| ExpectedError::bad_input(&error))?;
-    let robot_crc32 = crc32_of_any(&robot).unwrap_or(0);
+    let robot = RobotModel::load(&args.robot).map_err(|error| ExpectedError::bad_input(&error))?;
+    let robot_crc32 = crc32_of(&robot);
     let (mut session, node) = args.target.open()?;
     session.order(node, "to unlock the limits", UNLOCK, &Unlock { robot_crc32, valid_s: args.valid_s })?;
     for (name, values) in &args.set {

@@ -101,13 +101,13 @@ pub(super) fn read(path: &Path, robot: Option<&str>, retime: &RetimeArgs) -> Res
     let bytes = toml_reader::read_bytes(path, planner::plan::file::FILE_MAX_BYTES)
         .map_err(|error| ExpectedError::io(path, &error))?;
     if bytes.starts_with(&firmware::trajectory_format::MAGIC) {
-        let arm = super::arm(robot.unwrap_or("powercube6"))?;
+        let arm = super::robot(robot.unwrap_or("powercube6"))?;
         let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
         let motion = motion_of(&bytes).unwrap_or(Motion { knots: Vec::new(), events: Vec::new() });
         return Ok(Source { arm, fingerprint, program: Program::File(bytes, motion), travels: false });
     }
     if let Some(text) = path_file::waypoints_in(&bytes) {
-        let arm = super::arm(robot.unwrap_or("powercube6"))?;
+        let arm = super::robot(robot.unwrap_or("powercube6"))?;
         let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
         let motion = path_file::motion(path, text, &arm, retime)?;
         return Ok(Source { arm, fingerprint, program: Program::Motion(motion), travels: true });
@@ -115,7 +115,7 @@ pub(super) fn read(path: &Path, robot: Option<&str>, retime: &RetimeArgs) -> Res
     let bad = |error: &PlanFileError| ExpectedError::bad_input(error);
     let plan = PlanRecord::read(path).map_err(|error| bad(&error))?;
     let id = plan.robot().clone();
-    let arm = super::arm(robot.unwrap_or(&id.source))?;
+    let arm = super::robot(robot.unwrap_or(&id.source))?;
     let motion = match &plan {
         PlanRecord::Throw(plan) => &plan.motion,
         PlanRecord::Move(plan) => &plan.motion,

@@ -9,7 +9,7 @@ use operator::live::serve::address;
 use operator::live::{LiveServer, LiveState, LiveTap};
 use operator::machine::Machine;
 use planner::plan::file::PlanFile;
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 use super::report::BIT_RATE;
 use crate::error::ExpectedError;
@@ -43,7 +43,7 @@ impl WebArgs {
     pub(super) fn serve(
         &self,
         session: &mut Session,
-        robot: &AnyRobot,
+        robot: &RobotModel,
         plan: Option<&PlanFile>,
         stop: Arc<AtomicBool>,
     ) -> Result<Option<LiveServer>, ExpectedError> {

@@ -321,14 +321,14 @@ fn space(arm: &DiscArm, path: &Path, motion: &Shown<'_>) -> String {
     let model = &arm.model;
     let held = motion.caught_s.map(|caught_s| {
         let q = motion.points.iter().find(|p| p.0 >= caught_s - 1e-9).map_or_else(Joints::zeros, |p| p.1);
-        let (hand, disc) = (model.ee_at(&q), path.at(caught_s));
+        let (hand, disc) = (model.ee_at(&q.into()), path.at(caught_s));
         (caught_s, hand.inverse_transform_point(&disc.p_m), hand.rot.tr_mul(&disc.normal))
     });
     let mut steps = Vec::new();
     let mut tips = Vec::new();
     let mut top = arm.size.base_m;
     for (t_s, q) in &motion.points {
-        let frames = model.fk(q);
+        let frames = model.fk(&(*q).into());
         let hand = model.ee(&frames);
         tips.push(hand.transform_point(&Vector3::new(arm.size.gripper_m, 0.0, 0.0)));
         let disc = path.at(*t_s);

@@ -152,7 +152,7 @@ impl RobotRun<'_> {
         let next = self.rows.iter().position(|row| row.t_s > t_s)?;
         let near = self.rows.get(next.checked_sub(2)?..next + 2)?;
         // Lagrange through four cycles, and its derivative.
-        let (mut q, mut qd) = (Axes::zeros(), Axes::zeros());
+        let (mut q, mut qd) = (Axes::zeros(6), Axes::zeros(6));
         for (i, row) in near.iter().enumerate() {
             let others = || near.iter().enumerate().filter(move |(j, _)| *j != i).map(|(_, other)| other.t_s);
             let below: f64 = others().map(|t| row.t_s - t).product();

@@ -5,7 +5,7 @@ use operator::analysis::POSITION_BOUND_RAD;
 use operator::analysis::release::flight;
 use operator::machine::Machine;
 use planner::plan::file::PlanFile;
-use robot_model::{AnyRobot, for_any_robot};
+use robot_model::RobotModel;
 
 use super::chart::escape;
 use super::page::{SCENE, STYLE};
@@ -17,7 +17,7 @@ const LIVE: &str = include_str!("assets/live.js");
 
 /// The page for a robot on the bus called `bus`; with `plan` its target is shown.
 #[must_use]
-pub fn page(robot: &AnyRobot, bus: &str, plan: Option<&PlanFile>) -> String {
+pub fn page(robot: &RobotModel, bus: &str, plan: Option<&PlanFile>) -> String {
     let machine = Machine::of(robot);
     let title = format!("{} on {bus}", machine.robot);
     let names = serde_json::to_string(&machine.joints).unwrap_or_default();
@@ -70,34 +70,33 @@ fn planned_flight(plan: &PlanFile) -> Vec<Vector3<f64>> {
 }
 
 /// What the picture in space knows before anything was heard: the bodies, and where they can be.
-fn scene(robot: &AnyRobot, plan: Option<&PlanFile>) -> String {
-    for_any_robot!(robot, arm => {
-        let boxes: Vec<String> =
-            arm.collision().boxes().iter().map(|b| body(b.link, &b.x_lb, &Vector3::from(b.half_m))).collect();
-        let stretched = arm.fk(&robot_model::JointVec::zeros());
-        let reach_m = stretched.x_w.iter().map(|x| x.pos.norm()).fold(arm.ball(&stretched).pos.norm(), f64::max);
-        let floor_m = arm.world().floor_z_m;
-        let sides = [-0.5, 0.5].map(|side| [[side, 0.0, 0.0], [0.0, side, 1.0]]);
-        let flown = plan.map_or_else(Vec::new, planned_flight);
-        let bounds: Vec<Vector3<f64>> = sides
-            .as_flattened()
-            .iter()
-            .map(|share| Vector3::from(*share) * (reach_m + 0.1))
-            .chain(flown.iter().copied())
-            .collect();
-        let links: Vec<String> = stretched.x_w.iter().map(super::scene::link).collect();
-        let target = plan.map_or("null".to_owned(), |plan| point(&Vector3::from(plan.target.position_m)));
-        format!(
-            "{{\"floor\":{floor_m},\"top\":0.3,\"radius\":{},\"last\":{},\"release\":null,\"target\":{target},\"hand\":[],\
-             \"planned\":null,\"flight\":{},\"ellipse\":null,\"bounds\":{},\"boxes\":[{}],\
-             \"steps\":[{{\"t\":0,\"ball\":{},\"links\":[{}]}}]}}",
-            arm.gripper().ball_radius_m,
-            arm.joints().len(),
-            list(&flown),
-            list(&bounds),
-            boxes.join(","),
-            point(&arm.ball(&stretched).pos),
-            links.join(",")
-        )
-    })
+fn scene(robot: &RobotModel, plan: Option<&PlanFile>) -> String {
+    let boxes: Vec<String> =
+        robot.collision().boxes().iter().map(|b| body(b.link, &b.x_lb, &Vector3::from(b.half_m))).collect();
+    let stretched = robot.fk(&robot_model::JointVec::zeros(robot.n()));
+    let reach_m =
+        stretched.x_w.iter().map(|x| x.pos.norm()).fold(robot.ball(&stretched).pos.norm(), f64::max);
+    let floor_m = robot.world().floor_z_m;
+    let sides = [-0.5, 0.5].map(|side| [[side, 0.0, 0.0], [0.0, side, 1.0]]);
+    let flown = plan.map_or_else(Vec::new, planned_flight);
+    let bounds: Vec<Vector3<f64>> = sides
+        .as_flattened()
+        .iter()
+        .map(|share| Vector3::from(*share) * (reach_m + 0.1))
+        .chain(flown.iter().copied())
+        .collect();
+    let links: Vec<String> = stretched.x_w.iter().map(super::scene::link).collect();
+    let target = plan.map_or("null".to_owned(), |plan| point(&Vector3::from(plan.target.position_m)));
+    format!(
+        "{{\"floor\":{floor_m},\"top\":0.3,\"radius\":{},\"last\":{},\"release\":null,\"target\":{target},\"hand\":[],\
+         \"planned\":null,\"flight\":{},\"ellipse\":null,\"bounds\":{},\"boxes\":[{}],\
+         \"steps\":[{{\"t\":0,\"ball\":{},\"links\":[{}]}}]}}",
+        robot.gripper().ball_radius_m,
+        robot.n(),
+        list(&flown),
+        list(&bounds),
+        boxes.join(","),
+        point(&robot.ball(&stretched).pos),
+        links.join(",")
+    )
 }

@@ -11,8 +11,7 @@ use super::{landing as landing_chart, scene};
 use operator::analysis::release::flight;
 use planner::flight::landing;
 use planner::plan::file::PlanFile;
-use planner::request::Plans;
-use planner::verify::motion;
+use planner::verify::{self, motion};
 use robot_model::RobotModel;
 
 /// A few lines for the terminal.
@@ -128,11 +127,8 @@ pub fn summary(plan: &PlanFile, took: Duration) -> String {
 
 /// One self-contained HTML file.
 #[must_use]
-pub fn html<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> String
-where
-    RobotModel<N>: Plans<N>,
-{
-    let checks = arm.check(plan);
+pub fn html(arm: &RobotModel, plan: &PlanFile) -> String {
+    let checks = verify::check(arm, plan);
     let [x, y, z] = plan.target.position_m;
     let under = format!(
         "Plan for {} · form {} · J = {:.4} · {} of {} starts ended in a throw",
@@ -259,12 +255,12 @@ fn release_mark(plan: &PlanFile) -> Option<(f64, String)> {
 }
 
 /// Positions in their ranges, and speed, acceleration and jerk as shares of their limits.
-fn joint_charts<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Vec<Chart> {
+fn joint_charts(arm: &RobotModel, plan: &PlanFile) -> Vec<Chart> {
     let t = times(plan, 200);
-    let samples: Vec<_> = t.iter().map(|t| motion::sample::<N>(plan, *t)).collect();
+    let samples: Vec<_> = t.iter().map(|t| motion::at(plan, *t)).collect();
     let chart =
-        |title: &str, y_label: &str, value: &dyn Fn(&motion::Sample<N>, usize) -> f64, limits: &[f64]| {
-            let mut curves: Vec<Curve> = (0..N)
+        |title: &str, y_label: &str, value: &dyn Fn(&motion::Sample, usize) -> f64, limits: &[f64]| {
+            let mut curves: Vec<Curve> = (0..arm.n())
                 .map(|j| {
                     let points = t.iter().zip(&samples).map(|(t, s)| (*t, value(s, j))).collect();
                     Curve::line(arm.joints()[j].name.clone(), j, points)
@@ -295,13 +291,13 @@ fn joint_charts<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Vec<Cha
     ]
 }
 
-fn current_charts<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Vec<Chart> {
+fn current_charts(arm: &RobotModel, plan: &PlanFile) -> Vec<Chart> {
     let t = times(plan, 200);
     let holding = arm.holding_ball();
     let motor: Option<Vec<_>> = t
         .iter()
         .map(|t| {
-            let s = motion::sample::<N>(plan, *t);
+            let s = motion::at(plan, *t);
             let moved = holding.as_ref().filter(|_| *t <= plan.release_time_s).unwrap_or(arm);
             arm.motor_currents(&s.qd, &moved.inverse_dynamics(&s.q, &s.qd, &s.qdd))
         })
@@ -310,9 +306,9 @@ fn current_charts<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Vec<C
     arm.supplies()
         .iter()
         .map(|supply| {
-            let fed = || (0..N).filter(|j| supply.feeds[*j]);
+            let fed = || (0..arm.n()).filter(|j| supply.feeds[*j]);
             let sum = t.iter().zip(&motor).map(|(t, i)| (*t, fed().map(|j| i[j]).sum())).collect();
-            let mut curves = vec![Curve::line("sum", N, sum)];
+            let mut curves = vec![Curve::line("sum", arm.n(), sum)];
             curves.extend(fed().map(|j| {
                 let points = t.iter().zip(&motor).map(|(t, i)| (*t, i[j])).collect();
                 Curve::line(arm.joints()[j].name.clone(), j, points).drawn(Pen::Dashed)
@@ -332,7 +328,7 @@ fn current_charts<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Vec<C
 }
 
 /// The planned motion in space.
-fn space<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> String {
+fn space(arm: &RobotModel, plan: &PlanFile) -> String {
     let (p0, v0) = (Vector3::from(plan.release.position_m), Vector3::from(plan.release.velocity_m_s));
     let model = flight(plan);
     let ball_after = |s: f64| model.as_ref().map_or(p0, |flight| flight.fly(&p0, &v0, s).p);
@@ -340,7 +336,7 @@ fn space<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> String {
         arm,
         plan,
         &scene::SceneMotion {
-            q_at: &|t_s| motion::sample::<N>(plan, t_s).q,
+            q_at: &|t_s| motion::at(plan, t_s).q,
             from_s: 0.0,
             to_s: plan.end_time_s,
             flight: Some(scene::Flight {

@@ -208,7 +208,7 @@ fn mark(outcome: &Outcome) -> Option<(f64, String)> {
 
 fn mouths(pair: &Pair, outcome: &Outcome, jerk: bool) -> Vec<Vector3<f64>> {
     let arm = pair.catcher(jerk);
-    outcome.trace.iter().map(|m| arm.mouth(&m.q[1], &Joints::zeros()).0).collect()
+    outcome.trace.iter().map(|m| arm.mouth(&m.q[1], &Joints::zeros(6)).0).collect()
 }
 
 fn side(pair: &Pair, outcome: &Outcome, jerk: bool) -> Chart {

@@ -69,17 +69,17 @@ struct Posed {
     contact: Option<String>,
 }
 
-fn posed<const N: usize>(arm: &RobotModel<N>, title: String, q: &JointVec<N>) -> Posed {
-    let frames: Frames<N> = arm.fk(q);
+fn posed(arm: &RobotModel, title: String, q: &JointVec) -> Posed {
+    let frames: Frames = arm.fk(q);
     let scene = Scene::default();
     let mut checker = CollisionChecker::new(arm, &scene);
     let contact = checker.first_contact(&frames);
     let contact = contact.map(|(a, b)| format!("{} touches {}", checker.name(a), checker.name(b)));
     let ball = arm.ball(&frames).pos;
     let mut chain = vec![Vector3::zeros()];
-    chain.extend((0..N).map(|i| frames.origin(i)));
+    chain.extend((0..arm.n()).map(|i| frames.origin(i)));
     chain.extend([arm.ee(&frames).pos, ball]);
-    let axes = (0..N).map(|i| {
+    let axes = (0..arm.n()).map(|i| {
         let rot = frames.x_w[i].rot;
         (frames.origin(i), [0, 1, 2].map(|k| rot.column(k).into_owned()))
     });
@@ -88,15 +88,15 @@ fn posed<const N: usize>(arm: &RobotModel<N>, title: String, q: &JointVec<N>) ->
 
 /// The picture, as SVG text. `q_rad` is the second pose; angles outside the ranges are drawn as they are.
 #[must_use]
-pub fn picture<const N: usize>(arm: &RobotModel<N>, q_rad: &JointVec<N>) -> String {
+pub fn picture(arm: &RobotModel, q_rad: &JointVec) -> String {
     let angles: Vec<String> = q_rad.iter().map(|q| format!("{:.0}°", q.to_degrees())).collect();
     let poses = [
-        posed(arm, "all joints at zero".to_owned(), &JointVec::zeros()),
+        posed(arm, "all joints at zero".to_owned(), &JointVec::zeros(arm.n())),
         posed(arm, format!("pose {}", angles.join(" ")), q_rad),
     ];
     let floor = arm.world().floor_z_m;
     let (width, table_top) = (2.0 * PANEL + 3.0 * GAP, HEAD + 2.0 * (PANEL + 2.0 * GAP));
-    let height = table_top + 40.0 + ROW * (N as f64 + 1.0);
+    let height = table_top + 40.0 + ROW * (arm.n() as f64 + 1.0);
     let mut out = String::new();
     let _ = write!(out, "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width:.0} {height:.0}\" ");
     let _ = writeln!(
@@ -217,7 +217,7 @@ fn scale(out: &mut String, panel: &Panel) {
 }
 
 /// Range of each joint as a bar with the pose in it; speed, acceleration, torque.
-fn limits<const N: usize>(out: &mut String, arm: &RobotModel<N>, q_rad: &JointVec<N>, top: f64) {
+fn limits(out: &mut String, arm: &RobotModel, q_rad: &JointVec, top: f64) {
     let columns = [GAP, GAP + 150.0, GAP + 400.0, GAP + 490.0, GAP + 620.0];
     let heads = ["joint", "range, °; dot: the pose", "speed, °/s", "acceleration, °/s²", "torque, Nm"];
     for (x, head) in columns.iter().zip(heads) {
@@ -296,7 +296,7 @@ mod tests {
 
     #[test]
     fn the_ball_is_drawn_where_the_kinematics_put_it() {
-        let arm: RobotModel<6> = RobotModel::load("powercube6").unwrap();
+        let arm: RobotModel = RobotModel::load("powercube6").unwrap();
         let q = JointVec::from([0.4, -0.3, 0.5, 0.2, -0.6, 0.1]);
         let text = picture(&arm, &q);
         let document = roxmltree::Document::parse(&text).unwrap();
@@ -308,7 +308,7 @@ mod tests {
         // Side and top, at zero and posed. Between the poses the ball moves in the picture as in the world.
         let [zero_side, posed_side, zero_top, posed_top] = circles[..] else { panic!("{circles:?}") };
         let ball = |q| arm.ball(&arm.fk(q)).pos;
-        let moved = ball(&q) - ball(&JointVec::zeros());
+        let moved = ball(&q) - ball(&JointVec::zeros(arm.n()));
         let side = (posed_side.0 - zero_side.0 - PANEL - GAP, zero_side.1 - posed_side.1);
         let top = (posed_top.0 - zero_top.0 - PANEL - GAP, zero_top.1 - posed_top.1);
         let (side_px_per_m, top_px_per_m) = (side.1 / moved.z, top.1 / moved.y);

@@ -12,9 +12,9 @@ const STEPS: u32 = 90;
 const FLIGHT_STEPS: u32 = 40;
 
 /// How the arm moves and where the ball flies.
-pub struct SceneMotion<'a, const N: usize> {
+pub struct SceneMotion<'a> {
     /// Joint angles at a time of the plan, rad.
-    pub q_at: &'a dyn Fn(f64) -> JointVec<N>,
+    pub q_at: &'a dyn Fn(f64) -> JointVec,
     /// Begin of the animation, s.
     pub from_s: f64,
     /// When the arm stands, s.
@@ -49,7 +49,7 @@ impl Flight<'_> {
 
 /// The data as a JavaScript object.
 #[must_use]
-pub fn data<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile, motion: &SceneMotion<'_, N>) -> String {
+pub fn data(arm: &RobotModel, plan: &PlanFile, motion: &SceneMotion<'_>) -> String {
     let last_s = motion.flight.map_or(motion.to_s, |flight| motion.to_s.max(flight.landing_s())) + 0.05;
     let time = |i: u32| motion.from_s + (last_s - motion.from_s) * f64::from(i) / f64::from(STEPS);
     // The release and the landing are points of the animation, whatever its steps.
@@ -115,11 +115,11 @@ pub(super) fn body(link: usize, x_lb: &Pose, half_m: &Vector3<f64>) -> String {
 }
 
 /// Height of the highest joint over the motion, m.
-fn steps_top<const N: usize>(arm: &RobotModel<N>, motion: &SceneMotion<'_, N>) -> f64 {
+fn steps_top(arm: &RobotModel, motion: &SceneMotion<'_>) -> f64 {
     let span = motion.to_s - motion.from_s;
     let heights = (0..=20).flat_map(|i| {
         let frames = arm.fk(&(motion.q_at)(motion.from_s + span * f64::from(i) / 20.0));
-        frames.x_w.map(|x| x.pos.z)
+        frames.x_w.iter().map(|x| x.pos.z).collect::<Vec<_>>()
     });
     heights.fold(0.0, f64::max) + 0.06
 }

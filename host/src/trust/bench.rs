@@ -8,7 +8,7 @@ use hil_sim::scenario::Scenario;
 use nalgebra::Vector3;
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant};
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 use super::evidence::{BusTap, Evidence, ReportedOutcome, Seen};
 use operator::bus::BusArgs;
@@ -40,7 +40,7 @@ const START_OFFSET_RAD: f64 = 0.15;
 /// What all throws have in common.
 pub struct Bench {
     pub arm: Arm,
-    robot: AnyRobot,
+    robot: RobotModel,
     settings: Settings,
     gains: Option<GainsFile>,
     pub plan: PlanFile,
@@ -54,8 +54,8 @@ impl Bench {
     /// # Errors
     /// In words; only a broken installation leads to one.
     pub fn new() -> Result<Self, String> {
-        let robot = AnyRobot::load(ROBOT).map_err(|error| error.to_string())?;
-        let AnyRobot::Six(arm) = robot.clone() else { return Err(format!("{ROBOT} has not six joints")) };
+        let robot = RobotModel::load(ROBOT).map_err(|error| error.to_string())?;
+        let arm = robot.clone();
         let path = Path::new("host/src/trust/throw.json");
         let plan = PlanFile::from_json(path, THROW).map_err(|error| error.to_string())?;
         plan.require_robot(path, &arm).map_err(|error| error.to_string())?;
@@ -65,7 +65,7 @@ impl Bench {
         apply(&choice, &mut settings);
         Ok(Self {
             tolerance_m: default_tolerance_m(&arm, &plan),
-            arm: *arm,
+            arm,
             robot,
             settings,
             gains: Some(choice.gains),
@@ -85,7 +85,7 @@ impl Bench {
         let mut scenario = Scenario { name: "trust".to_owned(), seed, ..Scenario::default() };
         scenario.duration = Duration::from_secs(60);
         scenario.cell.drive.starts_homed = true;
-        let start = self.plan.motion.to_motion::<6>().start_rad();
+        let start = self.plan.motion.to_motion().start_rad();
         scenario.cell.start_q_rad = Some(start.iter().map(|q| q - START_OFFSET_RAD.copysign(*q)).collect());
         scenario
     }

@@ -14,7 +14,7 @@ use hil_sim::participants::Participants;
 use hil_sim::realtime::{Door, Realtime, shared_time};
 use hil_sim::{Cell, CellOptions};
 use protocol::Instant;
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 pub(crate) use crate::program::cubectl;
 
@@ -54,7 +54,7 @@ impl Served {
 
     /// The arm of six.
     pub(crate) fn arm(options: CellOptions) -> Self {
-        Self::new(move || Cell::new(&AnyRobot::load("powercube6").unwrap(), &options, 1).unwrap())
+        Self::new(move || Cell::new(&RobotModel::load("powercube6").unwrap(), &options, 1).unwrap())
     }
 }
 
@@ -69,7 +69,7 @@ impl Served {
         let make = || {
             let mut options = CellOptions::default();
             options.drive.starts_homed = true;
-            let cell = Cell::new(&AnyRobot::load("powercube6").unwrap(), &options, 1).unwrap();
+            let cell = Cell::new(&RobotModel::load("powercube6").unwrap(), &options, 1).unwrap();
             (cell, operator::bus::sim::soft_controller_guest())
         };
         Self::with_faults(make, faults)

@@ -4,7 +4,7 @@
 //! one re-optimised (tests/oracle/throw_j31699.py prints its numbers).
 
 use nix::time::{ClockId, clock_gettime};
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 use tuner::gains::compare::{Tracking, tracking};
 use tuner::gains::design::{Design, Tuned, tune};
 use tuner::gains::machine::{Demand, Machine, ReferenceProfile, inputs};
@@ -76,7 +76,7 @@ fn cpu_s() -> f64 {
 }
 
 fn main() {
-    let machine = match AnyRobot::load("powercube6").map(|r| Machine::from_robot(&r)) {
+    let machine = match RobotModel::load("powercube6").map(|r| Machine::from_robot(&r)) {
         Ok(Ok(machine)) => machine,
         other => panic!("built-in robot: {other:?}"),
     };

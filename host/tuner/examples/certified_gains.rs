@@ -1,6 +1,6 @@
 //! Gains of an arm at a period, and how they follow a throw: `cargo run -p tuner --example certified_gains -- [ROBOT] [MS]`.
 
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 use tuner::gains::choose::gains_for;
 use tuner::gains::compare::tracking;
 use tuner::gains::machine::Machine;
@@ -8,7 +8,7 @@ use tuner::gains::plant::Throw;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut args = std::env::args().skip(1);
-    let robot = AnyRobot::load(&args.next().unwrap_or_else(|| "powercube6".to_owned()))?;
+    let robot = RobotModel::load(&args.next().unwrap_or_else(|| "powercube6".to_owned()))?;
     let period_s = args.next().map_or(Ok(3.0), |ms| ms.parse::<f64>())? * 1e-3;
     // Built-in gains, or a design that is proven before it is returned.
     let (gains, from) = gains_for(&robot, (period_s * 1e6).round() as u32)?;

@@ -39,17 +39,16 @@ fn bench<T>(name: &str, mut op: impl FnMut(usize) -> T) {
 }
 
 fn main() {
-    let arm: RobotModel<6> = RobotModel::load("powercube6").expect("the built-in robot loads");
+    let arm: RobotModel = RobotModel::load("powercube6").expect("the built-in robot loads");
     let mut rng = Seeded(SplitMix64::seed_from_u64(1));
     let (min, max) = (arm.q_min(), arm.q_max());
-    let mut vector = |low: JointVec<6>, high: JointVec<6>| {
-        JointVec::<6>::from_fn(|i, _| low[i] + rng.uniform() * (high[i] - low[i]))
-    };
+    let mut vector =
+        |low: JointVec, high: JointVec| JointVec::from_fn(6, |i| low[i] + rng.uniform() * (high[i] - low[i]));
     let q: Vec<_> = (0..CONFIGURATIONS).map(|_| vector(min, max)).collect();
     let qd: Vec<_> =
-        (0..CONFIGURATIONS).map(|_| vector(JointVec::repeat(-2.0), JointVec::repeat(2.0))).collect();
+        (0..CONFIGURATIONS).map(|_| vector(JointVec::repeat(6, -2.0), JointVec::repeat(6, 2.0))).collect();
     let qdd: Vec<_> =
-        (0..CONFIGURATIONS).map(|_| vector(JointVec::repeat(-9.0), JointVec::repeat(9.0))).collect();
+        (0..CONFIGURATIONS).map(|_| vector(JointVec::repeat(6, -9.0), JointVec::repeat(6, 9.0))).collect();
     let frames: Vec<_> = q.iter().map(|q| arm.fk(q)).collect();
     let ball: Vec<_> = frames.iter().map(|f| arm.ball(f).pos).collect();
     let jacobians: Vec<_> = frames.iter().zip(&ball).map(|(f, p)| f.jacobian(p)).collect();
@@ -64,7 +63,7 @@ fn main() {
     bench("Jacobian at the ball", |k| frames[k].jacobian(&ball[k]));
     bench("J̇ q̇", |k| frames[k].bias_acceleration(&jacobians[k], &qd[k]));
     bench("∂(J q̇)/∂q", |k| frames[k].twist_gradient(&jacobians[k], &qd[k]));
-    bench("q̇ = J⁻¹ V", |k| joint_rates(&jacobians[k], &jacobians[k].column(0).into_owned()));
+    bench("q̇ = J⁻¹ V", |k| joint_rates(&jacobians[k], &(jacobians[k] * qd[k])));
     bench("inverse kinematics, all branches with ranges", |k| arm.ik(&poses[k]));
     println!("-- dynamics");
     bench("gravity torques", |k| arm.gravity_torques(&q[k]));

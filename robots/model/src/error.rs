@@ -28,11 +28,11 @@ pub enum Problem {
         /// Upper limit in the file, in the file's unit.
         max: f64,
     },
-    /// The model was asked for with another number of joints.
-    #[error("the robot has {found} joints, but {expected} are needed here")]
+    /// The arm is loaded for what works with another number of joints.
+    #[error("the robot has {found} joints, but {needed} are needed here")]
     JointCount {
-        /// Number asked for by the caller.
-        expected: usize,
+        /// Number that is needed.
+        needed: usize,
         /// Number in the file.
         found: usize,
     },

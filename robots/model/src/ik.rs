@@ -3,8 +3,8 @@
 use crate::family::Family;
 use crate::ik_solution::{Branch, IkSolutions};
 use crate::kinematics::Frames;
-use crate::linalg::JointVec;
 use crate::model::RobotModel;
+use crate::per_joint::JointVec;
 use crate::pose::Pose;
 
 /// The robot's family has no closed-form inverse kinematics.
@@ -15,7 +15,7 @@ pub struct NoClosedForm;
 /// Joint angles may pass a limit by this much, in rad, and still count as inside: rounding at exactly ±180°.
 pub const RANGE_SLACK_RAD: f64 = 1e-9;
 
-impl<const N: usize> RobotModel<N> {
+impl RobotModel {
     /// All solutions for an end-effector pose in the world.
     ///
     /// Angles are chosen by whole turns as near as possible to the middle of each range; where an angle is free
@@ -25,7 +25,7 @@ impl<const N: usize> RobotModel<N> {
     ///
     /// # Errors
     /// [`NoClosedForm`] if the robot is of no family with a closed form. Out of reach is not an error: no solutions.
-    pub fn ik(&self, x_we: &Pose) -> Result<IkSolutions<N>, NoClosedForm> {
+    pub fn ik(&self, x_we: &Pose) -> Result<IkSolutions, NoClosedForm> {
         self.ik_near(x_we, &((self.q_min() + self.q_max()) * 0.5))
     }
 
@@ -33,7 +33,7 @@ impl<const N: usize> RobotModel<N> {
     ///
     /// # Errors
     /// As [`RobotModel::ik`].
-    pub fn ik_near(&self, x_we: &Pose, q_ref: &JointVec<N>) -> Result<IkSolutions<N>, NoClosedForm> {
+    pub fn ik_near(&self, x_we: &Pose, q_ref: &JointVec) -> Result<IkSolutions, NoClosedForm> {
         let x_wn = *x_we * self.x_ne.inverse();
         let mut out = match &self.family {
             Family::OrthoParallel(arm) => arm.solve(&x_wn, q_ref),
@@ -54,18 +54,18 @@ impl<const N: usize> RobotModel<N> {
 
     /// The branch a configuration belongs to; `None` if the family has no closed form.
     #[must_use]
-    pub fn branch_of(&self, q: &JointVec<N>) -> Option<Branch> {
+    pub fn branch_of(&self, q: &JointVec) -> Option<Branch> {
         match &self.family {
-            Family::OrthoParallel(arm) => Some(arm.branch_of(q.as_slice().try_into().ok()?)),
-            Family::TurntablePlanar(arm) => Some(arm.branch_of(q.as_slice().try_into().ok()?)),
+            Family::OrthoParallel(arm) => Some(arm.branch_of(q[..].try_into().ok()?)),
+            Family::TurntablePlanar(arm) => Some(arm.branch_of(q[..].try_into().ok()?)),
             Family::General => None,
         }
     }
 
     /// Forward kinematics of the end effector for joint angles in rad.
     #[must_use]
-    pub fn ee_at(&self, q_rad: &JointVec<N>) -> Pose {
-        let frames: Frames<N> = self.fk(q_rad);
+    pub fn ee_at(&self, q_rad: &JointVec) -> Pose {
+        let frames: Frames = self.fk(q_rad);
         self.ee(&frames)
     }
 }

@@ -6,9 +6,9 @@ use nalgebra::Vector3;
 
 use crate::family::Family;
 use crate::ik_solution::Branch;
-use crate::linalg::JointVec;
 use crate::mat3;
 use crate::model::RobotModel;
+use crate::per_joint::JointVec;
 
 /// A tool point farther from the last axis than this is not on it, m.
 const ON_LAST_AXIS_M: f64 = 1e-6;
@@ -22,7 +22,7 @@ pub struct AxisTool {
     sign: f64,
 }
 
-impl<const N: usize> RobotModel<N> {
+impl RobotModel {
     /// The tool whose point is `ahead_m` from the end effector along its z axis; `None` for other families than
     /// ortho-parallel, and if that axis is not the axis of the last joint.
     #[must_use]
@@ -31,7 +31,7 @@ impl<const N: usize> RobotModel<N> {
         let point_n = self.x_ne.transform_point(&Vector3::new(0.0, 0.0, ahead_m)) - arm.wrist_centre_n;
         let z_n = self.x_ne.rot.column(2);
         let on_axis = point_n.x.hypot(point_n.y) <= ON_LAST_AXIS_M && z_n.x.hypot(z_n.y) <= ON_LAST_AXIS_M;
-        (on_axis && N == 6).then(|| AxisTool { length_m: point_n.z * z_n.z.signum(), sign: z_n.z.signum() })
+        on_axis.then(|| AxisTool { length_m: point_n.z * z_n.z.signum(), sign: z_n.z.signum() })
     }
 
     /// Calls `found` with each posture that brings the tool point to `p_w` (m) and the tool axis along the unit vector `axis_w`,
@@ -44,19 +44,15 @@ impl<const N: usize> RobotModel<N> {
         tool: &AxisTool,
         p_w: &Vector3<f64>,
         axis_w: &Vector3<f64>,
-        (low, high): (&JointVec<N>, &JointVec<N>),
-        mut found: impl FnMut(Branch, JointVec<N>),
+        (low, high): (&JointVec, &JointVec),
+        mut found: impl FnMut(Branch, JointVec),
     ) {
         let Family::OrthoParallel(arm) = self.family() else { return };
         let centre = arm.x_wf.inverse_transform_point(&(p_w - axis_w * tool.length_m));
         let axis = mat3::tr_mul_v(&arm.x_wf.rot, axis_w) * tool.sign;
-        arm.solve_axis(&centre, &axis, low.as_slice(), high.as_slice(), &mut |branch, five| {
-            let mut q = JointVec::<N>::zeros();
-            for (i, angle) in five.into_iter().enumerate() {
-                q[i] = angle;
-            }
-            q[N - 1] = low[N - 1];
-            found(branch, q);
+        arm.solve_axis(&centre, &axis, low, high, &mut |branch, five| {
+            let [q1, q2, q3, q4, q5] = five;
+            found(branch, [q1, q2, q3, q4, q5, low[5]].into());
         });
     }
 }
@@ -64,13 +60,9 @@ impl<const N: usize> RobotModel<N> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::AnyRobot;
 
-    fn arm() -> RobotModel<6> {
-        match AnyRobot::load("powercube6").unwrap() {
-            AnyRobot::Six(model) => *model,
-            other => panic!("{} joints", other.joints()),
-        }
+    fn arm() -> RobotModel {
+        RobotModel::load("powercube6").unwrap()
     }
 
     /// Every posture reaches point and direction, and the one that the target was made of is among them.
@@ -100,7 +92,7 @@ mod tests {
             assert!(same, "posture {k} is not found: {q}");
             // Full inverse kinematics with the same roll differs only in joint 6 of its solutions.
             let full = arm.ik(&x_we).unwrap();
-            let inside = |q: &JointVec<6>| (0..5).all(|i| q[i] >= low[i] && q[i] <= high[i]);
+            let inside = |q: &JointVec| (0..5).all(|i| q[i] >= low[i] && q[i] <= high[i]);
             assert!(count >= full.iter().filter(|s| inside(&s.q)).count(), "posture {k}");
             most = most.max(count);
         }
@@ -115,7 +107,7 @@ mod tests {
         let x_we = arm.ee_at(&q);
         let axis = x_we.rot.column(2).into_owned();
         let point = x_we.pos + axis * 0.05;
-        let width = JointVec::repeat(0.01);
+        let width = JointVec::repeat(6, 0.01);
         let mut found = Vec::new();
         arm.ik_axis(&tool, &point, &axis, (&(q - width), &(q + width)), |_, q| found.push(q));
         assert_eq!(found.len(), 1);
@@ -126,7 +118,6 @@ mod tests {
 
     #[test]
     fn arms_of_other_families_have_no_such_tool() {
-        let AnyRobot::Four(pincher) = AnyRobot::load("pincher4").unwrap() else { panic!("four joints") };
-        assert_eq!(pincher.axis_tool(0.05), None);
+        assert_eq!(RobotModel::load("pincher4").unwrap().axis_tool(0.05), None);
     }
 }

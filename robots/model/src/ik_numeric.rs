@@ -4,12 +4,12 @@
 //! same from many starts that cover the joint ranges evenly; equal solutions are kept once. A finite number of starts
 //! proves nothing about branches that were not found.
 
-use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
+use nalgebra::{Matrix3, Vector3, Vector6};
 
 use crate::ik::place;
 use crate::linalg::Cholesky;
-use crate::linalg::JointVec;
 use crate::model::RobotModel;
+use crate::per_joint::JointVec;
 use crate::pose::Pose;
 
 /// Largest position error of a solution, in m.
@@ -25,14 +25,14 @@ const SOLUTIONS_MAX: usize = 32;
 /// The first bases of the Halton sequence, one per joint.
 const PRIMES: [u32; 8] = [2, 3, 5, 7, 11, 13, 17, 19];
 
-impl<const N: usize> RobotModel<N> {
+impl RobotModel {
     /// The solution that damped least squares reaches from `q_start`, for an end-effector pose in the world.
     ///
     /// Angles are not limited to the joint ranges and not moved by whole turns: a start near a solution gives that
     /// solution, so that a path can be followed. Works for every arm, of any family. `None` if no solution is reached
     /// within a fixed number of steps (out of reach, or a start that leads to a local minimum).
     #[must_use]
-    pub fn ik_from(&self, x_we: &Pose, q_start: &JointVec<N>) -> Option<JointVec<N>> {
+    pub fn ik_from(&self, x_we: &Pose, q_start: &JointVec) -> Option<JointVec> {
         let mut q = *q_start;
         let mut frames = self.fk(&q);
         let mut error = pose_error(x_we, &self.ee(&frames));
@@ -44,11 +44,13 @@ impl<const N: usize> RobotModel<N> {
                 return Some(q);
             }
             let jacobian = frames.jacobian(&self.ee(&frames).pos);
-            let square: Matrix6<f64> = jacobian * jacobian.transpose();
+            let square = jacobian.times_transposed();
             // The step is taken if it brings the hand nearer; else it is shortened by more damping.
             loop {
-                let solved = Cholesky::new(&(square + Matrix6::identity() * damping))?;
-                let q_next = q + jacobian.transpose() * solved.solve(&error);
+                let mut damped = square;
+                (0..6).for_each(|i| damped[(i, i)] += damping);
+                let solved = Cholesky::new(&damped)?.solve(&JointVec::from(error));
+                let q_next = q + jacobian.tr_mul(&Vector6::from_column_slice(&solved));
                 let frames_next = self.fk(&q_next);
                 let error_next = pose_error(x_we, &self.ee(&frames_next));
                 if error_next.norm_squared() < error.norm_squared() {
@@ -70,9 +72,9 @@ impl<const N: usize> RobotModel<N> {
     ///
     /// Allocates. The order is that of the starts, which are the same in every call.
     #[must_use]
-    pub fn ik_search(&self, x_we: &Pose, starts: usize) -> Vec<JointVec<N>> {
-        let mut found: Vec<JointVec<N>> = Vec::new();
-        let mut outside: Vec<JointVec<N>> = Vec::new();
+    pub fn ik_search(&self, x_we: &Pose, starts: usize) -> Vec<JointVec> {
+        let mut found: Vec<JointVec> = Vec::new();
+        let mut outside: Vec<JointVec> = Vec::new();
         for k in 0..starts {
             if found.len() + outside.len() >= SOLUTIONS_MAX {
                 break;
@@ -90,7 +92,7 @@ impl<const N: usize> RobotModel<N> {
     }
 
     /// The angles moved by whole turns into their ranges, as near to the middle as possible; `None` if one does not fit.
-    fn in_turns(&self, q: &JointVec<N>) -> Option<JointVec<N>> {
+    fn in_turns(&self, q: &JointVec) -> Option<JointVec> {
         let mut placed = *q;
         for (i, joint) in self.joints().iter().enumerate() {
             let (min, max) = (joint.limits.q_min_rad, joint.limits.q_max_rad);
@@ -105,8 +107,8 @@ impl<const N: usize> RobotModel<N> {
 
     /// Configuration number `k` of a sequence that covers the joint ranges evenly (Halton).
     #[must_use]
-    pub fn spread_configuration(&self, k: usize) -> JointVec<N> {
-        JointVec::from_fn(|i, _| {
+    pub fn spread_configuration(&self, k: usize) -> JointVec {
+        JointVec::from_fn(self.n(), |i| {
             let limits = &self.joints()[i].limits;
             let share = radical_inverse(k as u64 + 1, PRIMES[i % PRIMES.len()]);
             limits.q_min_rad + share * (limits.q_max_rad - limits.q_min_rad)
@@ -152,7 +154,7 @@ fn rotation_vector(r: &Matrix3<f64>) -> Vector3<f64> {
     axis.normalize() * angle
 }
 
-fn same_posture<const N: usize>(a: &JointVec<N>, b: &JointVec<N>) -> bool {
+fn same_posture(a: &JointVec, b: &JointVec) -> bool {
     use std::f64::consts::TAU;
     a.iter().zip(b.iter()).all(|(a, b)| {
         let apart = a - b;

@@ -1,6 +1,6 @@
 //! Solutions of inverse kinematics, with branches that keep their identity.
 
-use crate::linalg::JointVec;
+use crate::per_joint::JointVec;
 
 /// Which of the (up to eight) postures a solution has.
 ///
@@ -55,11 +55,11 @@ impl Branch {
 
 /// One solution.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct IkSolution<const N: usize> {
+pub struct IkSolution {
     /// Posture.
     pub branch: Branch,
     /// Joint angles in rad, each by whole turns as near to the reference as its range allows.
-    pub q: JointVec<N>,
+    pub q: JointVec,
     /// Whether every joint is inside its range.
     pub in_range: bool,
     /// Whether a joint angle was free (axes aligned) and was taken from the reference.
@@ -68,8 +68,8 @@ pub struct IkSolution<const N: usize> {
 
 /// The solutions for one pose, at most one per branch.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct IkSolutions<const N: usize> {
-    q: [JointVec<N>; Branch::COUNT],
+pub struct IkSolutions {
+    q: [JointVec; Branch::COUNT],
     reached: u8,
     in_range: u8,
     singular: u8,
@@ -80,10 +80,10 @@ pub struct IkSolutions<const N: usize> {
     pub reach_margin_m: [f64; 2],
 }
 
-impl<const N: usize> IkSolutions<N> {
-    pub(crate) fn none() -> Self {
+impl IkSolutions {
+    pub(crate) fn none(n: usize) -> Self {
         Self {
-            q: [JointVec::zeros(); Branch::COUNT],
+            q: [JointVec::zeros(n); Branch::COUNT],
             reached: 0,
             in_range: 0,
             singular: 0,
@@ -91,14 +91,14 @@ impl<const N: usize> IkSolutions<N> {
         }
     }
 
-    pub(crate) fn set(&mut self, branch: Branch, q: JointVec<N>, singular: bool) {
+    pub(crate) fn set(&mut self, branch: Branch, q: JointVec, singular: bool) {
         self.q[branch.index()] = q;
         self.reached |= 1 << branch.0;
         self.singular |= u8::from(singular) << branch.0;
     }
 
     /// Calls `place` with each solution. It moves the angles by whole turns and returns whether all are in range.
-    pub(crate) fn place_in_ranges(&mut self, mut place: impl FnMut(&mut JointVec<N>) -> bool) {
+    pub(crate) fn place_in_ranges(&mut self, mut place: impl FnMut(&mut JointVec) -> bool) {
         for (k, q) in self.q.iter_mut().enumerate() {
             if self.reached & (1 << k) != 0 {
                 self.in_range |= u8::from(place(q)) << k;
@@ -108,7 +108,7 @@ impl<const N: usize> IkSolutions<N> {
 
     /// The solution of a branch, in range or not.
     #[must_use]
-    pub fn get(&self, branch: Branch) -> Option<IkSolution<N>> {
+    pub fn get(&self, branch: Branch) -> Option<IkSolution> {
         let bit = 1 << branch.0;
         (self.reached & bit != 0).then(|| IkSolution {
             branch,
@@ -119,12 +119,12 @@ impl<const N: usize> IkSolutions<N> {
     }
 
     /// All solutions, in order of branches.
-    pub fn iter(&self) -> impl Iterator<Item = IkSolution<N>> + '_ {
+    pub fn iter(&self) -> impl Iterator<Item = IkSolution> + '_ {
         Branch::all().filter_map(|b| self.get(b))
     }
 
     /// The solutions with every joint in its range, in order of branches.
-    pub fn in_range(&self) -> impl Iterator<Item = IkSolution<N>> + '_ {
+    pub fn in_range(&self) -> impl Iterator<Item = IkSolution> + '_ {
         self.iter().filter(|s| s.in_range)
     }
 

@@ -2,20 +2,27 @@
 
 use nalgebra::{ArrayStorage, Matrix3, Vector3};
 
-use crate::linalg::JointVec;
 use crate::model::RobotModel;
+use crate::per_joint::{JointVec, PerJoint};
 use crate::pose::Pose;
 
 /// Poses of all joint frames in the world for one configuration.
 ///
 /// Computed once by [`RobotModel::fk`]; Jacobians, end effector, ball and collision boxes are then read off it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Frames<const N: usize> {
+pub struct Frames {
     /// `X_Wi`: joint frame `i` in the world; its z axis is the axis of joint `i`. Index 0 is joint 1.
-    pub x_w: [Pose; N],
+    pub x_w: PerJoint<Pose>,
 }
 
-impl<const N: usize> Frames<N> {
+impl Frames {
+    /// Number of joints.
+    #[must_use]
+    #[inline]
+    pub fn n(&self) -> usize {
+        self.x_w.len()
+    }
+
     /// Unit axis of joint `i` (index from 0) in the world.
     #[must_use]
     pub fn axis(&self, i: usize) -> Vector3<f64> {
@@ -29,30 +36,29 @@ impl<const N: usize> Frames<N> {
     }
 }
 
-impl<const N: usize> RobotModel<N> {
+impl RobotModel {
     /// Forward kinematics: all joint frames in the world for joint angles in rad.
     ///
     /// Any finite angle is accepted; ranges are not applied here.
     #[must_use]
-    pub fn fk(&self, q_rad: &JointVec<N>) -> Frames<N> {
-        let mut x_w = [Pose::identity(); N];
+    pub fn fk(&self, q_rad: &JointVec) -> Frames {
         let mut before = Pose::identity();
-        for (i, joint) in self.joints.iter().enumerate() {
-            before = before * turned(&joint.x_pj, q_rad[i]);
-            x_w[i] = before;
-        }
+        let x_w = PerJoint::from_fn(self.n(), |i| {
+            before = before * turned(&self.joints[i].x_pj, q_rad[i]);
+            before
+        });
         Frames { x_w }
     }
 
     /// End effector in the world, `X_WE`.
     #[must_use]
-    pub fn ee(&self, frames: &Frames<N>) -> Pose {
-        frames.x_w[N - 1] * self.x_ne
+    pub fn ee(&self, frames: &Frames) -> Pose {
+        frames.x_w[frames.n() - 1] * self.x_ne
     }
 
     /// Release frame in the world; its origin is the ball's centre.
     #[must_use]
-    pub fn ball(&self, frames: &Frames<N>) -> Pose {
+    pub fn ball(&self, frames: &Frames) -> Pose {
         self.ee(frames) * self.gripper.x_eb
     }
 }

@@ -26,21 +26,21 @@
 //! | [`collision`] | contact and clearance of a configuration, of a whole motion |
 //! | [`survey`] | what is missing, assumed or implausible in a robot file |
 //! | [`urdf`] | export for other tools, import of serial arms as a robot file |
-//! | [`linalg`] | LU and Cholesky of `N × N` matrices on the stack |
+//! | `per_joint` | values of the joints of one arm, on the stack |
+//! | [`linalg`] | LU and Cholesky of small square matrices on the stack |
 //!
 //! # Conventions
 //! SI units and radians; a unit at the end of a name (`q_rad`, `v_max_rad_s`) where a reader could doubt. World =
 //! arm base, z up. `X_AB` is the pose of B in A. A twist is `[v; ω]`, linear part first. Joint `i` turns about the z
 //! axis of joint frame `i`, which is also the frame of link `i`, whatever convention the robot file is written in.
 //!
-//! # Why `RobotModel<N>` with the number of joints in the type
-//! The planner evaluates kinematics and dynamics millions of times, so vectors and matrices must live on the stack
-//! with loops the compiler can unroll: `N` is a const parameter. Programs that take any robot file ask
-//! [`AnyRobot`] first, which dispatches on the number of joints once.
+//! # The number of joints is a number
+//! The planner evaluates kinematics and dynamics millions of times, so vectors and matrices live on the stack: they have room
+//! for [`JOINTS_MAX`] joints, and know how many there are ([`PerJoint`], [`linalg::SquareMatrix`]). A vector has the length of
+//! the arm that it is used with; debug builds check it.
 
 #![warn(missing_docs)]
 
-mod any;
 mod boxes;
 pub mod collision;
 pub mod cubic;
@@ -59,12 +59,12 @@ pub mod linalg;
 mod load;
 mod mat3;
 mod model;
+mod per_joint;
 mod pose;
 pub mod release;
 pub mod survey;
 pub mod urdf;
 
-pub use any::AnyRobot;
 pub use dynamics::InverseDynamicsGradient;
 pub use error::{FamilyMismatch, LoadError, Problem};
 pub use family::{Family, OrthoParallel, TurntablePlanar};
@@ -75,9 +75,9 @@ pub use ik_numeric::radical_inverse;
 pub use ik_solution::{Branch, IkSolution, IkSolutions};
 pub use jacobian::Jacobian;
 pub use kinematics::Frames;
-pub use linalg::JointVec;
 pub use load::{SCHEMA_VERSION, built_in_robots, built_in_text, text_of};
 pub use model::{
     Drive, DriveLoop, Gripper, Joint, JointLimits, Link, LinkInertia, RobotModel, Supply, World,
 };
+pub use per_joint::{JOINTS_MAX, JointVec, PerJoint};
 pub use pose::Pose;

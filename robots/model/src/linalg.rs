@@ -1,32 +1,136 @@
-//! Vectors with one entry per joint, and small dense solvers with the size in the type, on the stack.
-//!
-//! nalgebra's decompositions are bounded by traits that a const parameter `N` does not satisfy, so the two that the
-//! inner loops need are here: LU with partial pivoting and Cholesky.
+//! Square matrices of at most eight rows, and the small dense solvers that inner loops need, on the stack.
 
-use nalgebra::{SMatrix, SVector};
+use std::ops::{Index, IndexMut, Mul};
 
-/// One number per joint.
-pub type JointVec<const N: usize> = SVector<f64, N>;
+use nalgebra::DMatrix;
+
+use crate::per_joint::{JOINTS_MAX, JointVec, PerJoint};
+
+/// A square matrix of at most [`JOINTS_MAX`] rows.
+#[derive(Clone, Copy)]
+pub struct SquareMatrix {
+    rows: [[f64; JOINTS_MAX]; JOINTS_MAX],
+    n: usize,
+}
+
+impl SquareMatrix {
+    /// Zeros.
+    ///
+    /// # Panics
+    /// With more than [`JOINTS_MAX`] rows.
+    #[must_use]
+    #[inline]
+    pub fn zeros(n: usize) -> Self {
+        assert!(n <= JOINTS_MAX, "{n} rows, a square matrix of joints has at most {JOINTS_MAX}");
+        Self { rows: [[0.0; JOINTS_MAX]; JOINTS_MAX], n }
+    }
+
+    /// The entry `of` each row and column.
+    ///
+    /// # Panics
+    /// With more than [`JOINTS_MAX`] rows.
+    #[must_use]
+    #[inline]
+    pub fn from_fn(n: usize, mut of: impl FnMut(usize, usize) -> f64) -> Self {
+        let mut out = Self::zeros(n);
+        for i in 0..n {
+            for k in 0..n {
+                out.rows[i][k] = of(i, k);
+            }
+        }
+        out
+    }
+
+    /// A diagonal matrix.
+    #[must_use]
+    pub fn from_diagonal(diagonal: &JointVec) -> Self {
+        Self::from_fn(diagonal.len(), |i, k| if i == k { diagonal[i] } else { 0.0 })
+    }
+
+    /// Number of rows, and of columns.
+    #[must_use]
+    #[inline]
+    pub fn n(&self) -> usize {
+        self.n.min(JOINTS_MAX)
+    }
+
+    /// Row `i`.
+    #[must_use]
+    #[inline]
+    pub fn row(&self, i: usize) -> JointVec {
+        PerJoint::padded(self.rows[i], self.n)
+    }
+
+    /// The largest absolute value; 0 without rows.
+    #[must_use]
+    pub fn amax(&self) -> f64 {
+        (0..self.n()).fold(0.0, |most, i| self.row(i).amax().max(most))
+    }
+
+    fn swap_rows(&mut self, i: usize, k: usize) {
+        self.rows.swap(i, k);
+    }
+}
+
+impl Index<(usize, usize)> for SquareMatrix {
+    type Output = f64;
+    #[inline]
+    fn index(&self, (i, k): (usize, usize)) -> &f64 {
+        debug_assert!(i < self.n && k < self.n, "entry ({i}, {k}) of {} rows", self.n);
+        &self.rows[i][k]
+    }
+}
+
+impl IndexMut<(usize, usize)> for SquareMatrix {
+    #[inline]
+    fn index_mut(&mut self, (i, k): (usize, usize)) -> &mut f64 {
+        debug_assert!(i < self.n && k < self.n, "entry ({i}, {k}) of {} rows", self.n);
+        &mut self.rows[i][k]
+    }
+}
+
+impl Mul<&JointVec> for &SquareMatrix {
+    type Output = JointVec;
+    #[inline]
+    fn mul(self, vector: &JointVec) -> JointVec {
+        JointVec::from_fn(self.n(), |i| self.row(i).dot(vector))
+    }
+}
+
+impl Mul<JointVec> for SquareMatrix {
+    type Output = JointVec;
+    #[inline]
+    fn mul(self, vector: JointVec) -> JointVec {
+        &self * &vector
+    }
+}
+
+impl From<SquareMatrix> for DMatrix<f64> {
+    fn from(matrix: SquareMatrix) -> Self {
+        Self::from_fn(matrix.n(), matrix.n(), |i, k| matrix[(i, k)])
+    }
+}
 
 /// LU factors of a square matrix, rows permuted for stability.
-#[derive(Debug, Clone, Copy)]
-pub struct Lu<const N: usize> {
-    factors: SMatrix<f64, N, N>,
-    row_of: [usize; N],
+#[derive(Clone, Copy)]
+pub struct Lu {
+    factors: SquareMatrix,
+    row_of: PerJoint<usize>,
     odd: bool,
 }
 
-impl<const N: usize> Lu<N> {
+impl Lu {
     /// Factors `a`; `None` if a pivot vanishes next to the largest entry of `a` (relative 1e-14) or `a` is not finite.
     #[must_use]
-    pub fn new(a: &SMatrix<f64, N, N>) -> Option<Self> {
+    pub fn new(a: &SquareMatrix) -> Option<Self> {
+        let n = a.n();
         let mut m = *a;
-        let mut row_of: [usize; N] = std::array::from_fn(|i| i);
+        let mut row_of = PerJoint::from_fn(n, |i| i);
         let mut odd = false;
         let tiny = 1e-14 * a.amax();
-        for k in 0..N {
+        for k in 0..n {
             let mut pivot = k;
-            for i in k + 1..N {
+            for i in k + 1..n {
                 if m[(i, k)].abs() > m[(pivot, k)].abs() {
                     pivot = i;
                 }
@@ -41,10 +145,10 @@ impl<const N: usize> Lu<N> {
                 odd = !odd;
             }
             let inverse_pivot = 1.0 / m[(k, k)];
-            for i in k + 1..N {
+            for i in k + 1..n {
                 let l = m[(i, k)] * inverse_pivot;
                 m[(i, k)] = l;
-                for j in k + 1..N {
+                for j in k + 1..n {
                     m[(i, j)] -= l * m[(k, j)];
                 }
             }
@@ -54,16 +158,17 @@ impl<const N: usize> Lu<N> {
 
     /// Solution of `A x = b`.
     #[must_use]
-    pub fn solve(&self, b: &SVector<f64, N>) -> SVector<f64, N> {
+    pub fn solve(&self, b: &JointVec) -> JointVec {
         let m = &self.factors;
-        let mut x = SVector::<f64, N>::from_fn(|i, _| b[self.row_of[i]]);
-        for i in 1..N {
+        let n = m.n();
+        let mut x = JointVec::from_fn(n, |i| b[self.row_of[i]]);
+        for i in 1..n {
             for j in 0..i {
                 x[i] -= m[(i, j)] * x[j];
             }
         }
-        for i in (0..N).rev() {
-            for j in i + 1..N {
+        for i in (0..n).rev() {
+            for j in i + 1..n {
                 x[i] -= m[(i, j)] * x[j];
             }
             x[i] /= m[(i, i)];
@@ -73,22 +178,23 @@ impl<const N: usize> Lu<N> {
 
     /// Solution of `Aᵀ x = b`: one of these gives the gradient of a scalar of `A⁻¹ y`.
     #[must_use]
-    pub fn solve_transposed(&self, b: &SVector<f64, N>) -> SVector<f64, N> {
+    pub fn solve_transposed(&self, b: &JointVec) -> JointVec {
         let m = &self.factors;
+        let n = m.n();
         let mut y = *b;
-        for i in 0..N {
+        for i in 0..n {
             for j in 0..i {
                 y[i] -= m[(j, i)] * y[j];
             }
             y[i] /= m[(i, i)];
         }
-        for i in (0..N).rev() {
-            for j in i + 1..N {
+        for i in (0..n).rev() {
+            for j in i + 1..n {
                 y[i] -= m[(j, i)] * y[j];
             }
         }
-        let mut x = SVector::zeros();
-        for i in 0..N {
+        let mut x = JointVec::zeros(n);
+        for i in 0..n {
             x[self.row_of[i]] = y[i];
         }
         x
@@ -97,23 +203,24 @@ impl<const N: usize> Lu<N> {
     /// Determinant of `A`.
     #[must_use]
     pub fn determinant(&self) -> f64 {
-        let product: f64 = (0..N).map(|i| self.factors[(i, i)]).product();
+        let product: f64 = (0..self.factors.n()).map(|i| self.factors[(i, i)]).product();
         if self.odd { -product } else { product }
     }
 }
 
 /// Lower Cholesky factor `L` of a symmetric positive definite matrix `A = L Lᵀ`.
-#[derive(Debug, Clone, Copy)]
-pub struct Cholesky<const N: usize> {
-    lower: SMatrix<f64, N, N>,
+#[derive(Clone, Copy)]
+pub struct Cholesky {
+    lower: SquareMatrix,
 }
 
-impl<const N: usize> Cholesky<N> {
+impl Cholesky {
     /// Factors `a`, of which only the lower triangle is read; `None` if it is not positive definite.
     #[must_use]
-    pub fn new(a: &SMatrix<f64, N, N>) -> Option<Self> {
-        let mut l = SMatrix::<f64, N, N>::zeros();
-        for j in 0..N {
+    pub fn new(a: &SquareMatrix) -> Option<Self> {
+        let n = a.n();
+        let mut l = SquareMatrix::zeros(n);
+        for j in 0..n {
             let mut d = a[(j, j)];
             for k in 0..j {
                 d -= l[(j, k)] * l[(j, k)];
@@ -124,7 +231,7 @@ impl<const N: usize> Cholesky<N> {
             }
             let root = d.sqrt();
             l[(j, j)] = root;
-            for i in j + 1..N {
+            for i in j + 1..n {
                 let mut v = a[(i, j)];
                 for k in 0..j {
                     v -= l[(i, k)] * l[(j, k)];
@@ -137,17 +244,18 @@ impl<const N: usize> Cholesky<N> {
 
     /// Solution of `A x = b`.
     #[must_use]
-    pub fn solve(&self, b: &SVector<f64, N>) -> SVector<f64, N> {
+    pub fn solve(&self, b: &JointVec) -> JointVec {
         let l = &self.lower;
+        let n = l.n();
         let mut x = *b;
-        for i in 0..N {
+        for i in 0..n {
             for j in 0..i {
                 x[i] -= l[(i, j)] * x[j];
             }
             x[i] /= l[(i, i)];
         }
-        for i in (0..N).rev() {
-            for j in i + 1..N {
+        for i in (0..n).rev() {
+            for j in i + 1..n {
                 x[i] -= l[(j, i)] * x[j];
             }
             x[i] /= l[(i, i)];
@@ -158,21 +266,32 @@ impl<const N: usize> Cholesky<N> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use nalgebra::{Matrix4, Vector4};
+
+    use super::*;
 
     fn matrix() -> Matrix4<f64> {
         // The zero in the corner makes the pivoting work.
         Matrix4::new(0.0, 2.0, -1.0, 3.0, 4.0, 1.0, 0.5, -2.0, 1.0, -3.0, 2.5, 0.0, -2.0, 0.25, 1.0, 1.5)
     }
 
+    fn padded(a: &Matrix4<f64>) -> SquareMatrix {
+        SquareMatrix::from_fn(4, |i, k| a[(i, k)])
+    }
+
+    fn plain(x: &JointVec) -> Vector4<f64> {
+        Vector4::from_column_slice(x)
+    }
+
+    const B: [f64; 4] = [1.0, -2.0, 0.5, 3.0];
+
     #[test]
     fn lu_solves_and_knows_the_determinant() {
         let a = matrix();
-        let lu = Lu::new(&a).expect("regular");
-        let b = Vector4::new(1.0, -2.0, 0.5, 3.0);
-        assert!((a * lu.solve(&b) - b).amax() < 1e-14);
-        assert!((a.transpose() * lu.solve_transposed(&b) - b).amax() < 1e-14);
+        let lu = Lu::new(&padded(&a)).expect("regular");
+        let b = Vector4::from(B);
+        assert!((a * plain(&lu.solve(&B.into())) - b).amax() < 1e-14);
+        assert!((a.transpose() * plain(&lu.solve_transposed(&B.into())) - b).amax() < 1e-14);
         assert!((lu.determinant() - a.determinant()).abs() < 1e-13);
     }
 
@@ -180,18 +299,17 @@ mod tests {
     fn lu_refuses_singular_and_nan() {
         let mut a = matrix();
         a.set_row(3, &(a.row(0) * 2.0));
-        assert!(Lu::new(&a).is_none());
+        assert!(Lu::new(&padded(&a)).is_none());
         a[(1, 1)] = f64::NAN;
-        assert!(Lu::new(&a).is_none());
+        assert!(Lu::new(&padded(&a)).is_none());
     }
 
     #[test]
     fn cholesky_solves_and_refuses_indefinite() {
         let a = matrix();
         let spd = a * a.transpose();
-        let b = Vector4::new(1.0, -2.0, 0.5, 3.0);
-        let x = Cholesky::new(&spd).expect("positive definite").solve(&b);
-        assert!((spd * x - b).amax() < 1e-12);
-        assert!(Cholesky::new(&(spd - Matrix4::identity() * 10.0)).is_none());
+        let x = Cholesky::new(&padded(&spd)).expect("positive definite").solve(&B.into());
+        assert!((spd * plain(&x) - Vector4::from(B)).amax() < 1e-12);
+        assert!(Cholesky::new(&padded(&(spd - Matrix4::identity() * 10.0))).is_none());
     }
 }

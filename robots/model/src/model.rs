@@ -5,26 +5,26 @@ use nalgebra::{Matrix3, Vector3};
 use crate::boxes::{BodyBox, CollisionModel};
 use crate::family::Family;
 use crate::fingers::Fingers;
-use crate::linalg::JointVec;
+use crate::per_joint::{JointVec, PerJoint};
 use crate::pose::Pose;
 
-/// A serial arm of `N` revolute joints, read from a robot file and checked.
+/// A serial arm of four to seven revolute joints, read from a robot file and checked.
 ///
 /// Immutable: its holder may rely on finite numbers, limits in order, positive masses and inertias (so the
 /// mass matrix is positive definite), supplies that cover every drive once, and frames that fit the kinematic
 /// family. The methods are in one file per concept: `kinematics`, `ik`, `dynamics`, `currents`, `collision`.
 #[derive(Debug, Clone)]
-pub struct RobotModel<const N: usize> {
+pub struct RobotModel {
     pub(crate) name: String,
     pub(crate) description: String,
-    pub(crate) joints: [Joint; N],
-    pub(crate) links: [Link; N],
+    pub(crate) joints: Vec<Joint>,
+    pub(crate) links: Vec<Link>,
     pub(crate) x_ne: Pose,
     pub(crate) gripper: Gripper,
     pub(crate) fingers: Option<Fingers>,
     pub(crate) family: Family,
-    pub(crate) drives: Option<[Drive; N]>,
-    pub(crate) supplies: Vec<Supply<N>>,
+    pub(crate) drives: Option<Vec<Drive>>,
+    pub(crate) supplies: Vec<Supply>,
     pub(crate) drive_loop: Option<DriveLoop>,
     pub(crate) world: World,
     pub(crate) collision: CollisionModel,
@@ -180,7 +180,7 @@ pub struct Drive {
 
 /// A power supply and the joints on it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Supply<const N: usize> {
+pub struct Supply {
     /// Name, unique in the robot.
     pub name: String,
     /// Voltage in V.
@@ -188,7 +188,7 @@ pub struct Supply<const N: usize> {
     /// Largest current in A.
     pub current_max_a: f64,
     /// Which joints it feeds.
-    pub feeds: [bool; N],
+    pub feeds: PerJoint<bool>,
 }
 
 /// Inner position loop and friction of a drive, the same for all joints; used by the simulator.
@@ -226,7 +226,7 @@ pub struct World {
     pub floor_z_m: f64,
 }
 
-impl<const N: usize> RobotModel<N> {
+impl RobotModel {
     /// The same arm with its ball in the hand, as a point mass bolted to the last link at the release frame; `None` for a
     /// ball without mass, which changes nothing.
     #[must_use]
@@ -236,8 +236,15 @@ impl<const N: usize> RobotModel<N> {
         let at_m = (self.x_ne * self.gripper.x_eb).pos;
         let inertia = last.inertia.with_point_mass(mass_kg, &at_m)?;
         let mut holding = self.clone();
-        holding.links[N - 1].inertia = inertia;
+        holding.links[self.n() - 1].inertia = inertia;
         Some(holding)
+    }
+
+    /// Number of joints.
+    #[must_use]
+    #[inline]
+    pub fn n(&self) -> usize {
+        self.joints.len()
     }
 
     /// Name of the robot.
@@ -254,13 +261,13 @@ impl<const N: usize> RobotModel<N> {
 
     /// The joints, base first.
     #[must_use]
-    pub fn joints(&self) -> &[Joint; N] {
+    pub fn joints(&self) -> &[Joint] {
         &self.joints
     }
 
     /// The moving links, base first; link `i` is moved by joint `i`.
     #[must_use]
-    pub fn links(&self) -> &[Link; N] {
+    pub fn links(&self) -> &[Link] {
         &self.links
     }
 
@@ -292,13 +299,13 @@ impl<const N: usize> RobotModel<N> {
 
     /// The drive modules, if the robot file describes them (all joints or none).
     #[must_use]
-    pub fn drives(&self) -> Option<&[Drive; N]> {
-        self.drives.as_ref()
+    pub fn drives(&self) -> Option<&[Drive]> {
+        self.drives.as_deref()
     }
 
     /// The power supplies; together they feed every drive exactly once. Empty without drives.
     #[must_use]
-    pub fn supplies(&self) -> &[Supply<N>] {
+    pub fn supplies(&self) -> &[Supply] {
         &self.supplies
     }
 
@@ -322,25 +329,25 @@ impl<const N: usize> RobotModel<N> {
 
     /// Lower ends of the joint ranges in rad.
     #[must_use]
-    pub fn q_min(&self) -> JointVec<N> {
+    pub fn q_min(&self) -> JointVec {
         self.limit(|l| l.q_min_rad)
     }
 
     /// Upper ends of the joint ranges in rad.
     #[must_use]
-    pub fn q_max(&self) -> JointVec<N> {
+    pub fn q_max(&self) -> JointVec {
         self.limit(|l| l.q_max_rad)
     }
 
     /// Any limit as a vector, for example `model.limit(|l| l.v_max_rad_s)`.
     #[must_use]
-    pub fn limit(&self, pick: impl Fn(&JointLimits) -> f64) -> JointVec<N> {
-        JointVec::from_fn(|i, _| pick(&self.joints[i].limits))
+    pub fn limit(&self, pick: impl Fn(&JointLimits) -> f64) -> JointVec {
+        JointVec::from_fn(self.n(), |i| pick(&self.joints[i].limits))
     }
 
     /// Whether every joint is inside its range, widened by `slack_rad` on both sides.
     #[must_use]
-    pub fn in_range(&self, q_rad: &JointVec<N>, slack_rad: f64) -> bool {
+    pub fn in_range(&self, q_rad: &JointVec, slack_rad: f64) -> bool {
         self.joints
             .iter()
             .zip(q_rad.iter())
@@ -362,12 +369,13 @@ impl<const N: usize> RobotModel<N> {
         gone: &[String],
         boxes: impl IntoIterator<Item = (String, Pose, Vector3<f64>)>,
     ) -> Self {
-        let kept = |b: &&BodyBox| b.link != N || !gone.contains(&b.name);
+        let last = self.n();
+        let kept = |b: &&BodyBox| b.link != last || !gone.contains(&b.name);
         let mut all: Vec<BodyBox> = self.collision.boxes().iter().filter(kept).cloned().collect();
         let hand = boxes.into_iter();
         all.extend(hand.map(|(name, x_eb, half_m)| BodyBox {
             name,
-            link: N,
+            link: last,
             x_lb: self.x_ne * x_eb,
             half_m,
         }));

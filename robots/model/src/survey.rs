@@ -6,12 +6,10 @@
 
 use toml_reader::{Problem as DocumentProblem, Source, Value};
 
-use crate::any::AnyRobot;
 use crate::collision::{CollisionChecker, Scene};
 use crate::error::{LoadError, Problem};
-use crate::for_any_robot;
-use crate::linalg::JointVec;
 use crate::model::RobotModel;
+use crate::per_joint::JointVec;
 
 type Section<'a> = toml_reader::Section<'a, Problem>;
 
@@ -87,7 +85,7 @@ pub fn survey(file: &str, text: &str) -> Result<Vec<Finding>, LoadError> {
     let mut findings = Vec::new();
     missing(&root, &mut findings)?;
     if findings.is_empty() {
-        match AnyRobot::from_toml(file, text) {
+        match RobotModel::from_toml(file, text) {
             Err(refusal) => findings.push(Finding {
                 weight: Weight::Error,
                 line: refusal.line,
@@ -95,7 +93,7 @@ pub fn survey(file: &str, text: &str) -> Result<Vec<Finding>, LoadError> {
                 what: refusal.problem.to_string(),
                 next: "correct this value and check again".to_owned(),
             }),
-            Ok(robot) => for_any_robot!(&robot, arm => implausible(arm, &root, &mut findings)?),
+            Ok(robot) => implausible(&robot, &root, &mut findings)?,
         }
     }
     assumed(text, &mut findings);
@@ -162,11 +160,7 @@ fn is_outside(value: f64, [low, high]: [f64; 2]) -> bool {
     !(low..=high).contains(&value)
 }
 
-fn implausible<const N: usize>(
-    arm: &RobotModel<N>,
-    root: &Section<'_>,
-    findings: &mut Vec<Finding>,
-) -> Result<(), LoadError> {
+fn implausible(arm: &RobotModel, root: &Section<'_>, findings: &mut Vec<Finding>) -> Result<(), LoadError> {
     let mut tell = |section: &Section<'_>, key: &str, what: String, next: &str| {
         findings.push(at(section, key, Weight::Implausible, what, next));
     };
@@ -222,7 +216,7 @@ fn implausible<const N: usize>(
     }
     let scene = Scene::default();
     let mut checker = CollisionChecker::new(arm, &scene);
-    let zero = JointVec::<N>::zeros();
+    let zero = JointVec::zeros(arm.n());
     if let Some((a, b)) = checker.first_contact(&arm.fk(&zero)) {
         let what = format!("{} touches {} with all joints at zero", checker.name(a), checker.name(b));
         if let Some(section) = root.optional("collision", Value::section)? {
@@ -241,12 +235,12 @@ fn implausible<const N: usize>(
 
 /// Largest torque that gravity asks of each joint, Nm, over a grid of poses: six angles of each of the joints 2 to 4 (of
 /// all in between), the others at zero. The first joints carry the most, and the wrist's angles change little of it.
-fn holding_torques<const N: usize>(arm: &RobotModel<N>) -> JointVec<N> {
-    let mut worst = JointVec::<N>::zeros();
-    let middle = N.min(4);
+fn holding_torques(arm: &RobotModel) -> JointVec {
+    let mut worst = JointVec::zeros(arm.n());
+    let middle = arm.n().min(4);
     for number in 0..6_usize.pow(middle as u32 - 1) {
         let mut rest = number;
-        let mut q = JointVec::<N>::zeros();
+        let mut q = JointVec::zeros(arm.n());
         for k in 1..middle {
             let limits = &arm.joints()[k].limits;
             q[k] = limits.q_min_rad + (rest % 6) as f64 / 5.0 * (limits.q_max_rad - limits.q_min_rad);

@@ -12,19 +12,19 @@ use robot_model::collision::{
 };
 use robot_model::{JointVec, Pose, RobotModel};
 
-static ARM: LazyLock<RobotModel<6>> =
+static ARM: LazyLock<RobotModel> =
     LazyLock::new(|| RobotModel::load("powercube6").expect("the built-in robot loads"));
 
-fn arm() -> &'static RobotModel<6> {
+fn arm() -> &'static RobotModel {
     &ARM
 }
 
-fn deg(q: [f64; 6]) -> JointVec<6> {
+fn deg(q: [f64; 6]) -> JointVec {
     JointVec::from(q.map(f64::to_radians))
 }
 
 #[track_caller]
-fn nearest(q: JointVec<6>) -> (f64, [String; 2]) {
+fn nearest(q: JointVec) -> (f64, [String; 2]) {
     let (arm, scene) = (arm(), Scene::default());
     let mut checker = CollisionChecker::new(arm, &scene);
     let found = checker.clearance(&arm.fk(&q));
@@ -135,7 +135,7 @@ proptest! {
         prop_assume!(here.distance_m > 1e-4);
         let h = 1e-6;
         for k in 0..6 {
-            let mut e = JointVec::zeros();
+            let mut e = JointVec::zeros(6);
             e[k] = h;
             let (up, down) = (checker.clearance(&arm.fk(&(q + e))), checker.clearance(&arm.fk(&(q - e))));
             let (right, left) = ((up.distance_m - here.distance_m) / h, (here.distance_m - down.distance_m) / h);
@@ -151,9 +151,9 @@ fn obstacle() -> Vec<(String, Obb)> {
     vec![("crate".to_owned(), aligned_box(Vector3::new(0.5, 0.3, -1.0), Vector3::new(0.9, 0.7, -0.4)))]
 }
 
-fn configuration(arm: &RobotModel<6>, u: &[f64; 6]) -> JointVec<6> {
+fn configuration(arm: &RobotModel, u: &[f64; 6]) -> JointVec {
     let (min, max) = (arm.q_min(), arm.q_max());
-    JointVec::from_fn(|i, _| min[i] + u[i] * (max[i] - min[i]))
+    JointVec::from_fn(6, |i| min[i] + u[i] * (max[i] - min[i]))
 }
 
 proptest! {
@@ -231,7 +231,7 @@ fn a_thin_wall_between_the_samples_is_found() {
 fn a_motion_that_is_not_a_number_is_not_free() {
     let (arm, scene) = (arm(), Scene::default());
     let mut checker = CollisionChecker::new(arm, &scene);
-    let motion = StraightMove { from: JointVec::repeat(f64::NAN), to: JointVec::zeros() };
+    let motion = StraightMove { from: JointVec::repeat(6, f64::NAN), to: JointVec::zeros(6) };
     assert!(!checker.check_motion(&motion, 0.0, 1.0, 1e-4).is_free());
 }
 

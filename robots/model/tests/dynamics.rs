@@ -2,18 +2,19 @@
 
 use std::sync::LazyLock;
 
-use nalgebra::{Matrix6, Vector3};
+use nalgebra::{DMatrix, Vector3};
 use proptest::prelude::*;
+use robot_model::linalg::SquareMatrix;
 use robot_model::{JointVec, RobotModel};
 
-static ARM: LazyLock<RobotModel<6>> =
+static ARM: LazyLock<RobotModel> =
     LazyLock::new(|| RobotModel::load("powercube6").expect("the built-in robot loads"));
 
-fn arm() -> &'static RobotModel<6> {
+fn arm() -> &'static RobotModel {
     &ARM
 }
 
-fn six(limit: f64) -> impl Strategy<Value = JointVec<6>> {
+fn six(limit: f64) -> impl Strategy<Value = JointVec> {
     prop::array::uniform6(-limit..limit).prop_map(JointVec::from)
 }
 
@@ -28,6 +29,7 @@ proptest! {
     #[test]
     fn mass_matrix_is_symmetric_positive_definite(q in six(3.2)) {
         let mass = arm().mass_matrix(&q);
+        let mass = DMatrix::from(mass);
         prop_assert!(mass == mass.transpose());
         let moments = mass.symmetric_eigenvalues();
         // The smallest is the spin of the hand about joint 6, the largest the stretched arm about joints 1 and 2.
@@ -61,9 +63,9 @@ proptest! {
         // q̇ᵀ (Ṁ - 2C) q̇ = 0 holds for every factorisation of the Coriolis torque C q̇.
         let arm = arm();
         let h = 1e-6;
-        let mass_rate: Matrix6<f64> = (arm.mass_matrix(&(q + qd * h)) - arm.mass_matrix(&(q - qd * h))) / (2.0 * h);
+        let rate = (arm.mass_matrix(&(q + qd * h)) * qd - arm.mass_matrix(&(q - qd * h)) * qd) / (2.0 * h);
         let coriolis = arm.bias_torques(&q, &qd) - arm.gravity_torques(&q);
-        let work = qd.dot(&(mass_rate * qd - coriolis * 2.0));
+        let work = qd.dot(&(rate - coriolis * 2.0));
         prop_assert!(work.abs() < 1e-6, "{work:e}");
     }
 
@@ -72,15 +74,16 @@ proptest! {
         let arm = arm();
         let exact = arm.inverse_dynamics_gradient(&q, &qd, &qdd);
         prop_assert!((exact.tau - arm.inverse_dynamics(&q, &qd, &qdd)).amax() < 1e-11);
-        prop_assert!((exact.by_qdd - arm.mass_matrix(&q)).amax() < 1e-12);
+        prop_assert!((DMatrix::from(exact.by_qdd) - DMatrix::from(arm.mass_matrix(&q))).amax() < 1e-12);
         let h = 1e-6;
         for j in 0..6 {
-            let mut e = JointVec::zeros();
+            let mut e = JointVec::zeros(6);
             e[j] = h;
             let by_q = (arm.inverse_dynamics(&(q + e), &qd, &qdd) - arm.inverse_dynamics(&(q - e), &qd, &qdd)) / (2.0 * h);
             let by_qd = (arm.inverse_dynamics(&q, &(qd + e), &qdd) - arm.inverse_dynamics(&q, &(qd - e), &qdd)) / (2.0 * h);
-            prop_assert!((exact.by_q.column(j) - by_q).amax() < 2e-7, "q{j}: {}", exact.by_q.column(j) - by_q);
-            prop_assert!((exact.by_qd.column(j) - by_qd).amax() < 2e-7, "qd{j}: {}", exact.by_qd.column(j) - by_qd);
+            let off = |column: &SquareMatrix, by: JointVec| (JointVec::from_fn(6, |i| column[(i, j)]) - by).amax();
+            prop_assert!(off(&exact.by_q, by_q) < 2e-7, "q{j}: {}", off(&exact.by_q, by_q));
+            prop_assert!(off(&exact.by_qd, by_qd) < 2e-7, "qd{j}: {}", off(&exact.by_qd, by_qd));
         }
     }
 
@@ -95,10 +98,10 @@ proptest! {
         let frames = arm.fk(&q);
         let weight = Vector3::new(0.0, 0.0, -9.81 * mass_kg);
         let jacobian = frames.jacobian(&arm.ball(&frames).pos);
-        prop_assert!((extra + jacobian.fixed_rows::<3>(0).transpose() * weight).amax() < 1e-12);
-        let more = loaded.mass_matrix(&q) - arm.mass_matrix(&q);
-        let linear = jacobian.fixed_rows::<3>(0);
-        prop_assert!((more - linear.transpose() * linear * mass_kg).amax() < 1e-12);
+        prop_assert!((extra + JointVec::from_fn(6, |k| jacobian.linear(k).dot(&weight))).amax() < 1e-12);
+        let more = DMatrix::from(loaded.mass_matrix(&q)) - DMatrix::from(arm.mass_matrix(&q));
+        let of_point = DMatrix::from_fn(6, 6, |i, k| jacobian.linear(i).dot(&jacobian.linear(k)) * mass_kg);
+        prop_assert!((more - of_point).amax() < 1e-12);
     }
 }
 
@@ -106,11 +109,11 @@ proptest! {
 fn a_free_swing_keeps_its_energy() {
     let arm = arm();
     let mut q = JointVec::from([0.3, -1.0, -1.5, 0.4, 0.7, 0.2]);
-    let mut qd = JointVec::zeros();
-    let energy = |q: &JointVec<6>, qd: &JointVec<6>| arm.kinetic_energy_j(q, qd) + arm.potential_energy_j(q);
+    let mut qd = JointVec::zeros(6);
+    let energy = |q: &JointVec, qd: &JointVec| arm.kinetic_energy_j(q, qd) + arm.potential_energy_j(q);
     let start = energy(&q, &qd);
     let h = 2e-4;
-    let accel = |q: &JointVec<6>, qd: &JointVec<6>| arm.forward_dynamics(q, qd, &JointVec::zeros());
+    let accel = |q: &JointVec, qd: &JointVec| arm.forward_dynamics(q, qd, &JointVec::zeros(6));
     let mut fastest = 0.0_f64;
     for _ in 0..2500 {
         let (k1, l1) = (qd, accel(&q, &qd));
@@ -136,7 +139,7 @@ fn impossible_point_masses_are_refused() {
 }
 
 /// The arm with a ball of this mass in its hand.
-fn holding(mass_kg: f64) -> RobotModel<6> {
+fn holding(mass_kg: f64) -> RobotModel {
     let text = robot_model::built_in_text("powercube6").expect("built in");
     let text = text.replacen("ball_mass_kg = 0", &format!("ball_mass_kg = {mass_kg}"), 1);
     RobotModel::from_toml("heavy.toml", &text)
@@ -158,12 +161,12 @@ proptest! {
         let force = (acceleration + Vector3::new(0.0, 0.0, bare.world().gravity_m_s2)) * mass_kg;
         let frames = bare.fk(&q);
         let jacobian = frames.jacobian(&bare.ball(&frames).pos);
-        let linear = jacobian.fixed_rows::<3>(0);
         let more = loaded.inverse_dynamics(&q, &qd, &qdd) - bare.inverse_dynamics(&q, &qd, &qdd);
-        let expected = linear.transpose() * force;
+        let expected = JointVec::from_fn(6, |k| jacobian.linear(k).dot(&force));
         prop_assert!((more - expected).amax() < 1e-5 * (1.0 + expected.amax()), "{more} against {expected}");
-        let more = loaded.mass_matrix(&q) - bare.mass_matrix(&q);
-        prop_assert!((more - linear.transpose() * linear * mass_kg).amax() < 1e-12 * (1.0 + mass_kg));
+        let more = DMatrix::from(loaded.mass_matrix(&q)) - DMatrix::from(bare.mass_matrix(&q));
+        let of_point = DMatrix::from_fn(6, 6, |i, k| jacobian.linear(i).dot(&jacobian.linear(k)) * mass_kg);
+        prop_assert!((more - of_point).amax() < 1e-12 * (1.0 + mass_kg));
         let exact = loaded.inverse_dynamics_gradient(&q, &qd, &qdd).tau;
         prop_assert!((exact - loaded.inverse_dynamics(&q, &qd, &qdd)).amax() < 1e-10);
     }
@@ -173,9 +176,9 @@ proptest! {
 fn a_ball_without_mass_changes_nothing() {
     assert!(arm().holding_ball().is_none());
     // The published numbers are those of an empty hand, also for the machine whose ball weighs something.
-    let kr16: RobotModel<6> = RobotModel::load("kr16_2").expect("loads");
+    let kr16: RobotModel = RobotModel::load("kr16_2").expect("loads");
     assert_eq!(kr16.gripper().ball_mass_kg, 0.058);
-    let q = JointVec::<6>::repeat(0.3);
+    let q = JointVec::repeat(6, 0.3);
     assert!(
         kr16.holding_ball().expect("it weighs something").gravity_torques(&q) != kr16.gravity_torques(&q)
     );

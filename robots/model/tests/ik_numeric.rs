@@ -4,11 +4,11 @@ use std::f64::consts::TAU;
 
 use robot_model::{JointVec, RobotModel};
 
-fn ur5() -> RobotModel<6> {
+fn ur5() -> RobotModel {
     RobotModel::from_toml("ur5.toml", include_str!("data/ur5.toml")).expect("the fixture loads")
 }
 
-fn apart(a: &JointVec<6>, b: &JointVec<6>) -> f64 {
+fn apart(a: &JointVec, b: &JointVec) -> f64 {
     a.iter()
         .zip(b.iter())
         .map(|(a, b)| (a - b) - TAU * ((a - b) / TAU).round())
@@ -16,14 +16,14 @@ fn apart(a: &JointVec<6>, b: &JointVec<6>) -> f64 {
 }
 
 /// Poses that the arm reaches, away from the starts of the search.
-fn configurations(arm: &RobotModel<6>, count: usize) -> impl Iterator<Item = JointVec<6>> + '_ {
+fn configurations(arm: &RobotModel, count: usize) -> impl Iterator<Item = JointVec> + '_ {
     (0..count).map(|k| arm.spread_configuration(10_007 + 31 * k))
 }
 
 /// Published zero pose of the UR5: stretched along -x, hand at (a2 + a3, -(d4 + d6), d1 - d5).
 #[test]
 fn the_fixture_has_the_zero_pose_of_the_maker() {
-    let hand = ur5().ee_at(&JointVec::zeros());
+    let hand = ur5().ee_at(&JointVec::zeros(6));
     let want = [-0.425 - 0.39225, -0.10915 - 0.0823, 0.089159 - 0.09465];
     for (got, want) in hand.pos.iter().zip(want) {
         assert!((got - want).abs() < 1e-9, "{:?}", hand.pos);
@@ -55,7 +55,7 @@ fn every_solution_of_the_ur5_reaches_the_pose() {
 #[test]
 fn the_search_finds_all_branches_of_the_closed_form() {
     for robot in ["kr16_2", "powercube6"] {
-        let arm: RobotModel<6> = RobotModel::load(robot).expect("built in");
+        let arm: RobotModel = RobotModel::load(robot).expect("built in");
         let (mut branches, mut missed) = (0, 0);
         for q in configurations(&arm, 40) {
             let pose = arm.ee_at(&q);
@@ -95,5 +95,5 @@ fn a_pose_out_of_reach_has_no_solution() {
     let mut pose = arm.ee_at(&JointVec::from([0.3, -1.2, 1.4, -0.9, 1.1, 0.2]));
     pose.pos.x += 3.0;
     assert!(arm.ik_search(&pose, 32).is_empty());
-    assert!(arm.ik_from(&pose, &JointVec::zeros()).is_none());
+    assert!(arm.ik_from(&pose, &JointVec::zeros(6)).is_none());
 }

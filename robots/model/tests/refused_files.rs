@@ -1,13 +1,13 @@
 //! One case per way a robot file can be wrong: each error names file, line, key and reason.
 
-use robot_model::{AnyRobot, FamilyMismatch, LoadError, Problem, RobotModel, built_in_robots, built_in_text};
+use robot_model::{FamilyMismatch, LoadError, Problem, RobotModel, built_in_robots, built_in_text};
 
 fn good() -> &'static str {
     built_in_text("powercube6").expect("built in")
 }
 
 fn refused(text: &str) -> LoadError {
-    match RobotModel::<6>::from_toml("arm.toml", text) {
+    match RobotModel::from_toml("arm.toml", text) {
         Ok(_) => panic!("accepted"),
         Err(e) => e,
     }
@@ -149,19 +149,24 @@ fn a_drive_on_some_joints_only_is_refused() {
 }
 
 #[test]
-fn the_number_of_joints_must_be_the_one_asked_for() {
-    let error = RobotModel::<4>::load("powercube6").expect_err("six joints");
-    assert_eq!(error.problem, Problem::JointCount { expected: 4, found: 6 });
-    let error = AnyRobot::from_toml("arm.toml", "schema = 1").expect_err("no joints");
+fn an_arm_has_four_to_seven_joints() {
+    let parts: Vec<String> = good().split("[[joint]]").map(|part| format!("[[joint]]{part}")).collect();
+    let [head, first, .., last] = &parts[..] else { panic!("joints") };
+    for n in [1, 3, 8, 9] {
+        let error = refused(&[&head["[[joint]]".len()..], &first.repeat(n - 1), last].concat());
+        assert!(matches!(error.problem, Problem::Document(_)) && error.key == "joint", "{n}: {error}");
+        assert!(error.to_string().contains("4 to 7") || error.to_string().contains('7'), "{error}");
+    }
+    let error = RobotModel::from_toml("arm.toml", "schema = 1").expect_err("no joints");
     assert_eq!(error.key, "joint");
 }
 
 #[test]
 fn a_missing_file_names_the_built_in_robots() {
-    let error = RobotModel::<6>::load("powercube7").expect_err("no such robot");
+    let error = RobotModel::load("powercube7").expect_err("no such robot");
     assert_eq!(error.problem, Problem::UnknownRobot { known: built_in_robots() });
     assert!(error.to_string().contains("powercube6, kr16_2, pincher4"), "{error}");
-    let error = RobotModel::<6>::load("/").expect_err("a folder");
+    let error = RobotModel::load("/").expect_err("a folder");
     assert!(matches!(error.problem, Problem::Document(toml_reader::Problem::Unreadable(_))), "{error}");
 }
 
@@ -186,7 +191,7 @@ fn frames_off_their_family_say_which_condition_fails() {
     assert!(matches!(mismatch(&apart), FamilyMismatch::NoWristCentre { .. }));
     let bent = with("alpha_deg = 90, a_m = 0, d_m = 0.217", "alpha_deg = 80, a_m = 0, d_m = 0.217");
     assert!(matches!(mismatch(&bent), FamilyMismatch::NotPerpendicular { a: 5, b: 6, .. }));
-    let four = RobotModel::<4>::from_toml(
+    let four = RobotModel::from_toml(
         "p.toml",
         &built_in_text("pincher4").expect("built in").replace("turntable_planar", "ortho_parallel"),
     );
@@ -197,7 +202,7 @@ fn frames_off_their_family_say_which_condition_fails() {
 #[test]
 fn built_in_files_are_complete_robots() {
     for name in built_in_robots() {
-        let robot = AnyRobot::load(name).expect("loads");
+        let robot = RobotModel::load(name).expect("loads");
         assert_eq!(robot.name(), name);
     }
 }

@@ -24,7 +24,7 @@ use hil_sim::world::{Observer, World};
 use hil_sim::{Cell, CellOptions};
 use protocol::cyphal::crc::Crc64;
 use protocol::{Duration, Frame, Id, Instant, Node};
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 /// The controller, and a node that only sends what it is given.
 pub(crate) struct ControllerPort(Box<Controller<RamStorage, Spline, PowerCubes>>, Stranger);
@@ -124,8 +124,8 @@ pub(crate) struct Lab {
 
 impl Lab {
     pub(crate) fn new(settings: &Settings, situation: &Situation) -> Self {
-        let robot = AnyRobot::load("powercube6").unwrap();
-        let AnyRobot::Six(arm) = &robot else { panic!("six joints") };
+        let robot = RobotModel::load("powercube6").unwrap();
+        let arm = &robot;
         let mut options = CellOptions::default();
         options.drive.starts_homed = true;
         let (answer_us, jitter_us) = situation.answer_us;

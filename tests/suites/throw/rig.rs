@@ -24,7 +24,7 @@ use planner::plan::{Arm, Confidence, Joints, Options, Problem, seeds};
 use planner::store::Index;
 use protocol::powercube::{AddressedRequest, MotionPosition, Parameter, Reply, Request, Value};
 use protocol::{Duration, Frame, Instant};
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 /// Answers this far apart show a speed: longer than the steps of the encoder matter, shorter than a ramp.
 const SPEED_WINDOW_S: f64 = 0.02;
@@ -126,9 +126,9 @@ pub(crate) struct Rig {
 
 impl Rig {
     fn new(setup: SimSetup) -> Self {
-        let AnyRobot::Six(arm) = AnyRobot::load("powercube6").unwrap() else { panic!("six joints") };
+        let arm = RobotModel::load("powercube6").unwrap();
         let index = seeds::built_in(&arm);
-        Self { arm: *arm, index, setup }
+        Self { arm, index, setup }
     }
 
     /// The cell as the model says, gripper within ± 1 ms.
@@ -216,7 +216,7 @@ impl Rig {
             .target
             .opening
             .map(|o| Plane { point_m: Vector3::from(met_m), normal: Vector3::from(o.normal) });
-        let robot = AnyRobot::load("powercube6").unwrap();
+        let robot = RobotModel::load("powercube6").unwrap();
         let settings = settings_of(&robot).unwrap();
         let cell = Cell { robot_source: "powercube6".to_owned(), robot, seed, setup };
         let mut session = BusArgs::default().open_cell(&cell, Some(&settings)).unwrap();
@@ -282,9 +282,9 @@ impl Rig {
     pub(crate) fn jitter_covariance(&self, plan: &PlanFile, half: Duration) -> Matrix2<f64> {
         let problem = self.problem(plan.target.position_m).unwrap();
         let throw = planner::plan::Throw {
-            q_rad: Joints::from_column_slice(&plan.release.q_rad),
-            qd_rad_s: Joints::from_column_slice(&plan.release.qd_rad_s),
-            qdd_rad_s2: Joints::from_column_slice(&plan.release.qdd_rad_s2),
+            q_rad: Joints::from_slice(&plan.release.q_rad),
+            qd_rad_s: Joints::from_slice(&plan.release.qd_rad_s),
+            qdd_rad_s2: Joints::from_slice(&plan.release.qdd_rad_s2),
             flight_s: plan.landing.flight_s,
             ha_s: plan.release_time_s,
             hb_s: plan.end_time_s - plan.release_time_s,

@@ -16,7 +16,7 @@ use protocol::cyphal::tx::{TxMeta, TxQueue};
 use protocol::cyphal::uavcan::command::{self as commands, CommandRequest};
 use protocol::cyphal::uavcan::heartbeat::{self, Health, Heartbeat, Mode};
 use protocol::{Duration, Frame, Instant, Node};
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 /// Mailboxes of the board's CAN controller.
 const MAILBOXES: usize = 3;
@@ -38,7 +38,7 @@ impl Lab {
     pub(crate) fn start() -> Result<Rc<RefCell<Self>>, Box<dyn Error>> {
         let mut options = CellOptions::default();
         options.drive.starts_homed = true;
-        let cell = Cell::new(&AnyRobot::load("powercube6")?, &options, 1)?;
+        let cell = Cell::new(&RobotModel::load("powercube6")?, &options, 1)?;
         let nodes = (Solo::new("board", Port::default()), Solo::new("pendant", Pendant::default()));
         let mut world = World::new((cell, nodes), BusConfig::default(), 1, Vec::new())?;
         world.keep_queue_short(BOARD, MAILBOXES);

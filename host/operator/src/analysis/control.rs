@@ -75,7 +75,7 @@ mod tests {
     use super::*;
 
     fn standing() -> Motion {
-        let knot = |t_s| Knot { t_s, q_rad: JointVec::zeros(), qd_rad_s: JointVec::zeros() };
+        let knot = |t_s| Knot { t_s, q_rad: JointVec::zeros(6), qd_rad_s: JointVec::zeros(6) };
         Motion { knots: vec![knot(0.0), knot(1.0)], events: Vec::new() }
     }
 

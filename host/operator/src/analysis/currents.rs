@@ -10,7 +10,7 @@ use super::tracking::interpolate;
 use super::{AFTER_S, BEFORE_S};
 use planner::motion::Motion;
 use planner::plan::file::PlanFile;
-use planner::throw::{Arm, JOINTS};
+use planner::throw::Arm;
 
 /// Distance of the points of predicted curves, s.
 const STEP_S: f64 = 0.005;
@@ -58,7 +58,7 @@ pub fn supplies(plan: &PlanFile, arm: &Arm, heard: &Heard) -> Vec<SupplyCurrents
     arm.supplies()
         .iter()
         .map(|supply| {
-            let fed: Vec<usize> = (0..JOINTS).filter(|j| supply.feeds[*j]).collect();
+            let fed: Vec<usize> = (0..arm.n()).filter(|j| supply.feeds[*j]).collect();
             let predicted: Vec<Reading> = motors
                 .iter()
                 .map(|(t_s, a)| Reading { t_s: *t_s, value: fed.iter().map(|j| a[*j]).sum() })

@@ -75,8 +75,9 @@ struct State {
 
 /// Measured state at `t_s`, and its standard errors.
 fn state_at(plan: &PlanFile, joints: &[JointTracking], t_s: f64) -> Option<(State, State)> {
-    let reference = plan.motion.to_motion::<6>().at(t_s);
-    let zero = State { q_rad: Joints::zeros(), qd_rad_s: Joints::zeros() };
+    let reference = plan.motion.to_motion().at(t_s);
+    let zero = Joints::zeros(reference.q.len());
+    let zero = State { q_rad: zero, qd_rad_s: zero };
     let (mut state, mut scatter) = (zero, zero);
     for (j, joint) in joints.iter().enumerate() {
         let error = error_at(&joint.samples, t_s)?;

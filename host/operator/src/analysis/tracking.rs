@@ -13,7 +13,7 @@ use super::{AFTER_S, AnalysisError, BEFORE_S, TRANSIENT_S};
 use crate::samples::drives::Drives;
 use planner::motion::Motion;
 use planner::plan::file::PlanFile;
-use planner::throw::{Arm, JOINTS};
+use planner::throw::Arm;
 
 /// Half of the time over which the slope of an error is taken, s: at 3 ms and 0.02° it leaves 2 mrad/s of noise.
 pub const HALF_WINDOW_S: f64 = 0.025;
@@ -89,8 +89,8 @@ pub fn joints(
 ) -> Result<Vec<JointTracking>, AnalysisError> {
     let end = plan.end_time_s;
     let shown = |t_s: f64| (-BEFORE_S..=end + AFTER_S).contains(&t_s);
-    let mut all = Vec::with_capacity(JOINTS);
-    for (j, drive) in heard.joints.iter().enumerate().take(JOINTS) {
+    let mut all = Vec::with_capacity(arm.n());
+    for (j, drive) in heard.joints.iter().enumerate().take(arm.n()) {
         let name = arm.joints()[j].name.clone();
         // More than is shown, so that the windows of the first and last shown ones are whole.
         let margin = 4.0 * HALF_WINDOW_S;
@@ -133,7 +133,7 @@ pub fn joints(
 pub fn unlike(plan: &PlanFile, heard: &Heard) -> f64 {
     let motion: Motion = plan.motion.to_motion();
     let (mut sum, mut count) = (0.0, 0_usize);
-    for (j, drive) in heard.joints.iter().enumerate().take(JOINTS) {
+    for (j, drive) in heard.joints.iter().enumerate().take(plan.motion.joints.len()) {
         for p in drive.positions.iter().filter(|p| (0.0..=0.25 * plan.end_time_s).contains(&p.t_s)) {
             sum += (motion.at(p.t_s).q[j] - p.value).abs();
             count += 1;

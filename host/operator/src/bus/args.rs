@@ -11,7 +11,7 @@ use firmware::settings::Settings;
 use hil_sim::scenario::Scenario;
 use protocol::ModuleId;
 use protocol::cyphal::id::NodeId;
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 use super::failure::BusFailure;
 use super::live::LiveBus;
@@ -64,7 +64,7 @@ pub struct Cell {
     /// What was given for the robot.
     pub robot_source: String,
     /// The robot.
-    pub robot: AnyRobot,
+    pub robot: RobotModel,
     /// Seed.
     pub seed: u64,
     /// Options of the cell.
@@ -81,7 +81,7 @@ impl CellArgs {
         let scenario = scenario.map_err(|error| BusFailure::Scenario(Box::new(error)))?;
         let named = self.robot.clone().or(scenario.as_ref().map(|scenario| scenario.robot.clone()));
         let robot_source = named.unwrap_or_else(|| "powercube6".to_owned());
-        let robot = AnyRobot::load(&robot_source)?;
+        let robot = RobotModel::load(&robot_source)?;
         let seed = self.seed.or(scenario.as_ref().map(|scenario| scenario.seed)).unwrap_or(1);
         let setup = scenario.map_or_else(SimSetup::default, |scenario| SimSetup {
             cell: scenario.cell,

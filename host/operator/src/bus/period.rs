@@ -2,7 +2,7 @@
 
 use firmware::settings::Settings;
 use protocol::{Duration, JointIndex};
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 use crate::bus::cycle_timing::CycleTiming;
 use crate::bus::settings::{NoSettings, settings_of};
@@ -76,7 +76,7 @@ pub enum NoPeriod {
 pub fn choose(
     wish: PeriodRequest,
     timing: Option<&CycleTiming>,
-    robot: &AnyRobot,
+    robot: &RobotModel,
     usual_us: u32,
 ) -> Result<Choice, NoPeriod> {
     let holds =
@@ -142,7 +142,7 @@ fn advice(timing: &CycleTiming) -> String {
 ///
 /// # Errors
 /// [`NoSettings`].
-pub fn settings_with_gains(robot: &AnyRobot) -> Result<Settings, NoSettings> {
+pub fn settings_with_gains(robot: &RobotModel) -> Result<Settings, NoSettings> {
     let mut settings = settings_of(robot)?;
     if let Ok(choice) = choose(PeriodRequest::Any, None, robot, settings.cycle_period_us) {
         apply(&choice, &mut settings);
@@ -176,8 +176,8 @@ mod tests {
     use super::*;
     use firmware::registers;
 
-    fn robot() -> AnyRobot {
-        AnyRobot::load("powercube6").unwrap()
+    fn robot() -> RobotModel {
+        RobotModel::load("powercube6").unwrap()
     }
 
     fn any(timing: &CycleTiming) -> Result<Choice, NoPeriod> {

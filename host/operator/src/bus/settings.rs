@@ -3,8 +3,8 @@
 use firmware::crc::Crc32;
 use firmware::joints::PerJoint;
 use firmware::settings::{JointSettings, Settings};
-use protocol::{JOINTS_MAX, JointIndex, ModuleId};
-use robot_model::{AnyRobot, RobotModel, for_any_robot};
+use protocol::{JointIndex, ModuleId};
+use robot_model::RobotModel;
 
 use planner::store::robot_fingerprint;
 
@@ -21,13 +21,6 @@ pub enum NoSettings {
     NoDrives {
         /// Name of the robot.
         robot: String,
-    },
-    /// It has more joints than a controller.
-    #[error("robot {robot} has {joints} joints, a controller up to {JOINTS_MAX}")]
-    TooManyJoints {
-        /// Name of the robot.
-        robot: String,
-        joints: usize,
     },
     /// A module that is the drive of no joint.
     #[error(
@@ -54,15 +47,12 @@ pub fn robot_crc32(fingerprint: &str) -> u32 {
 
 /// [`robot_crc32`] of a model.
 #[must_use]
-pub fn crc32_of<const N: usize>(model: &RobotModel<N>) -> u32 {
+pub fn crc32_of(model: &RobotModel) -> u32 {
     robot_crc32(&format!("{:016x}", robot_fingerprint(model)))
 }
 
-/// [`robot_crc32`] of a robot with as many joints as a controller can have.
-#[must_use]
-pub fn crc32_of_any(robot: &AnyRobot) -> Option<u32> {
-    Some(for_any_robot!(robot, model => crc32_of(model)))
-}
+// Every robot fits a controller.
+const _: () = assert!(robot_model::JOINTS_MAX <= protocol::JOINTS_MAX);
 
 /// Settings for `robot`: addresses, ranges, limits and currents from its file; the rest as the firmware has it built in.
 ///
@@ -71,22 +61,11 @@ pub fn crc32_of_any(robot: &AnyRobot) -> Option<u32> {
 ///
 /// # Errors
 /// [`NoSettings`].
-pub fn settings_of(robot: &AnyRobot) -> Result<Settings, NoSettings> {
-    for_any_robot!(robot, model => of_model(model))
-}
-
-/// As [`settings_of`], for a model whose number of joints is known.
-///
-/// # Errors
-/// As [`settings_of`].
-pub fn of_model<const N: usize>(model: &RobotModel<N>) -> Result<Settings, NoSettings> {
+pub fn settings_of(model: &RobotModel) -> Result<Settings, NoSettings> {
     let robot = || model.name().to_owned();
     let drives = model.drives().ok_or_else(|| NoSettings::NoDrives { robot: robot() })?;
-    if N > JOINTS_MAX {
-        return Err(NoSettings::TooManyJoints { robot: robot(), joints: N });
-    }
     let mut settings = Settings::powercube6();
-    settings.joints = N as u32;
+    settings.joints = model.n() as u32;
     let PerJoint(places) = &mut settings.joint;
     for ((place, joint), drive) in places.iter_mut().zip(model.joints()).zip(drives) {
         let limits = &joint.limits;
@@ -151,7 +130,7 @@ mod tests {
 
     #[test]
     fn a_part_of_the_joints_keeps_its_order_and_an_unknown_module_is_refused() {
-        let settings = settings_of(&AnyRobot::load("powercube6").unwrap()).unwrap();
+        let settings = settings_of(&RobotModel::load("powercube6").unwrap()).unwrap();
         let module = |n| ModuleId::new(n).unwrap();
         let part = of_modules(&settings, &[module(5), module(2)]).unwrap();
         let addresses: Vec<u8> = part.joints().map(|joint| part.joint.at(joint).module().get()).collect();
@@ -162,7 +141,7 @@ mod tests {
 
     #[test]
     fn the_built_in_robot_file_gives_the_built_in_settings() {
-        let settings = settings_of(&AnyRobot::load("powercube6").unwrap()).unwrap();
+        let settings = settings_of(&RobotModel::load("powercube6").unwrap()).unwrap();
         let built_in = Settings::powercube6();
         let rounded = |settings: &Settings| {
             let mut settings = *settings;
@@ -184,14 +163,16 @@ mod tests {
         let text = robot_model::built_in_text("powercube6").unwrap();
         let limit = "control_acceleration_max_rad_s2 = 10.4";
         assert!(text.contains(limit));
-        let slower =
-            AnyRobot::from_toml("edited.toml", &text.replace(limit, "control_acceleration_max_rad_s2 = 8.0"))
-                .unwrap();
+        let slower = RobotModel::from_toml(
+            "edited.toml",
+            &text.replace(limit, "control_acceleration_max_rad_s2 = 8.0"),
+        )
+        .unwrap();
         let settings = settings_of(&slower).unwrap();
         assert_eq!((settings.gains_certificate_crc32, settings.gains_robot_crc32), (0, 0));
         assert!(settings.joint.0.iter().all(|joint| joint.gains() == firmware::feedback::Gains::default()));
-        assert_eq!(settings.limits_robot_crc32, crc32_of_any(&slower).unwrap());
-        let same = settings_of(&AnyRobot::load("powercube6").unwrap()).unwrap();
+        assert_eq!(settings.limits_robot_crc32, crc32_of(&slower));
+        let same = settings_of(&RobotModel::load("powercube6").unwrap()).unwrap();
         assert_ne!(same.gains_certificate_crc32, 0);
         assert_ne!(same.limits_robot_crc32, settings.limits_robot_crc32);
     }
@@ -200,8 +181,10 @@ mod tests {
     fn a_limit_that_no_drive_can_have_makes_no_settings() {
         let text = robot_model::built_in_text("powercube6").unwrap();
         let limit = "control_acceleration_max_rad_s2 = 10.4";
-        let wild =
-            AnyRobot::from_toml("edited.toml", &text.replace(limit, "control_acceleration_max_rad_s2 = 1e9"));
+        let wild = RobotModel::from_toml(
+            "edited.toml",
+            &text.replace(limit, "control_acceleration_max_rad_s2 = 1e9"),
+        );
         // A stricter reader of robot files may refuse it first, by its name.
         match wild {
             Ok(wild) => assert!(matches!(settings_of(&wild), Err(NoSettings::Invalid { .. }))),
@@ -211,7 +194,7 @@ mod tests {
 
     #[test]
     fn a_robot_without_drives_is_refused_with_the_next_step() {
-        let error = settings_of(&AnyRobot::load("kr16_2").unwrap()).unwrap_err();
+        let error = settings_of(&RobotModel::load("kr16_2").unwrap()).unwrap_err();
         assert!(error.to_string().contains("next: give each [[joint]]"), "{error}");
     }
 }

@@ -16,7 +16,7 @@ use hil_sim::participants::{Participants, Solo};
 use hil_sim::scenario::{Action, ScriptedHost};
 use hil_sim::{Cell as SimCell, CellOptions, Observer, World};
 use protocol::{Duration, Frame, Instant, Node};
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 use super::failure::BusFailure;
 use super::seen::Seen;
@@ -139,7 +139,7 @@ impl SimBus {
     ///
     /// # Errors
     /// The robot has no drives, or there are more nodes than a bus has ports.
-    pub fn new(robot: &AnyRobot, setup: &SimSetup, seed: u64, guests: Guests) -> Result<Self, BusFailure> {
+    pub fn new(robot: &RobotModel, setup: &SimSetup, seed: u64, guests: Guests) -> Result<Self, BusFailure> {
         let cell = SimCell::new(robot, &setup.cell, seed)?;
         let script = Solo::new("script", ScriptedHost::new(&setup.actions));
         let desk_port = cell.len() + script.len() + guests.len();

@@ -112,10 +112,10 @@ pub struct Bounds {
 }
 
 /// One joint of a robot on a bus. All angles are of joints; drives are ordered and read as they are mounted.
-pub struct Experiment<'a, const N: usize> {
+pub struct Experiment<'a> {
     session: &'a mut Session,
-    model: &'a RobotModel<N>,
-    drives: [JointSettings; N],
+    model: &'a RobotModel,
+    drives: Vec<JointSettings>,
     joint: usize,
     bounds: Bounds,
     bound_a: f64,
@@ -131,15 +131,15 @@ struct Look {
     current_a: f64,
 }
 
-impl<'a, const N: usize> Experiment<'a, N> {
+impl<'a> Experiment<'a> {
     /// Looks at every module: there, homed, without error.
     ///
     /// # Errors
     /// [`ExperimentError`]; nothing has moved.
     pub fn new(
         session: &'a mut Session,
-        model: &'a RobotModel<N>,
-        drives: [JointSettings; N],
+        model: &'a RobotModel,
+        drives: Vec<JointSettings>,
         joint: usize,
         bounds: Bounds,
         progress: &'a mut dyn FnMut(&str),
@@ -165,9 +165,10 @@ impl<'a, const N: usize> Experiment<'a, N> {
     ///
     /// # Errors
     /// [`ExperimentError`].
-    pub fn positions(&mut self) -> Result<JointVec<N>, ExperimentError> {
-        let questions = self.drives.map(|drive| (drive.module(), Request::Get(Parameter::ActPos)));
-        let mut q = JointVec::<N>::zeros();
+    pub fn positions(&mut self) -> Result<JointVec, ExperimentError> {
+        let questions: Vec<_> =
+            self.drives.iter().map(|drive| (drive.module(), Request::Get(Parameter::ActPos))).collect();
+        let mut q = JointVec::zeros(self.drives.len());
         for (i, answer) in self.session.ask_all(&questions)?.into_iter().enumerate() {
             if let Reply::Value(_, value) = answer.map_err(AskError::Request)? {
                 q[i] = self.joint_rad(i, value.as_f64().unwrap_or(f64::NAN));
@@ -184,7 +185,7 @@ impl<'a, const N: usize> Experiment<'a, N> {
     ///
     /// # Errors
     /// [`ExperimentError`].
-    pub fn go(&mut self, pose: &JointVec<N>, order: &[usize]) -> Result<(), ExperimentError> {
+    pub fn go(&mut self, pose: &JointVec, order: &[usize]) -> Result<(), ExperimentError> {
         for &i in order {
             (self.progress)(&format!("joint {} to {:.2} rad", i + 1, pose[i]));
             self.travel(i, pose[i])?;

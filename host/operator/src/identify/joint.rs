@@ -1,8 +1,8 @@
 //! All experiments on one joint, in order, and the way back.
 
-use firmware::settings::{JointSettings, Settings};
+use firmware::settings::JointSettings;
+use robot_model::RobotModel;
 use robot_model::collision::Scene;
-use robot_model::{AnyRobot, RobotModel, for_any_robot};
 
 use super::experiment::{Bounds, Experiment, ExperimentError};
 use super::mounting::Mounting;
@@ -60,17 +60,7 @@ pub enum JointError {
 /// [`JointError`]; what moved was halted.
 pub fn identify(
     session: &mut Session,
-    robot: &AnyRobot,
-    mounting: &Mounting,
-    wish: &JointExperiments,
-    progress: &mut dyn FnMut(&str, usize),
-) -> Result<Findings, JointError> {
-    for_any_robot!(robot, model => of_model(session, model, mounting, wish, progress))
-}
-
-fn of_model<const N: usize>(
-    session: &mut Session,
-    model: &RobotModel<N>,
+    model: &RobotModel,
     mounting: &Mounting,
     wish: &JointExperiments,
     progress: &mut dyn FnMut(&str, usize),
@@ -78,22 +68,25 @@ fn of_model<const N: usize>(
     let robot = model.name().to_owned();
     let no_drives = || JointError::NoDrives { robot: robot.clone() };
     let drives = model.drives().ok_or_else(no_drives)?;
-    if !(1..=N).contains(&wish.joint) {
-        return Err(JointError::NoSuchJoint { robot, joints: N, asked: wish.joint });
+    let n = model.n();
+    if !(1..=n).contains(&wish.joint) {
+        return Err(JointError::NoSuchJoint { robot, joints: n, asked: wish.joint });
     }
     let joint = wish.joint - 1;
-    let mut mounted: [JointSettings; N] = [Settings::BUILT_IN.joint.0[0]; N];
-    for ((mounted, drive), number) in mounted.iter_mut().zip(drives).zip(1..) {
-        let address = drive.address;
-        *mounted = mounting.joint(address).ok_or_else(|| JointError::NoSuchDrive {
-            source_of_it: mounting.source().to_string(),
-            robot: robot.clone(),
-            joint: number,
-            address,
-        })?;
-    }
+    let mounted: Vec<JointSettings> = drives
+        .iter()
+        .zip(1..)
+        .map(|(drive, number)| {
+            mounting.joint(drive.address).ok_or_else(|| JointError::NoSuchDrive {
+                source_of_it: mounting.source().to_string(),
+                robot: robot.clone(),
+                joint: number,
+                address: drive.address,
+            })
+        })
+        .collect::<Result<_, _>>()?;
     let bus = session.name().to_owned();
-    let mut parts = Experiment::<N>::parts(true, N);
+    let mut parts = Experiment::parts(true, n);
     let mut told = 0;
     let mut tell = |what: &str| {
         told += 1;
@@ -127,9 +120,9 @@ fn of_model<const N: usize>(
     Ok(Findings::of(subject, measured, wish.level))
 }
 
-fn measure<const N: usize>(
-    experiment: &mut Experiment<'_, N>,
-    model: &RobotModel<N>,
+fn measure(
+    experiment: &mut Experiment<'_>,
+    model: &RobotModel,
     joint: usize,
 ) -> Result<Measured, ExperimentError> {
     let scene = Scene::default();

@@ -12,7 +12,7 @@ use firmware::settings::Settings;
 use hil_sim::cell::Mounting as CellMounting;
 use hil_sim::fault::{FaultTarget, PhysicalFault, Place};
 use protocol::ModuleId;
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 use tuner::identify::findings::Findings;
 
 /// Table III of the paper, joint 2.
@@ -39,7 +39,7 @@ fn run(session: &mut Session, joint: usize) -> Result<Findings, JointError> {
 
 fn run_as(session: &mut Session, mounting: &Mounting, joint: usize) -> Result<Findings, JointError> {
     let bounds = Bounds { current_share: 0.8, speed_share: 0.8, bit_rate_bit_s: 1e6 };
-    let robot = AnyRobot::load("powercube6").unwrap();
+    let robot = RobotModel::load("powercube6").unwrap();
     identify(session, &robot, mounting, &JointExperiments { joint, bounds, level: LEVEL }, &mut |_, _| {})
 }
 
@@ -123,7 +123,7 @@ fn of_cell() -> Vec<CellMounting> {
 
 /// Settings of a controller of that arm.
 fn mounted_settings() -> Settings {
-    let mut settings = settings_of(&AnyRobot::load("powercube6").unwrap()).unwrap();
+    let mut settings = settings_of(&RobotModel::load("powercube6").unwrap()).unwrap();
     for (joint, (inverted, offset_rad)) in settings.joint.0.iter_mut().zip(MOUNTED) {
         (joint.inverted, joint.offset_rad) = (inverted, offset_rad as f32);
     }

@@ -2,7 +2,7 @@
 
 use hil_sim::krc::KrcScenario;
 use nalgebra::{DMatrix, RowSVector, SMatrix, Vector3};
-use planner::follow::limits::{AXES, Arm};
+use planner::follow::limits::{AXES, Arm, Axes};
 use protocol::Duration;
 
 use super::order::{Judge, Order};
@@ -261,7 +261,8 @@ pub fn measured(
     let Some(path) = path else {
         return Ball::Unknown("the axes leap, or too few telegrams came, around the release");
     };
-    let [q, qd] = [0, 1].map(|power| path.coefficients.row(power).transpose().map(f64::to_radians));
+    let [q, qd] =
+        [0, 1].map(|power| Axes::from(path.coefficients.row(power).transpose().map(f64::to_radians)));
     let frames = arm.fk(&q);
     let p = arm.ball(&frames).pos;
     let v: Vector3<f64> = (frames.jacobian(&p) * qd).fixed_rows::<3>(0).into();

@@ -113,7 +113,7 @@ impl Steps<'_, '_> {
         }
         self.home(&found)?;
         if order.extent == Extent::Ready {
-            self.record.pose = Some(Joints::from_iterator(self.operator.pose()?));
+            self.record.pose = Some(Joints::from_slice(&self.operator.pose()?));
             return Ok(());
         }
         self.begin(Step::Gains)?;
@@ -123,7 +123,7 @@ impl Steps<'_, '_> {
         let (before, approach) = match foreseen {
             Some(foreseen) => foreseen,
             None => {
-                let before = Joints::from_iterator(self.operator.pose()?);
+                let before = Joints::from_slice(&self.operator.pose()?);
                 (before, self.to_start(&before)?)
             }
         };
@@ -148,7 +148,7 @@ impl Steps<'_, '_> {
         }
         // A ball that hangs in an open hand may fall at any time: the arm stays where it is.
         if order.extent == Extent::Back && self.record.ball != BallOutcome::InHand {
-            let here = Joints::from_iterator(self.operator.pose()?);
+            let here = Joints::from_slice(&self.operator.pose()?);
             let empty = Scene { ball_held: false, ..order.scene.clone() };
             if let Some(motion) = self.way(&empty, &here, &before)? {
                 self.begin(Step::Return)?;
@@ -399,11 +399,8 @@ fn drives_of(operator: &mut dyn Operator) -> Result<Drives, JobError> {
     };
     let address: Option<Vec<u8>> = addresses.iter().map(|n| u8::try_from(*n).ok()).collect();
     let offset_rad: Vec<f64> = offset_rad.into_iter().map(f64::from).collect();
-    Ok(Drives {
-        address: address.and_then(|all| all.try_into().ok()).ok_or_else(unreadable)?,
-        inverted: inverted.try_into().map_err(|_| unreadable())?,
-        offset_rad: offset_rad.try_into().map_err(|_| unreadable())?,
-    })
+    let address = address.filter(|all| [inverted.len(), offset_rad.len()] == [all.len(); 2]);
+    Ok(Drives { address: address.ok_or_else(unreadable)?, inverted, offset_rad })
 }
 
 /// Follows the ball of a simulated cell until it has landed, or for [`BALL_MAX`] if it stays in the hand.

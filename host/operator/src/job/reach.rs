@@ -31,7 +31,8 @@ pub struct Reached {
 
 /// What the samples say of a motion that was the last to run; `None` if they do not suffice.
 pub(super) fn observe(operator: &mut dyn Operator, arm: &Arm, motion: &Motion, record: &mut Record) {
-    record.reached = operator.take_samples(arm, record.drives).and_then(|samples| reached(&samples, motion));
+    record.reached =
+        operator.take_samples(arm, record.drives.clone()).and_then(|samples| reached(&samples, motion));
 }
 
 fn reached(samples: &Samples, motion: &Motion) -> Option<Reached> {

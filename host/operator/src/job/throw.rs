@@ -22,7 +22,7 @@ const CHI_SQUARE_99: f64 = 9.210_340_371_976_18;
 /// [`TOLERANCE_MAX_M`]: the offset of the mean, and the longer half-axis of the 99 % ellipse. Both are computed again with the
 /// noise of the plan; what the file says of them counts for nothing.
 #[must_use]
-pub fn default_tolerance_m<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> f64 {
+pub fn default_tolerance_m(arm: &RobotModel, plan: &PlanFile) -> f64 {
     let Some(plan) = plan.computed_again(arm) else { return TOLERANCE_MIN_M };
     let offset = Vector2::from(plan.landing.mean_m) - plan.target.aim().centre();
     let [[xx, xy], [yx, yy]] = plan.landing.covariance_m2;
@@ -38,7 +38,7 @@ pub(super) fn radius_99_m(covariance_m2: &Matrix2<f64>) -> f64 {
 
 /// What the samples say of the throw, and where the ball landed.
 pub(super) fn observe(operator: &mut dyn Operator, arm: &Arm, plan: &PlanFile, record: &mut Record) {
-    record.analysis = operator.take_samples(arm, record.drives).and_then(|samples| {
+    record.analysis = operator.take_samples(arm, record.drives.clone()).and_then(|samples| {
         let run = Run {
             samples: &samples,
             plan,

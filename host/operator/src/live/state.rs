@@ -474,7 +474,7 @@ mod tests {
 
     #[test]
     fn what_was_not_heard_for_a_second_is_shown_as_old() {
-        let robot = robot_model::AnyRobot::load("powercube6").unwrap();
+        let robot = robot_model::RobotModel::load("powercube6").unwrap();
         let mut state = LiveState::new(Machine::of(&robot), Duration::ZERO, 1_000_000);
         for module in [3, 9] {
             let module = protocol::ModuleId::new(module).unwrap();
@@ -495,7 +495,7 @@ mod tests {
 
     #[test]
     fn the_load_is_told_as_it_is_from_the_beginning() {
-        let robot = robot_model::AnyRobot::load("powercube6").unwrap();
+        let robot = robot_model::RobotModel::load("powercube6").unwrap();
         let mut state = LiveState::new(Machine::of(&robot), Duration::ZERO, 1_000_000);
         let frame = Frame::from_array(protocol::StandardId::from_low_bits(0x0A5), [8]);
         // A monitor begins to look a second after the session has begun.

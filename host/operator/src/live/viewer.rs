@@ -245,7 +245,7 @@ mod tests {
     use protocol::Duration;
 
     fn state() -> LiveState {
-        let robot = robot_model::AnyRobot::load("powercube6").unwrap();
+        let robot = robot_model::RobotModel::load("powercube6").unwrap();
         LiveState::new(Machine::of(&robot), Duration::from_secs(1_700_000_000), 1_000_000)
     }
 

@@ -190,7 +190,7 @@ mod tests {
     use super::*;
 
     fn view() -> ArmView {
-        ArmView::new(Machine::of(&robot_model::AnyRobot::load("powercube6").unwrap()))
+        ArmView::new(Machine::of(&robot_model::RobotModel::load("powercube6").unwrap()))
     }
 
     #[test]

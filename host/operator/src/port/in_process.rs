@@ -25,7 +25,7 @@ use protocol::cyphal::cubecell::command::Trajectory;
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Frame, Instant};
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 use super::{BallSeen, Operator};
 use crate::bus::BusFailure;
@@ -83,7 +83,7 @@ impl InProcess {
     /// # Errors
     /// The robot has no drives, or there are more nodes than a bus has ports.
     pub fn new(
-        robot: &AnyRobot,
+        robot: &RobotModel,
         setup: &SimSetup,
         seed: u64,
         settings: &Settings,

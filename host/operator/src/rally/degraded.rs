@@ -10,14 +10,14 @@ pub type TrialOf = Box<dyn Fn(usize) -> TrialOptions + Sync>;
 
 /// Every fault with its court and its trials. Catches of either kind, eyes only if nothing else is said.
 #[must_use]
-pub fn degradations(court: &CourtOptions<6>) -> Vec<(&'static str, CourtOptions<6>, TrialOf)> {
+pub fn degradations(court: &CourtOptions) -> Vec<(&'static str, CourtOptions, TrialOf)> {
     let base = TrialOptions::default;
     // Moments spread evenly by the golden ratio: each throw has its own.
     let spread = |k: usize, low: f64, high: f64| low + (high - low) * (k as f64 * 0.618_034).fract();
     let with = |trouble: Trouble| -> TrialOf {
         Box::new(move |_| TrialOptions { trouble: vec![trouble], ..base() })
     };
-    let slow = |change: &dyn Fn(&mut CourtOptions<6>)| {
+    let slow = |change: &dyn Fn(&mut CourtOptions)| {
         let mut court = court.clone();
         change(&mut court);
         court

@@ -83,7 +83,7 @@ impl Partners {
     ///
     /// # Errors
     /// An arm cannot hold a cup.
-    pub fn new(mut court: CourtOptions<6>) -> Result<Self, NotACatcher> {
+    pub fn new(mut court: CourtOptions) -> Result<Self, NotACatcher> {
         let rest_e_m = court.cup.rest_e_m(court.ball.radius_m);
         for arm in &mut court.arms {
             arm.model = arm.model.clone().with_release_at(rest_e_m).with_hand(&court.cup.replaces, []);

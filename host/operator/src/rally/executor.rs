@@ -90,7 +90,7 @@ pub trait Executor {
     }
 
     /// Moves on to `to_s`; where the joints are then.
-    fn advance(&mut self, to_s: f64) -> JointsNow<6>;
+    fn advance(&mut self, to_s: f64) -> JointsNow;
 
     /// The arm has stopped because of a fault and takes no motion any more.
     fn halted(&self) -> bool;
@@ -131,7 +131,7 @@ impl<'a> LaggingArm<'a> {
             next: None,
             now_s: 0.0,
             q: *q,
-            qd: Joints::zeros(),
+            qd: Joints::zeros(6),
             wn: drives.map_or(320.0, |d| d.natural_frequency_rad_s),
             zeta: drives.map_or(0.8, |d| d.damping_ratio),
             resolution_rad: drives.map_or(0.0, |d| d.position_resolution_rad),
@@ -208,7 +208,7 @@ impl Executor for LaggingArm<'_> {
         checked
     }
 
-    fn advance(&mut self, to_s: f64) -> JointsNow<6> {
+    fn advance(&mut self, to_s: f64) -> JointsNow {
         if let Some(at_s) = self.lost_from_s.take_if(|at_s| *at_s <= to_s) {
             let limits = self.arm.limits(true);
             let state = self.reference_at(at_s);

@@ -33,18 +33,18 @@ impl Executed {
 /// Watches one arm.
 #[derive(Debug)]
 pub(super) struct LimitWatch<'a> {
-    model: &'a RobotModel<6>,
+    model: &'a RobotModel,
     past: VecDeque<(f64, Joints)>,
     executed: Executed,
 }
 
 impl<'a> LimitWatch<'a> {
-    pub(super) fn new(model: &'a RobotModel<6>) -> Self {
+    pub(super) fn new(model: &'a RobotModel) -> Self {
         Self { model, past: VecDeque::new(), executed: Executed::default() }
     }
 
     /// Takes the joints at a time, each millisecond.
-    pub(super) fn see(&mut self, t_s: f64, now: &JointsNow<6>) {
+    pub(super) fn see(&mut self, t_s: f64, now: &JointsNow) {
         self.past.push_back((t_s, now.q));
         if self.past.len() > 2 * WINDOW + 1 {
             self.past.pop_front();
@@ -71,12 +71,12 @@ impl<'a> LimitWatch<'a> {
 
 #[cfg(test)]
 mod tests {
-    use robot_model::AnyRobot;
+    use robot_model::RobotModel;
 
     use super::*;
 
     fn watched(v: impl Fn(f64) -> f64, q0: f64) -> Executed {
-        let AnyRobot::Six(model) = AnyRobot::load("powercube6").unwrap() else { panic!("six joints") };
+        let model = RobotModel::load("powercube6").unwrap();
         let mut watch = LimitWatch::new(&model);
         let mut q = q0;
         for ms in 0..200 {

@@ -22,7 +22,7 @@ const SLABS: u32 = 6;
 
 /// Boxes that the thrower's links pass during a throw, in the world.
 #[must_use]
-pub fn swept(thrower: &ArmPlace<6>, throw: &Throw<6>) -> Vec<Obb> {
+pub fn swept(thrower: &ArmPlace, throw: &Throw) -> Vec<Obb> {
     let boxes = thrower.model.collision().boxes().len();
     let mut out = Vec::new();
     for piece in 0..PIECES {
@@ -45,8 +45,8 @@ pub fn swept(thrower: &ArmPlace<6>, throw: &Throw<6>) -> Vec<Obb> {
 
 /// Boxes that cover all that the thrower can reach, in the world: slabs that stand on its axis, from the floor up.
 #[must_use]
-pub fn reach(thrower: &ArmPlace<6>, reach_m: f64) -> Vec<Obb> {
-    let shoulder = thrower.model.fk(&planner::catch::Joints::zeros()).origin(1);
+pub fn reach(thrower: &ArmPlace, reach_m: f64) -> Vec<Obb> {
+    let shoulder = thrower.model.fk(&planner::catch::Joints::zeros(6)).origin(1);
     let (low_m, high_m) = (thrower.model.world().floor_z_m, shoulder.z + reach_m);
     let half = Vector3::new(reach_m, reach_m * (0.25 * TAU / f64::from(SLABS)).tan(), 0.5 * (high_m - low_m));
     let slab = |k: u32| {
@@ -79,7 +79,7 @@ mod tests {
 
     use super::*;
 
-    fn thrower() -> ArmPlace<6> {
+    fn thrower() -> ArmPlace {
         CourtOptions::two_arms().unwrap().arms[0].clone()
     }
 
@@ -92,7 +92,7 @@ mod tests {
         let slabs = reach(&thrower, 1.2);
         let mut rng = SplitMix64::new(1);
         for _ in 0..300 {
-            let q = Joints::from_fn(|_, _| 6.0 * rng.unit() - 3.0);
+            let q = Joints::from_fn(6, |_| 6.0 * rng.unit() - 3.0);
             let frames = thrower.model.fk(&q);
             let p = thrower.model.ee(&frames).pos;
             assert!((p - frames.origin(1)).norm() < 1.2, "{p}");
@@ -109,7 +109,7 @@ mod tests {
         let throw = Throw {
             q_rad: Joints::from([0.3, -0.8, -2.0, 0.1, -1.0, 0.0]),
             qd_rad_s: Joints::from([1.5, 1.0, -1.5, 0.5, 2.0, 0.0]),
-            qdd_rad_s2: Joints::zeros(),
+            qdd_rad_s2: Joints::zeros(6),
             flight_s: 0.6,
             ha_s: 0.4,
             hb_s: 0.4,

@@ -57,7 +57,7 @@ pub struct ControllerArm {
     node: NodeId,
     clock: ControllerClock,
     zero: Instant,
-    joints: JointsNow<6>,
+    joints: JointsNow,
     sequence: u8,
     refused: Vec<Refused>,
     halted: bool,
@@ -103,7 +103,7 @@ impl ControllerArm {
         let mut clock = ControllerClock::default();
         session.read_clock(node, &mut clock)?;
         let zero = session.now();
-        let still = JointsNow { q: *pose, qd: Joints::zeros() };
+        let still = JointsNow { q: *pose, qd: Joints::zeros(6) };
         let (refused, answered) = (Vec::new(), (0, 0));
         let settings = *settings;
         let mut arm = Self {
@@ -160,7 +160,7 @@ impl ControllerArm {
     pub fn begin_way(&mut self, to: &Joints) -> Result<(), NoArm> {
         self.stand()?;
         self.zero = self.session.now();
-        self.send(WAY.as_secs_f64(), to, &Joints::zeros()).map_err(|why| NoArm::Wait(why.to_string()))
+        self.send(WAY.as_secs_f64(), to, &Joints::zeros(6)).map_err(|why| NoArm::Wait(why.to_string()))
     }
 
     /// Uploads, arms and runs a plan that stands where the arm stands and takes new end states.
@@ -188,12 +188,7 @@ impl ControllerArm {
     fn send(&mut self, at_s: f64, q: &Joints, qd: &Joints) -> Result<(), Refused> {
         let ours = self.zero + Duration::from_secs_f64(at_s);
         let Some((at, _)) = self.clock.controller_time(ours) else { return Err(Refused::NotSent) };
-        let end = EndStates {
-            at,
-            q_rad: q.as_slice().to_vec(),
-            qd_rad_s: qd.as_slice().to_vec(),
-            events: Vec::new(),
-        };
+        let end = EndStates { at, q_rad: q.to_vec(), qd_rad_s: qd.to_vec(), events: Vec::new() };
         self.sequence = self.sequence.wrapping_add(1);
         self.session.send_target(self.sequence, &end).map_err(|_| Refused::NotSent)
     }
@@ -211,17 +206,17 @@ impl ControllerArm {
     }
 
     /// In virtual time where the plant has the joints, which no node on the bus can read; otherwise what the controller told last.
-    fn joints_now(&mut self) -> Option<JointsNow<6>> {
+    fn joints_now(&mut self) -> Option<JointsNow> {
         if let Some(sim) = self.session.sim() {
             let plant = sim.cell().plant();
-            let q = Joints::from_fn(|i, _| plant.link_q_rad(i));
-            let qd = Joints::from_fn(|i, _| plant.axis(i).v_rad_s);
+            let q = Joints::from_fn(6, |i| plant.link_q_rad(i));
+            let qd = Joints::from_fn(6, |i| plant.axis(i).v_rad_s);
             return Some(JointsNow { q, qd });
         }
         let (_, _, state) = self.session.host_node().inbox()?.joints.as_ref()?;
         let joints = state.joints();
         let of = |number: fn(&JointSample) -> f32| {
-            Joints::from_fn(|i, _| joints.get(i).map_or(f64::NAN, |joint| f64::from(number(joint))))
+            Joints::from_fn(6, |i| joints.get(i).map_or(f64::NAN, |joint| f64::from(number(joint))))
         };
         Some(JointsNow { q: of(|joint| joint.q_rad), qd: of(|joint| joint.qd_rad_s) })
     }
@@ -235,7 +230,7 @@ impl Executor for ControllerArm {
         self.send(order.t_s, &order.q, &order.qd)
     }
 
-    fn advance(&mut self, to_s: f64) -> JointsNow<6> {
+    fn advance(&mut self, to_s: f64) -> JointsNow {
         let to = self.zero + Duration::from_secs_f64(to_s);
         let span = to.saturating_since(self.session.now());
         let passed = span.is_zero() || self.session.pass(span).is_ok();

@@ -25,7 +25,7 @@ use hil_sim::rng::Rng;
 use planner::catch::draw::Aimed;
 use planner::motion::Motion;
 use protocol::Duration;
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 use super::executor::{Executor, Refused};
 use super::on_controller::{ControllerArm, NoArm};
@@ -221,7 +221,7 @@ impl WireOutcome {
 }
 
 fn cell_of(wire: &WireOptions) -> Result<(Cell, Settings), WireError> {
-    let robot = AnyRobot::load(&wire.robot).map_err(BusFailure::from)?;
+    let robot = RobotModel::load(&wire.robot).map_err(BusFailure::from)?;
     let mut settings = settings_of(&robot)?;
     let choice = choose(PeriodRequest::Period(wire.period_us), None, &robot, settings.cycle_period_us)?;
     apply(&choice, &mut settings);

@@ -265,7 +265,7 @@ const THROWS_PER_RALLY: usize = 10;
 /// # Errors
 /// The court is none for this.
 pub fn run(
-    court: &CourtOptions<6>,
+    court: &CourtOptions,
     options: &StudyOptions,
     mut done: impl FnMut(&Row),
 ) -> Result<Study, NoStudy> {
@@ -288,7 +288,7 @@ pub fn run(
                 let trial = TrialOptions { wait: wait.q_rad, ..trial };
                 let (throws, exists) = drawn.possible(&trial, options.throws).ok_or_else(refused)?;
                 let row = row(&name, &pair, &throws, &|_| trial.clone(), &exists, options.seed);
-                done(&Row { wait_deg: wait.q_rad.map(f64::to_degrees).into(), ..row });
+                done(&Row { wait_deg: wait.q_rad.map(f64::to_degrees).array(), ..row });
             }
         }
     }
@@ -311,7 +311,7 @@ pub fn run(
     Ok(Study { estimator, rallies })
 }
 
-fn rallies(court: &CourtOptions<6>, options: &StudyOptions) -> Result<Vec<usize>, NotACatcher> {
+fn rallies(court: &CourtOptions, options: &StudyOptions) -> Result<Vec<usize>, NotACatcher> {
     let partners = Partners::new(court.clone())?;
     let trial = TrialOptions { cooperative: true, ..TrialOptions::default() };
     let lengths = (0..options.throws.div_ceil(THROWS_PER_RALLY))
@@ -322,7 +322,7 @@ fn rallies(court: &CourtOptions<6>, options: &StudyOptions) -> Result<Vec<usize>
 }
 
 /// The same court with the arms this far apart.
-fn at_distance(court: &CourtOptions<6>, distance_m: f64) -> CourtOptions<6> {
+fn at_distance(court: &CourtOptions, distance_m: f64) -> CourtOptions {
     let mut court = court.clone();
     let apart = court.arms[1].x_wb.pos - court.arms[0].x_wb.pos;
     court.arms[1].x_wb.pos = court.arms[0].x_wb.pos + apart * (distance_m / apart.norm());

@@ -45,8 +45,8 @@ pub enum ThrowFault {
 
 #[derive(Debug, Clone)]
 pub struct Thrower {
-    planned: Throw<6>,
-    executed: Throw<6>,
+    planned: Throw,
+    executed: Throw,
     start_s: f64,
     release_s: f64,
     fault: Option<ThrowFault>,
@@ -56,7 +56,7 @@ impl Thrower {
     /// Begins at `start_s`; scatter from `rng`, as far as the arm's speeds and ranges allow.
     #[must_use]
     pub fn new(
-        arm: &RobotModel<6>,
+        arm: &RobotModel,
         aimed: &Aimed,
         start_s: f64,
         of: &Scatter,
@@ -97,7 +97,7 @@ impl Thrower {
 
     /// Where the joints are at a time.
     #[must_use]
-    pub fn joints(&self, t_s: f64) -> JointsNow<6> {
+    pub fn joints(&self, t_s: f64) -> JointsNow {
         let throw = &self.executed;
         let since = t_s - self.start_s;
         if let Some(ThrowFault::Stops { before_s }) = self.fault {
@@ -116,8 +116,8 @@ impl Thrower {
 
     /// What a catcher knows who has the plan: place and velocity at the planned release with the covariance of the scatter.
     #[must_use]
-    pub fn prior(&self, arm: &RobotModel<6>, x_wb: &Pose, aimed: &Aimed, of: &Scatter) -> FlightPrior {
-        let covariance = if aimed.throw.qd_rad_s == Joints::zeros() {
+    pub fn prior(&self, arm: &RobotModel, x_wb: &Pose, aimed: &Aimed, of: &Scatter) -> FlightPrior {
+        let covariance = if aimed.throw.qd_rad_s == Joints::zeros(6) {
             let (p, v) = ANNOUNCED_SIGMA;
             SMatrix::from_diagonal(&SVector::from([p * p, p * p, p * p, v * v, v * v, v * v]))
         } else {
@@ -140,7 +140,7 @@ impl Thrower {
 
     /// The flight that the scattered throw makes: place and velocity at the release.
     #[must_use]
-    pub fn released(&self, arm: &RobotModel<6>, x_wb: &Pose) -> (Vector3<f64>, Vector3<f64>) {
+    pub fn released(&self, arm: &RobotModel, x_wb: &Pose) -> (Vector3<f64>, Vector3<f64>) {
         planner::catch::draw::released(
             arm,
             x_wb,

@@ -70,7 +70,7 @@ fn last_seen(catcher: &Catcher<'_>, seen: &[(f64, Vector3<f64>)], now_s: f64) ->
 pub(super) fn in_cup(
     catcher: &Catcher<'_>,
     seen: &[(f64, Vector3<f64>)],
-    joints: &JointsNow<6>,
+    joints: &JointsNow,
     now_s: f64,
 ) -> InCup {
     let arm: &CatchArm = catcher.arm();
@@ -93,7 +93,7 @@ pub(super) fn tell(
     catcher: &Catcher<'_>,
     seen: &[(f64, Vector3<f64>)],
     halted: bool,
-    joints: &JointsNow<6>,
+    joints: &JointsNow,
     now_s: f64,
 ) -> CatchOutcome {
     if halted {

@@ -190,7 +190,7 @@ pub enum Touch {
 /// Thrower and catcher on a court, ready for trials.
 #[derive(Debug, Clone)]
 pub struct Pair {
-    pub court: CourtOptions<6>,
+    pub court: CourtOptions,
     /// The catcher with both laws: without and with jerk. It keeps out of the thrower's reach.
     catchers: [CatchArm; 2],
 }
@@ -200,7 +200,7 @@ impl Pair {
     ///
     /// # Errors
     /// The catcher's arm cannot hold a cup.
-    pub fn new(court: CourtOptions<6>) -> Result<Self, NotACatcher> {
+    pub fn new(court: CourtOptions) -> Result<Self, NotACatcher> {
         let shape = court.cup.shape;
         let cup = Cup {
             mouth_m: court.cup.mouth_from_ee_m,
@@ -265,7 +265,7 @@ impl Pair {
     #[must_use]
     pub fn ball(&self, p_m: Vector3<f64>, v_m_s: Vector3<f64>) -> Aimed {
         let q = Joints::from(STANDING_DEG.map(f64::to_radians));
-        let still = Joints::zeros();
+        let still = Joints::zeros(6);
         let throw =
             Throw { q_rad: q, qd_rad_s: still, qdd_rad_s2: still, flight_s: 1.0, ha_s: 0.2, hb_s: 0.2 };
         Aimed { throw, p_m, v_m_s, flight_s: 1.0 }
@@ -310,13 +310,13 @@ impl Pair {
             Trouble::Throw(fault) => Some(*fault),
             _ => None,
         });
-        let by_hand = aimed.throw.qd_rad_s == Joints::zeros();
+        let by_hand = aimed.throw.qd_rad_s == Joints::zeros(6);
         let throwing = &self.court.arms[0].model;
         let thrower = Thrower::new(throwing, aimed, SETTLE_S, &options.scatter, fault, &mut rng);
         let planned_s = thrower.planned_release_s();
         let arm = &self.catcher_for(aimed, options);
         let court = self.court_with(options, planned_s, seed);
-        let rest = JointsNow { q: options.wait, qd: Joints::zeros() };
+        let rest = JointsNow { q: options.wait, qd: Joints::zeros(6) };
         let mut court = Court::new(court, 0, [thrower.joints(0.0), rest]);
         if let Some(release_s) = thrower.release_s().filter(|_| !by_hand) {
             court.release_at(Instant::ZERO + Duration::from_secs_f64(release_s));
@@ -426,7 +426,7 @@ impl Pair {
     }
 
     /// The court with the trial's faults.
-    fn court_with(&self, options: &TrialOptions, planned_s: f64, seed: u64) -> CourtOptions<6> {
+    fn court_with(&self, options: &TrialOptions, planned_s: f64, seed: u64) -> CourtOptions {
         let mut court = self.court.clone();
         court.seed = seed;
         let always =

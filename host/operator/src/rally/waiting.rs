@@ -48,7 +48,7 @@ pub fn find_wait(pair: &Pair, options: &TrialOptions, throws: &[Aimed], seed: u6
     let mut rng = SplitMix64::stream(seed, 0x0077_6169_7400);
     for k in 0..TRIES {
         let sigma = CHANGE_RAD.0 * (CHANGE_RAD.1 / CHANGE_RAD.0).powf(k as f64 / TRIES as f64);
-        let q_rad = Joints::from_fn(|i, _| {
+        let q_rad = Joints::from_fn(6, |i| {
             let limits = &joints[i].limits;
             // The roll about the cup's axis changes nothing.
             let change = if i == 5 { 0.0 } else { sigma * rng.normal() };

@@ -132,7 +132,7 @@ pub fn wiggle(q_rad: &Axes, swing_rad: f64) -> Motion {
         let (up, up_d) = smooth(t_s / FADE_S);
         let (down, down_d) = smooth((WIGGLE_S - t_s) / FADE_S);
         let (window, window_d) = (up * down, (up_d * down - up * down_d) / FADE_S);
-        let mut state = Knot { t_s, q_rad: *q_rad, qd_rad_s: Axes::zeros() };
+        let mut state = Knot { t_s, q_rad: *q_rad, qd_rad_s: Axes::zeros(6) };
         for axis in 0..AXES {
             let (mut y, mut yd) = (0.0, 0.0);
             for (i, (hz, share)) in WIGGLE_HZ.into_iter().zip(shares).enumerate() {

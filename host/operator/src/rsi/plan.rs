@@ -110,8 +110,8 @@ fn opening_us(timing: &Timing, release_s: f64) -> u32 {
 pub fn motion_of(plan: &FollowPlan) -> Motion {
     let knot = |step: &Step| Knot {
         t_s: step.t_s,
-        q_rad: Joints::from_column_slice(&step.q_rad),
-        qd_rad_s: Joints::from_column_slice(&step.qd_rad_s),
+        q_rad: Joints::from_slice(&step.q_rad),
+        qd_rad_s: Joints::from_slice(&step.qd_rad_s),
     };
     Motion {
         knots: knots_kept(plan).into_iter().map(|k| knot(&plan.steps[k])).collect(),

@@ -4,7 +4,7 @@ use firmware::groups::rsi::Options;
 use firmware::joints::PerJoint;
 use firmware::settings::Settings;
 use hil_sim::krc::{KrcOptions, KrcScenario, Space};
-use planner::follow::limits::{Arm, Axes};
+use planner::follow::limits::{AXES, Arm, Axes};
 use planner::follow::plan::FollowPlan;
 use planner::follow::setting::CommandRange;
 use planner::motion::Motion;
@@ -124,7 +124,7 @@ impl Lag {
 /// the axes and of what the robot's program passes.
 #[must_use]
 pub fn travel(scenario: &KrcScenario, arm: &Arm, share: f64, seed: u64) -> Travel {
-    let (passed, inside) = (command_range(scenario), Axes::repeat(CORNER_INSIDE_RAD));
+    let (passed, inside) = (command_range(scenario), Axes::repeat(AXES, CORNER_INSIDE_RAD));
     let range = (arm.q_min().sup(&passed.min_rad) + inside, arm.q_max().inf(&passed.max_rad) - inside);
     Travel { share, seed, range: Some(range) }
 }
@@ -328,7 +328,7 @@ pub fn command_range(scenario: &KrcScenario) -> CommandRange {
     let krc = &scenario.options;
     let reach: [_; 6] = std::array::from_fn(|axis| passed_deg(krc, axis));
     let at = |end: fn((f64, f64)) -> f64| {
-        Axes::from_fn(|axis, _| (krc.start_deg[axis] + end(reach[axis])).to_radians())
+        Axes::from_fn(AXES, |axis| (krc.start_deg[axis] + end(reach[axis])).to_radians())
     };
     CommandRange { min_rad: at(|(low, _)| low), max_rad: at(|(_, high)| high) }
 }

@@ -3,17 +3,17 @@
 use protocol::ModuleId;
 use serde::{Deserialize, Serialize};
 
-use planner::throw::{Arm, JOINTS};
+use planner::throw::Arm;
 
 /// The drives of the joints, in the order of the robot file.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Drives {
     /// Address of each joint's drive.
-    pub address: [u8; JOINTS],
+    pub address: Vec<u8>,
     /// The joint turns against the drive.
-    pub inverted: [bool; JOINTS],
+    pub inverted: Vec<bool>,
     /// Joint angle where the drive reads zero, rad.
-    pub offset_rad: [f64; JOINTS],
+    pub offset_rad: Vec<f64>,
 }
 
 impl Drives {
@@ -22,9 +22,9 @@ impl Drives {
     pub fn of(arm: &Arm) -> Option<Self> {
         let drives = arm.drives()?;
         Some(Self {
-            address: std::array::from_fn(|j| drives[j].address),
-            inverted: [false; JOINTS],
-            offset_rad: [0.0; JOINTS],
+            address: drives.iter().map(|drive| drive.address).collect(),
+            inverted: vec![false; arm.n()],
+            offset_rad: vec![0.0; arm.n()],
         })
     }
 
@@ -54,9 +54,9 @@ mod tests {
     #[test]
     fn a_drive_that_is_mounted_the_other_way_round_reads_the_joint_turned_and_shifted() {
         let mut drives = Drives {
-            address: [1, 2, 3, 4, 5, 9],
-            inverted: [false; JOINTS],
-            offset_rad: [0.0, 0.0, 0.0, 0.0, 0.0, -1.5],
+            address: vec![1, 2, 3, 4, 5, 9],
+            inverted: vec![false; 6],
+            offset_rad: vec![0.0, 0.0, 0.0, 0.0, 0.0, -1.5],
         };
         drives.inverted[5] = true;
         let joint = drives.joint_of(ModuleId::new(9).unwrap()).unwrap();

@@ -26,18 +26,19 @@ impl Samples {
     pub fn of_log(lines: Vec<Line>, drives: Drives, arm: &Arm, bit_rate_bit_s: u32) -> Self {
         let frames = lines.into_iter().map(|line| BusFrame { at: line.at, frame: line.frame }).collect();
         let bus = BusLog { frames, bit_rate_bit_s, drives };
+        let drives = &bus.drives;
         let names =
             drives.address.iter().zip(arm.joints()).map(|(address, joint)| (*address, joint.name.clone()));
         let mut watch = Watch::new(names.collect::<BTreeMap<_, _>>());
         let mut reader = Reader {
-            drives: &bus.drives,
+            drives,
             samples: Self { joints: vec![JointSamples::default(); drives.address.len()], ..Self::default() },
             ramps: vec![Ramp::default(); drives.address.len()],
         };
         for BusFrame { at, frame } in &bus.frames {
             let notes = watch.take(*at, frame);
             reader.samples.events.extend(notes.events);
-            reader.samples.freezes.extend(notes.freeze.map(|freeze| frozen(&freeze, &drives)));
+            reader.samples.freezes.extend(notes.freeze.map(|freeze| frozen(&freeze, drives)));
             if let Some(fact) = notes.fact {
                 let begun = at.saturating_sub(span_of(bits::length(frame).frame(), bus.bit_s()));
                 reader.take(*at, begun, &fact);

@@ -2,7 +2,8 @@
 
 use planner::plan::ladder::rungs;
 use planner::plan::{Kept, Options};
-use planner::request::Plans;
+use planner::request::plan_of;
+use planner::verify;
 use robot_model::RobotModel;
 
 use super::rows::Row;
@@ -11,20 +12,16 @@ use super::rows::Row;
 ///
 /// # Errors
 /// What the throw lacks.
-pub(crate) fn judge<const N: usize>(arm: &RobotModel<N>, row: &Row, rung: usize) -> Result<f64, String>
-where
-    RobotModel<N>: Plans<N>,
-{
-    let throw = row.throw::<N>().ok_or("the throw is missing or has another number of joints")?;
+pub(crate) fn judge(arm: &RobotModel, row: &Row, rung: usize) -> Result<f64, String> {
+    let throw = row.throw(arm.n()).ok_or("the throw is missing or has another number of joints")?;
     let (_, options) = rungs(&Options::best(), Kept::default())
         .into_iter()
         .nth(rung)
         .ok_or_else(|| format!("there is no rung {rung}"))?;
-    let plan = arm
-        .plan_of(&throw, row.target, &options)
+    let plan = plan_of(arm, &throw, row.target, &options)
         .map_err(|e| e.to_string())?
         .ok_or("the ball does not come down at the target")?;
-    let report = arm.check(&plan);
+    let report = verify::check(arm, &plan);
     match report.findings.iter().find(|f| f.enforced && !f.ok) {
         Some(finding) => Err(format!("{}: {}", finding.what, finding.worst)),
         None => Ok(plan.objective.value),

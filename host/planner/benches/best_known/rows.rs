@@ -48,11 +48,11 @@ impl Row {
         text.lines().skip(1).map(Self::read).collect()
     }
 
-    /// The throw for an arm; `None` if it is missing or has another number of joints.
-    pub(crate) fn throw<const N: usize>(&self) -> Option<Throw<N>> {
+    /// The throw for an arm of `n` joints; `None` if it is missing or has another number of joints.
+    pub(crate) fn throw(&self, n: usize) -> Option<Throw> {
         let [flight_s, ha_s, hb_s, joints @ ..] = &self.throw[..] else { return None };
-        let all = |k: usize| joints.get(k * N..(k + 1) * N).map(JointVec::<N>::from_column_slice);
-        (joints.len() == 3 * N).then_some(Throw {
+        let all = |k: usize| joints.get(k * n..(k + 1) * n).map(JointVec::from_slice);
+        (joints.len() == 3 * n).then_some(Throw {
             q_rad: all(0)?,
             qd_rad_s: all(1)?,
             qdd_rad_s2: all(2)?,
@@ -64,7 +64,7 @@ impl Row {
 }
 
 /// The last column for a throw, rounded to 1e-9.
-pub(crate) fn throw_column<const N: usize>(throw: &Throw<N>) -> String {
+pub(crate) fn throw_column(throw: &Throw) -> String {
     let joints = [throw.q_rad, throw.qd_rad_s, throw.qdd_rad_s2];
     let numbers = [throw.flight_s, throw.ha_s, throw.hb_s].into_iter();
     let texts: Vec<String> =

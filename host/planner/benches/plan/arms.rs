@@ -7,7 +7,7 @@ use planner::plan::rng::SplitMix64;
 use planner::plan::search::{Best, Budget, NoThrow, Planner, Watch};
 use planner::store::Index;
 use rayon::prelude::*;
-use robot_model::{AnyRobot, RobotModel, for_any_robot};
+use robot_model::RobotModel;
 
 /// Robot files beside this package, and the ranges of their targets in m.
 const ARMS: [(&str, f64); 4] = [
@@ -22,14 +22,14 @@ const SEED: u64 = 91;
 pub(crate) fn arms(targets: u64, starts: usize) {
     println!("default form without nulling, {targets} random targets, reference: {starts} random starts");
     for (file, range_m) in ARMS {
-        match AnyRobot::load(file) {
-            Ok(robot) => for_any_robot!(&robot, arm => of_arm(arm, range_m, targets, starts)),
+        match RobotModel::load(file) {
+            Ok(robot) => of_arm(&robot, range_m, targets, starts),
             Err(e) => println!("{e}"),
         }
     }
 }
 
-fn of_arm<const N: usize>(arm: &RobotModel<N>, range_m: f64, targets: u64, starts: usize) {
+fn of_arm(arm: &RobotModel, range_m: f64, targets: u64, starts: usize) {
     let floor_m = arm.world().floor_z_m;
     let results: Vec<(Option<f64>, Option<f64>)> = (0..targets)
         .into_par_iter()
@@ -46,7 +46,7 @@ fn of_arm<const N: usize>(arm: &RobotModel<N>, range_m: f64, targets: u64, start
             let found = planner.attempt(&Index::default(), &budget, &Watch::default());
             let budget = Budget { starts, all: true, time: None, seed: 1_000 };
             let reference = planner.attempt(&Index::default(), &budget, &Watch::default());
-            let price = |b: Result<Best<N>, NoThrow>| b.ok().map(|b| b.found.objective);
+            let price = |b: Result<Best, NoThrow>| b.ok().map(|b| b.found.objective);
             (price(found), price(reference))
         })
         .collect();
@@ -56,8 +56,9 @@ fn of_arm<const N: usize>(arm: &RobotModel<N>, range_m: f64, targets: u64, start
     let mut gaps: Vec<f64> = results.iter().filter_map(|r| Some(100.0 * (r.0? / r.1? - 1.0))).collect();
     gaps.sort_by(f64::total_cmp);
     println!(
-        "{:<10} {N} joints: reference reaches {reached}, search finds {also} of them and {only} others; gap p50 {:.2} %, p90 {:.1} %, worst {:.1} %",
+        "{:<10} {} joints: reference reaches {reached}, search finds {also} of them and {only} others; gap p50 {:.2} %, p90 {:.1} %, worst {:.1} %",
         arm.name(),
+        arm.n(),
         super::quantile(&gaps, 0.5),
         super::quantile(&gaps, 0.9),
         super::quantile(&gaps, 1.0),

@@ -58,7 +58,7 @@ const RANGE_MARGIN_RAD: f64 = 0.01;
 /// The arm, ready to plan catches.
 #[derive(Debug, Clone)]
 pub struct CatchArm {
-    pub(super) model: RobotModel<6>,
+    pub(super) model: RobotModel,
     pub(super) x_wb: Pose,
     pub(super) tool: AxisTool,
     pub(super) cup: Cup,
@@ -75,7 +75,7 @@ impl CatchArm {
     /// # Errors
     /// The arm cannot hold a cup that this planner can aim.
     pub fn new(
-        model: RobotModel<6>,
+        model: RobotModel,
         x_wb: Pose,
         cup: Cup,
         shares: Shares,
@@ -140,7 +140,7 @@ impl CatchArm {
 
     /// The arm with its cup in the place of the boxes that the cup replaces.
     #[must_use]
-    pub fn model(&self) -> &RobotModel<6> {
+    pub fn model(&self) -> &RobotModel {
         &self.model
     }
 
@@ -158,7 +158,7 @@ impl CatchArm {
     /// Middle of the shoulder in the world, m.
     #[must_use]
     pub fn shoulder_m(&self) -> Vector3<f64> {
-        let frames = self.model.fk(&Joints::zeros());
+        let frames = self.model.fk(&Joints::zeros(6));
         let axis = frames.axis(0);
         let on_axis = frames.origin(0) + axis * (frames.origin(1) - frames.origin(0)).dot(&axis);
         self.x_wb.transform_point(&on_axis)

@@ -229,7 +229,7 @@ impl<'a> Search<'a> {
         let Some((mode, worth)) = allowed_mode(self.settings, slot, mode) else { return };
         let place = Place { slot, axis: *axis, branch, mode, worth, q };
         if mode == Mode::Hold {
-            self.judge_rates(&place, Joints::zeros(), slot.speed);
+            self.judge_rates(&place, Joints::zeros(6), slot.speed);
             return;
         }
         let relative_m_s = self.settings.relative_m_s;
@@ -284,7 +284,7 @@ impl<'a> Search<'a> {
             return false;
         }
         let stop =
-            Joints::from_fn(|i, _| q[i] + stopping_angle(&slot.limits[i], arm.law.limits_jerk(), qd[i]));
+            Joints::from_fn(6, |i| q[i] + stopping_angle(&slot.limits[i], arm.law.limits_jerk(), qd[i]));
         let down = looks_down(arm, &stop);
         if down > 0.0 {
             self.count.cup_down += 1;

@@ -39,7 +39,7 @@ impl Default for Window {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Aimed {
     /// The thrower's motion.
-    pub throw: Throw<6>,
+    pub throw: Throw,
     /// Centre of the ball at the release in the world, m.
     pub p_m: Vector3<f64>,
     /// Its velocity, m/s.
@@ -54,7 +54,7 @@ const STEP_S: f64 = 0.005;
 
 /// Draws releases until one passes the window; `None` after `tries` of them.
 pub fn draw(
-    thrower: &RobotModel<6>,
+    thrower: &RobotModel,
     x_wb: &Pose,
     catcher: &Pose,
     flight: &FlightModel,
@@ -66,7 +66,7 @@ pub fn draw(
     let mut checker = CollisionChecker::new(thrower, &scene);
     let x_bw = x_wb.inverse();
     let x_cw = catcher.inverse();
-    let shoulder = thrower.fk(&Joints::zeros()).origin(1);
+    let shoulder = thrower.fk(&Joints::zeros(6)).origin(1);
     let x_be = thrower.gripper().x_eb.inverse();
     let gravity = flight.gravity_m_s2();
     for _ in 0..tries {
@@ -107,8 +107,8 @@ pub fn draw(
 
 /// Joint rates for 1 m/s along `direction`, and the largest speed inside the limits.
 fn fastest(
-    arm: &RobotModel<6>,
-    frames: &robot_model::Frames<6>,
+    arm: &RobotModel,
+    frames: &robot_model::Frames,
     p: &Vector3<f64>,
     direction: &Vector3<f64>,
 ) -> Option<(Joints, f64)> {
@@ -119,7 +119,7 @@ fn fastest(
         m += column * column.transpose() * (v * v);
     }
     let lambda = m.cholesky()?.solve(direction);
-    let rates = Joints::from_fn(|i, _| columns[i].dot(&lambda) * limit[i] * limit[i]);
+    let rates = Joints::from_fn(6, |i| columns[i].dot(&lambda) * limit[i] * limit[i]);
     let most = rates.iter().zip(limit.iter()).map(|(r, v)| (r / v).abs()).fold(0.0, f64::max);
     (most > 1e-6).then(|| (rates, SHARE.0 / most))
 }
@@ -152,23 +152,29 @@ fn passes(
 }
 
 /// Run-up and stop as short as accelerations and jerks allow; `None` if they leave a range.
-fn run_up(arm: &RobotModel<6>, q: Joints, qd: Joints, flight_s: f64) -> Option<Throw<6>> {
+fn run_up(arm: &RobotModel, q: Joints, qd: Joints, flight_s: f64) -> Option<Throw> {
     let mut phase_s = 0.1_f64;
     for (joint, rate) in arm.joints().iter().zip(qd.iter()) {
         let l = &joint.limits;
         phase_s = phase_s.max(2.0 * rate.abs() / (SHARE.1 * l.a_max_rad_s2.min(l.a_control_max_rad_s2)));
         phase_s = phase_s.max((2.0 * rate.abs() / l.j_max_rad_s3).sqrt());
     }
-    let throw =
-        Throw { q_rad: q, qd_rad_s: qd, qdd_rad_s2: Joints::zeros(), flight_s, ha_s: phase_s, hb_s: phase_s };
+    let throw = Throw {
+        q_rad: q,
+        qd_rad_s: qd,
+        qdd_rad_s2: Joints::zeros(6),
+        flight_s,
+        ha_s: phase_s,
+        hb_s: phase_s,
+    };
     let inside = arm.in_range(&throw.start(), -0.01) && arm.in_range(&throw.stop(), -0.01);
     inside.then_some(throw)
 }
 
 fn keeps_clear(
-    arm: &RobotModel<6>,
-    checker: &mut CollisionChecker<'_, 6>,
-    throw: &Throw<6>,
+    arm: &RobotModel,
+    checker: &mut CollisionChecker<'_>,
+    throw: &Throw,
     flight: &FlightModel,
     p_b: &Vector3<f64>,
     v_b: &Vector3<f64>,
@@ -213,12 +219,7 @@ fn keeps_clear(
 
 /// The release of a throw that opens `late_s` after its time.
 #[must_use]
-pub fn released(
-    arm: &RobotModel<6>,
-    x_wb: &Pose,
-    throw: &Throw<6>,
-    late_s: f64,
-) -> (Vector3<f64>, Vector3<f64>) {
+pub fn released(arm: &RobotModel, x_wb: &Pose, throw: &Throw, late_s: f64) -> (Vector3<f64>, Vector3<f64>) {
     let at = throw.at_time(throw.ha_s + late_s);
     let frames = arm.fk(&at.q);
     let p = arm.ball(&frames).pos;
@@ -230,9 +231,9 @@ pub fn released(
 /// its speed in each direction: 6×6, position first.
 #[must_use]
 pub fn scatter(
-    arm: &RobotModel<6>,
+    arm: &RobotModel,
     x_wb: &Pose,
-    throw: &Throw<6>,
+    throw: &Throw,
     delay_s: f64,
     share: f64,
     hand_m: f64,
@@ -258,13 +259,13 @@ pub fn scatter(
 
 #[cfg(test)]
 mod tests {
-    use robot_model::AnyRobot;
+    use robot_model::RobotModel;
 
     use super::*;
 
     #[test]
     fn drawn_throws_pass_the_window_and_keep_the_throwers_limits() {
-        let AnyRobot::Six(arm) = AnyRobot::load("powercube6").unwrap() else { panic!("six joints") };
+        let arm = RobotModel::load("powercube6").unwrap();
         let catcher = Pose::from_rpy([0.0, 0.0, PI], Vector3::new(2.5, 0.0, 0.0));
         let flight = FlightModel::vacuum(9.81).unwrap().with_drag(0.0284).unwrap();
         let window = Window::default();
@@ -289,7 +290,7 @@ mod tests {
     /// A ball let go late leaves elsewhere: the covariance of a delay is that of the differences.
     #[test]
     fn scatter_of_the_delay_is_that_of_late_releases() {
-        let AnyRobot::Six(arm) = AnyRobot::load("powercube6").unwrap() else { panic!("six joints") };
+        let arm = RobotModel::load("powercube6").unwrap();
         let catcher = Pose::from_rpy([0.0, 0.0, PI], Vector3::new(2.5, 0.0, 0.0));
         let flight = FlightModel::vacuum(9.81).unwrap();
         let mut rng = SplitMix64::new(2);

@@ -37,4 +37,4 @@ mod slot;
 pub mod task;
 
 /// Angles, speeds or accelerations of the six joints.
-pub type Joints = robot_model::JointVec<6>;
+pub type Joints = robot_model::JointVec;

@@ -51,7 +51,7 @@ impl CatchMotion {
     #[must_use]
     pub fn joints_at(&self, t_s: f64) -> (Joints, Joints) {
         let at = self.at(t_s);
-        (Joints::from_fn(|i, _| at[i].q), Joints::from_fn(|i, _| at[i].v))
+        (Joints::from_fn(6, |i| at[i].q), Joints::from_fn(6, |i| at[i].v))
     }
 
     /// When all joints stand, s.
@@ -80,7 +80,7 @@ pub enum Fault {
 
 /// By how much the cup's axis, a unit vector, is too low at `q` for a ball to stay in the cup; zero or less if it stays.
 pub(super) fn looks_down(arm: &CatchArm, q: &Joints) -> f64 {
-    AXIS_UP_MIN - arm.mouth(q, &Joints::zeros()).1.z
+    AXIS_UP_MIN - arm.mouth(q, &Joints::zeros(6)).1.z
 }
 
 /// Looks at a whole motion: ranges, speeds, accelerations and jerks exactly, contacts and currents every 16 ms; `ball` is the
@@ -90,7 +90,7 @@ pub(super) fn looks_down(arm: &CatchArm, q: &Joints) -> f64 {
 /// The first thing that the motion must not do.
 pub fn check(
     arm: &CatchArm,
-    checker: &mut CollisionChecker<'_, 6>,
+    checker: &mut CollisionChecker<'_>,
     motion: &CatchMotion,
     ball: Option<(&Forecast, f64)>,
 ) -> Result<(), Fault> {
@@ -119,12 +119,12 @@ pub fn check(
     for k in 0..=steps {
         let t_s = (motion.start_s + CHECK_STEP_S * k as f64).min(motion.end_s());
         let at = motion.at(t_s);
-        let (q, qd) = (Joints::from_fn(|i, _| at[i].q), Joints::from_fn(|i, _| at[i].v));
+        let (q, qd) = (Joints::from_fn(6, |i| at[i].q), Joints::from_fn(6, |i| at[i].v));
         let frames = arm.model.fk(&q);
         if checker.collides(&frames) {
             return Err(Fault::Contact);
         }
-        let qdd = Joints::from_fn(|i, _| at[i].a);
+        let qdd = Joints::from_fn(6, |i| at[i].a);
         if !currents_keep(arm, &q, &qd, &qdd) {
             return Err(Fault::Current);
         }

@@ -59,7 +59,7 @@ impl<'a> Hand<'a> {
     #[must_use]
     pub fn rates(&self, v_m_s: &Vector3<f64>) -> Option<Joints> {
         let mut left = self.r_wb.tr_mul(v_m_s);
-        let mut rates = Joints::zeros();
+        let mut rates = Joints::zeros(6);
         let mut free = [true; 6];
         for _ in 0..=AT_BOUND_MAX {
             let mut m = Matrix3::zeros();

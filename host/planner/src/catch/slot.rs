@@ -70,7 +70,7 @@ pub(super) fn slot<'a>(
     ball: Foreseen,
 ) -> Slot<'a> {
     let left_s = ball.t_s - start.at_s;
-    let (mut low, mut high) = (Joints::zeros(), Joints::zeros());
+    let (mut low, mut high) = (Joints::zeros(6), Joints::zeros(6));
     for (i, (limit, state)) in limits.iter().zip(start.state).enumerate() {
         let most = limit.v_rad_s * left_s;
         let push = 0.5 * limit.a_rad_s2 * left_s * left_s;

@@ -3,10 +3,10 @@
 //! The terminal point is the end of link 4; the gripper starts there. Its frame has x along the hand, y up for a level
 //! hand, z across.
 
-use nalgebra::{Matrix3, SMatrix, Vector3};
-use robot_model::{Family, Jacobian, RobotModel};
+use nalgebra::{Matrix3, Vector3};
+use robot_model::{Family, RobotModel};
 
-use super::Joints;
+use super::{HandJacobian, Joints};
 
 /// θ2 + θ3 + θ4 of a level hand that points outwards.
 pub const LEVEL_SUM_RAD: f64 = -std::f64::consts::FRAC_PI_2;
@@ -17,7 +17,7 @@ pub const READY_RAD: [f64; 4] = [0.0, 0.4, -1.6, LEVEL_SUM_RAD + 1.2];
 /// A four-axis arm with the zero position of paper 001, and its sizes.
 #[derive(Debug, Clone)]
 pub struct DiscArm {
-    pub model: RobotModel<4>,
+    pub model: RobotModel,
     /// Its lengths.
     pub size: Size,
 }
@@ -85,7 +85,7 @@ impl DiscArm {
     ///
     /// # Errors
     /// [`NotADiscArm`] names what differs.
-    pub fn new(model: RobotModel<4>) -> Result<Self, NotADiscArm> {
+    pub fn new(model: RobotModel) -> Result<Self, NotADiscArm> {
         let Family::TurntablePlanar(plane) = model.family() else {
             return Err(NotADiscArm::Family(model.family().name().to_owned()));
         };
@@ -106,7 +106,7 @@ impl DiscArm {
         let arm = Self { model, size };
         // Three generic poses fix base height, axis offset, senses of rotation and zero positions.
         for q in [[0.0; 4], [0.4, -0.3, -0.5, -0.8], [-1.1, 0.6, -1.3, 0.9]] {
-            let ee = arm.model.ee_at(&Joints::from(q));
+            let ee = arm.model.ee_at(&q.into());
             let off_m = (ee.pos - arm.terminal_point(&Joints::from(q))).norm()
                 + (ee.rot - arm.hand_axes(&Joints::from(q))).amax();
             if off_m > 1e-9 {
@@ -144,10 +144,10 @@ impl DiscArm {
 
     /// Jacobian of the terminal point, eq. (5) and (6): joint speeds to `[v; ω]` in the world.
     #[must_use]
-    pub fn jacobian(&self, q: &Joints) -> Jacobian<4> {
+    pub fn jacobian(&self, q: &Joints) -> HandJacobian {
         let Sums { c: l, s: m } = self.sums(q);
         let (s, c) = q[0].sin_cos();
-        SMatrix::<f64, 6, 4>::from_row_slice(&[
+        HandJacobian::from_row_slice(&[
             -s * l[0],
             -c * m[0],
             -c * m[1],
@@ -179,7 +179,7 @@ impl DiscArm {
     ///
     /// `None` at pitch ±90°, where roll and yaw are not distinct: the hand points straight up or down.
     #[must_use]
-    pub fn rpy_jacobian(&self, q: &Joints) -> Option<Jacobian<4>> {
+    pub fn rpy_jacobian(&self, q: &Joints) -> Option<HandJacobian> {
         let [_, pitch, yaw] = self.rpy_rad(q);
         let (sp, cp) = pitch.sin_cos();
         let (sy, cy) = yaw.sin_cos();

@@ -29,4 +29,6 @@ pub mod throw;
 pub mod witness;
 
 /// Joint angles, speeds or accelerations of the four axes.
-pub type Joints = robot_model::JointVec<4>;
+pub type Joints = nalgebra::Vector4<f64>;
+/// Twist of the hand by the speeds of four joints.
+pub type HandJacobian = nalgebra::SMatrix<f64, 6, 4>;

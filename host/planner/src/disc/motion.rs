@@ -3,6 +3,8 @@
 //! Two laws. [`MotionLaw::Acceleration`] keeps speed and acceleration: pieces of constant acceleration, jerk unbounded.
 //! [`MotionLaw::Jerk`] keeps the jerk as well: quintics and cubic speed ramps that start and end without acceleration.
 
+use robot_model::JointVec;
+
 use super::Joints;
 use crate::motion::{GripperEvent, Knot, Motion};
 
@@ -213,7 +215,7 @@ impl DiscMotion {
     /// A piece of constant acceleration stays what it is, but where pieces of two joints end within 2 ms of each other. There a cubic
     /// covers the step, with up to 1.5 times the acceleration.
     #[must_use]
-    pub fn as_motion(&self, stand_s: f64, open_s: f64, close_s: f64) -> Motion<4> {
+    pub fn as_motion(&self, stand_s: f64, open_s: f64, close_s: f64) -> Motion {
         let ends = self.tracks.iter().flat_map(|track| track.pieces.iter().map(Piece::end_s));
         let mut ends: Vec<f64> = ends.filter(|t_s| *t_s > self.from_s).collect();
         ends.sort_by(f64::total_cmp);
@@ -235,9 +237,9 @@ impl DiscMotion {
         }
         let state = |t_s: f64| {
             let at: [At; 4] = std::array::from_fn(|j| self.tracks[j].at(t_s));
-            (Joints::from_fn(|j, _| at[j].q), Joints::from_fn(|j, _| at[j].v))
+            (JointVec::from(at.map(|at| at.q)), JointVec::from(at.map(|at| at.v)))
         };
-        let begin = Knot { t_s: 0.0, q_rad: state(self.from_s).0, qd_rad_s: Joints::zeros() };
+        let begin = Knot { t_s: 0.0, q_rad: state(self.from_s).0, qd_rad_s: JointVec::zeros(4) };
         let moving = times.into_iter().map(|t_s| {
             let (q_rad, qd_rad_s) = state(t_s);
             Knot { t_s: t_s - self.from_s + stand_s, q_rad, qd_rad_s }

@@ -5,10 +5,9 @@
 //! 90°; [`pose`] and [`jacobian`] take angles of the DH table.
 
 use nalgebra::{Matrix3, Matrix4, Vector3};
-use robot_model::Jacobian;
 
-use super::Joints;
 use super::arm::Size;
+use super::{HandJacobian, Joints};
 
 /// A unit twist (ω, v) of pitch zero: axis direction and velocity of the point at the origin, m/rad.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -71,10 +70,10 @@ pub fn pose(size: &Size, q: &Joints) -> Matrix4<f64> {
 /// Jacobian of the terminal point: twists carried along by the joints before them, then moved from the origin to the
 /// point.
 #[must_use]
-pub fn jacobian(size: &Size, q: &Joints) -> Jacobian<4> {
+pub fn jacobian(size: &Size, q: &Joints) -> HandJacobian {
     let point: Vector3<f64> = pose(size, q).fixed_view::<3, 1>(0, 3).into_owned();
     let mut carried: Matrix4<f64> = Matrix4::identity();
-    let mut out = Jacobian::<4>::zeros();
+    let mut out = HandJacobian::zeros();
     for (i, (screw, angle)) in printed(size).iter().zip(angles(q)).enumerate() {
         let rot: Matrix3<f64> = carried.fixed_view::<3, 3>(0, 0).into_owned();
         let pos: Vector3<f64> = carried.fixed_view::<3, 1>(0, 3).into_owned();

@@ -7,6 +7,8 @@
 use nalgebra::Vector3;
 use robot_model::collision::{CollisionChecker, Scene};
 
+use robot_model::JointVec;
+
 use super::Joints;
 use super::arm::DiscArm;
 use super::flight::Path;
@@ -128,8 +130,8 @@ impl Verdict {
     /// Whether no joint passes its speed and acceleration limits or its range, by more than rounding.
     #[must_use]
     pub fn within_limits(&self, arm: &DiscArm) -> bool {
-        let v = arm.model.limit(|l| l.v_max_rad_s);
-        let a = arm.model.limit(|l| l.a_max_rad_s2);
+        let v = arm.model.limit(|l| l.v_max_rad_s).array().into();
+        let a = arm.model.limit(|l| l.a_max_rad_s2).array().into();
         let under =
             |x: &Joints, max: &Joints| x.iter().zip(max.iter()).all(|(x, max)| *x <= max * (1.0 + 1e-6));
         self.beyond_range_rad <= 1e-9 && under(&self.speed_rad_s, &v) && under(&self.acceleration_rad_s2, &a)
@@ -172,8 +174,9 @@ pub fn judge(arm: &DiscArm, gripper: &Gripper, rule: &Rule, moments: &[Moment]) 
     let (low, high) = (arm.model.q_min(), arm.model.q_max());
     let mut held_since: Option<f64> = None;
     for (index, moment) in moments.iter().enumerate() {
-        out.beyond_range_rad = out.beyond_range_rad.max((low - moment.q).max()).max((moment.q - high).max());
-        let frames = arm.model.fk(&moment.q);
+        let q = JointVec::from(moment.q);
+        out.beyond_range_rad = out.beyond_range_rad.max((low - q).max()).max((q - high).max());
+        let frames = arm.model.fk(&q);
         out.clearance_m = out.clearance_m.min(checker.clearance(&frames).distance_m);
         if out.caught.is_some() || out.touched.is_some() {
             continue;
@@ -255,7 +258,7 @@ fn plate(arm: &DiscArm, gripper: &Gripper, p: &Vector3<f64>) -> Option<Place> {
 fn body_at(
     arm: &DiscArm,
     gripper: &Gripper,
-    frames: &robot_model::Frames<4>,
+    frames: &robot_model::Frames,
     hand: &robot_model::Pose,
     placed: &[Vector3<f64>],
 ) -> Option<String> {

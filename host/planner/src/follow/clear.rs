@@ -59,8 +59,8 @@ pub enum Contact {
 pub struct Clear<'m> {
     arm: &'m Arm,
     margins: Margins,
-    held: CollisionChecker<'m, AXES>,
-    empty: CollisionChecker<'m, AXES>,
+    held: CollisionChecker<'m>,
+    empty: CollisionChecker<'m>,
     /// Distance of the held ball to the nearest box; the same in every posture.
     grip_m: f64,
 }
@@ -91,7 +91,7 @@ impl<'m> Clear<'m> {
     pub fn new(arm: &'m Arm, scenes: &'m Scenes, margins: Margins) -> Self {
         let held = CollisionChecker::new(arm, &scenes.held);
         let mut empty = CollisionChecker::new(arm, &scenes.empty);
-        let frames = arm.fk(&Axes::zeros());
+        let frames = arm.fk(&Axes::zeros(AXES));
         let grip_m = empty.ball_clearance(&frames, &arm.ball(&frames).pos).distance_m;
         Self { arm, margins, held, empty, grip_m }
     }
@@ -103,14 +103,14 @@ impl<'m> Clear<'m> {
 
     /// Height of the lowest of flange, elbow (the axis of joint 3) and the ball's centre in the fingers above the floor, in m.
     #[must_use]
-    pub fn height_m(&self, frames: &Frames<AXES>) -> f64 {
+    pub fn height_m(&self, frames: &Frames) -> f64 {
         let places = [self.arm.ee(frames).pos.z, frames.origin(2).z, self.arm.ball(frames).pos.z];
         places.into_iter().fold(f64::INFINITY, f64::min) - self.arm.world().floor_z_m
     }
 
     /// Distance of the nearest pair of bodies, in m: arm, floor, and the ball or the fingers.
     #[must_use]
-    pub fn distance_m(&mut self, frames: &Frames<AXES>, held: bool) -> f64 {
+    pub fn distance_m(&mut self, frames: &Frames, held: bool) -> f64 {
         if held {
             self.held.clearance(frames).distance_m
         } else {
@@ -120,14 +120,14 @@ impl<'m> Clear<'m> {
 
     /// Height of the fingers above the floor, in m: they reach around the ball, also when it has left them. No box stands for
     /// them, because the ball would touch it.
-    fn fingers_m(&self, frames: &Frames<AXES>) -> f64 {
+    fn fingers_m(&self, frames: &Frames) -> f64 {
         let low_m = self.arm.ball(frames).pos.z - self.arm.gripper().ball_radius_m;
         low_m - self.arm.world().floor_z_m
     }
 
     /// Distance of the free ball at `center` from arm and hand beyond what is asked for, in m; negative is a contact.
     #[must_use]
-    pub(crate) fn ball_spare_m(&mut self, frames: &Frames<AXES>, center: &Vector3<f64>) -> f64 {
+    pub(crate) fn ball_spare_m(&mut self, frames: &Frames, center: &Vector3<f64>) -> f64 {
         self.empty.ball_clearance(frames, center).distance_m - (self.grip_m - self.margins.grip_slack_m)
     }
 
@@ -179,7 +179,7 @@ impl<'m> Clear<'m> {
 /// A path given by its steps, joined by straight lines; the parameter is the step number.
 struct Steps<'a>(&'a [Axes]);
 
-impl Travel<AXES> for Steps<'_> {
+impl Travel for Steps<'_> {
     fn at(&self, s: f64) -> Axes {
         let end = self.0.len() - 1;
         let s = s.clamp(0.0, end as f64);
@@ -189,7 +189,7 @@ impl Travel<AXES> for Steps<'_> {
     }
 
     fn path_length(&self, s0: f64, s1: f64) -> Axes {
-        let mut length = Axes::zeros();
+        let mut length = Axes::zeros(AXES);
         let mut from = s0;
         while from < s1 {
             let to = (from.floor() + 1.0).min(s1);
@@ -206,7 +206,7 @@ mod tests {
 
     #[test]
     fn the_way_along_steps_is_the_sum_of_the_ways_of_the_joints() {
-        let at = |q: f64| Axes::repeat(q);
+        let at = |q: f64| Axes::repeat(AXES, q);
         let steps = [at(0.0), at(1.0), at(0.5), at(0.5)];
         let path = Steps(&steps);
         assert_eq!(path.at(1.5), at(0.75));

@@ -4,7 +4,7 @@ use nalgebra::{Rotation2, Vector2, Vector3};
 use robot_model::cubic::Cubic;
 use serde::{Deserialize, Serialize};
 
-use super::limits::{Arm, Axes, Limits};
+use super::limits::{AXES, Arm, Axes, Limits};
 use super::motion::{FollowMotion, RampPlan, Ramps};
 use super::posture::Posture;
 use super::ramp::RampShape;
@@ -91,7 +91,7 @@ pub(super) fn executed(motion: &FollowMotion, lead_s: f64, lag_s: f64) -> Follow
     let h = motion.period_s / SAMPLES as f64;
     let decay = if lag_s > 0.0 { (-h / lag_s).exp() } else { 0.0 };
     let mut q = commands[0];
-    let mut states = vec![Posture { q, qd: Axes::zeros(), qdd: Axes::zeros() }];
+    let mut states = vec![Posture { q, qd: Axes::zeros(AXES), qdd: Axes::zeros(AXES) }];
     let settling = (SETTLED * lag_s / motion.period_s).ceil() as usize;
     let last = commands[commands.len() - 1];
     let ends = commands.iter().skip(1).copied().chain(std::iter::repeat_n(last, settling));
@@ -103,7 +103,7 @@ pub(super) fn executed(motion: &FollowMotion, lead_s: f64, lag_s: f64) -> Follow
             let (before, after) = (from + slope * ((k - 1) as f64 * h), from + slope * (k as f64 * h));
             q = after - slope * lag_s + (q - before + slope * lag_s) * decay;
             let qd = if lag_s > 0.0 { (after - q) / lag_s } else { slope };
-            states.push(Posture { q, qd, qdd: Axes::zeros() });
+            states.push(Posture { q, qd, qdd: Axes::zeros(AXES) });
         }
         from = to;
     }
@@ -158,7 +158,7 @@ pub(crate) fn best_opening(
 /// Sign with which the first axis turns the arm about the vertical through the origin; `None` if it is another axis.
 #[must_use]
 pub(crate) fn turn_of_first_axis(arm: &Arm) -> Option<f64> {
-    let frames = arm.fk(&Axes::zeros());
+    let frames = arm.fk(&Axes::zeros(AXES));
     let (axis, origin) = (frames.axis(0), frames.origin(0));
     let vertical = axis.xy().norm() < 1e-9 && origin.xy().norm() < 1e-9;
     vertical.then(|| axis.z.signum())

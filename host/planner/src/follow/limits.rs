@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 pub const AXES: usize = 6;
 
 /// One number per joint.
-pub type Axes = JointVec<AXES>;
+pub type Axes = JointVec;
 
-pub type Arm = RobotModel<AXES>;
+pub type Arm = RobotModel;
 
 /// Cut-out of the simulated KR C by acceleration, deg/s² (chosen; lower bound is what the paper's run survived).
 const KRC_CUT_OUT_DEG_S2: f64 = 2000.0;
@@ -51,7 +51,7 @@ impl Limits {
     /// Those of the paper: it states no acceleration for set points on the flight, so only the cut-out of the simulated KR C binds.
     #[must_use]
     pub fn of_paper(arm: &Arm) -> Self {
-        let a_max_rad_s2 = Axes::repeat(KRC_CUT_OUT_DEG_S2.to_radians());
+        let a_max_rad_s2 = Axes::repeat(AXES, KRC_CUT_OUT_DEG_S2.to_radians());
         Self { a_max_rad_s2, ..Self::of(arm, LimitSource::ControllerModel) }
     }
 
@@ -67,7 +67,7 @@ impl Limits {
                 let cut_out = KRC_CUT_OUT_DEG_S2.to_radians();
                 (
                     arm.limit(|l| l.a_follow_max_rad_s2.unwrap_or(cut_out).min(cut_out)),
-                    Axes::repeat(KRC_CUT_OUT_DEG_S3.to_radians()),
+                    Axes::repeat(AXES, KRC_CUT_OUT_DEG_S3.to_radians()),
                 )
             }
         };
@@ -96,7 +96,7 @@ impl Limits {
     /// The same with another acceleration of the ramps, in rad/s² for every axis.
     #[must_use]
     pub fn with_ramps(mut self, rad_s2: f64) -> Self {
-        self.ramp_rad_s2 = Axes::repeat(rad_s2);
+        self.ramp_rad_s2 = Axes::repeat(AXES, rad_s2);
         self
     }
 }

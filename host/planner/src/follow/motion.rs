@@ -51,16 +51,16 @@ impl Ramps {
     pub fn at(&self, s: f64) -> Posture {
         let states = self.axes.map(|r| r.at(s));
         Posture {
-            q: Axes::from_fn(|i, _| states[i].q),
-            qd: Axes::from_fn(|i, _| states[i].w * self.direction),
-            qdd: Axes::from_fn(|i, _| states[i].a),
+            q: Axes::from_fn(AXES, |i| states[i].q),
+            qd: Axes::from_fn(AXES, |i| states[i].w * self.direction),
+            qdd: Axes::from_fn(AXES, |i| states[i].a),
         }
     }
 
     /// Joint angles at rest.
     #[must_use]
     pub fn rest(&self) -> Axes {
-        Axes::from_fn(|i, _| self.axes[i].rest_q())
+        Axes::from_fn(AXES, |i| self.axes[i].rest_q())
     }
 
     /// Time until all axes rest, in s.
@@ -124,7 +124,7 @@ impl Peaks {
     /// Of set points that rest before the first and after the last.
     #[must_use]
     pub fn of(commands: &[Axes], period_s: f64) -> Self {
-        let mut peaks = Self { v: Axes::zeros(), a: Axes::zeros(), j: Axes::zeros() };
+        let mut peaks = Self { v: Axes::zeros(AXES), a: Axes::zeros(AXES), j: Axes::zeros(AXES) };
         for k in -2..=commands.len() as isize {
             let [v, a, j] = differences(commands, k, period_s);
             peaks.v = peaks.v.sup(&v.abs());
@@ -163,12 +163,12 @@ mod tests {
 
     fn limits() -> Limits {
         Limits {
-            q_min_rad: Axes::repeat(-9.0),
-            q_max_rad: Axes::repeat(9.0),
-            v_max_rad_s: Axes::repeat(3.0),
-            ramp_rad_s2: Axes::repeat(2.0),
-            a_max_rad_s2: Axes::repeat(30.0),
-            j_max_rad_s3: Axes::repeat(2000.0),
+            q_min_rad: Axes::repeat(AXES, -9.0),
+            q_max_rad: Axes::repeat(AXES, 9.0),
+            v_max_rad_s: Axes::repeat(AXES, 3.0),
+            ramp_rad_s2: Axes::repeat(AXES, 2.0),
+            a_max_rad_s2: Axes::repeat(AXES, 30.0),
+            j_max_rad_s3: Axes::repeat(AXES, 2000.0),
         }
     }
 
@@ -176,7 +176,7 @@ mod tests {
         Posture {
             q: Axes::from([0.0, 1.0, -1.0, 0.5, 2.0, 0.0]),
             qd: Axes::from([2.0, -1.0, 0.5, 0.0, -3.0, 1.0]),
-            qdd: Axes::zeros(),
+            qdd: Axes::zeros(AXES),
         }
     }
 

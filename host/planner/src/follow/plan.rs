@@ -192,9 +192,9 @@ impl FollowPlan {
                 k if k <= motion.last => Phase::Follow,
                 _ => Phase::Decelerate,
             },
-            q_rad: state.q.into(),
-            qd_rad_s: state.qd.into(),
-            command_rad: (*command).into(),
+            q_rad: state.q.array(),
+            qd_rad_s: state.qd.array(),
+            command_rad: command.array(),
         });
         let middle_s = 0.5 * (time(motion.first) + time(motion.last));
         let at_release = found.flight.from_time(middle_s - time(motion.first));
@@ -456,9 +456,9 @@ impl FollowPlan {
         let steps = motion.states.iter().zip(&commands).enumerate().map(|(k, (state, command))| Step {
             t_s: time(k),
             phase: Phase::Accelerate,
-            q_rad: state.q.into(),
-            qd_rad_s: state.qd.into(),
-            command_rad: (*command).into(),
+            q_rad: state.q.array(),
+            qd_rad_s: state.qd.array(),
+            command_rad: command.array(),
         });
         Self {
             steps: steps.collect(),

@@ -1,7 +1,6 @@
 //! Joint angles, speeds and accelerations that put the hand where it belongs.
 
 use nalgebra::Vector6;
-use robot_model::linalg::Lu;
 use robot_model::{Family, Pose};
 
 use super::hand::HandState;
@@ -70,10 +69,10 @@ impl<'m> Reach<'m> {
     pub fn rates(&self, q: Axes, hand: &HandState) -> Option<Posture> {
         let frames = self.arm.fk(&q);
         let jacobian = frames.jacobian(&hand.x_wb.pos);
-        let inverse = Lu::new(&jacobian)?;
-        let qd = inverse.solve(&hand.twist);
+        let inverse = jacobian.lu()?;
+        let qd = inverse.solve(&hand.twist.into());
         let bias: Vector6<f64> = frames.bias_acceleration(&jacobian, &qd);
-        Some(Posture { q, qd, qdd: inverse.solve(&(hand.twist_rate - bias)) })
+        Some(Posture { q, qd, qdd: inverse.solve(&(hand.twist_rate - bias).into()) })
     }
 }
 

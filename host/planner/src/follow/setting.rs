@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::clear::Margins;
-use super::limits::{Arm, Axes, Limits};
+use super::limits::{AXES, Arm, Axes, Limits};
 
 /// Period of the RSI link of a KR C2 (paper 000), in s.
 pub const PERIOD_S: f64 = 0.012;
@@ -20,7 +20,7 @@ pub struct CommandRange {
 impl Default for CommandRange {
     /// Every command.
     fn default() -> Self {
-        Self { min_rad: Axes::repeat(f64::NEG_INFINITY), max_rad: Axes::repeat(f64::INFINITY) }
+        Self { min_rad: Axes::repeat(AXES, f64::NEG_INFINITY), max_rad: Axes::repeat(AXES, f64::INFINITY) }
     }
 }
 
@@ -28,7 +28,7 @@ impl CommandRange {
     /// The ranges of the joints, less `margin_rad` at each end.
     #[must_use]
     pub fn inside(limits: &Limits, margin_rad: f64) -> Self {
-        let margin = Axes::repeat(margin_rad);
+        let margin = Axes::repeat(AXES, margin_rad);
         Self { min_rad: limits.q_min_rad + margin, max_rad: limits.q_max_rad - margin }
     }
 

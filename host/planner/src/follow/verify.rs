@@ -290,7 +290,7 @@ const LAG_MAX_RAD: f64 = 2e-3;
 /// A first-order lag behind set points that are joined by straight lines, solved exactly from step to step.
 fn lag(plan: &FollowPlan, joints: &[Axes], commands: &[Axes], report: &mut Report) -> Vec<Executed> {
     let mut executed = joints[0];
-    let mut out = vec![Executed { q: executed, qd: Axes::zeros() }];
+    let mut out = vec![Executed { q: executed, qd: Axes::zeros(AXES) }];
     let (h, lag_s) = (plan.period_s, plan.lag_s);
     for k in 1..joints.len() {
         let before = executed;

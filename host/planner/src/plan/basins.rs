@@ -40,16 +40,16 @@ pub struct Confidence {
 
 /// Ends of starts at one price.
 #[derive(Debug, Clone, Copy)]
-struct Basin<const N: usize> {
-    found: Found<N>,
+struct Basin {
+    found: Found,
     hits: usize,
 }
 
 /// Ends of all starts of a search so far.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Basins<const N: usize> {
+pub(super) struct Basins {
     /// Cheapest first.
-    basins: Vec<Basin<N>>,
+    basins: Vec<Basin>,
     stored: usize,
     random: usize,
     solved: usize,
@@ -70,21 +70,21 @@ const ENOUGH_EMPTY: usize = 8;
 const ENOUGH_ALONE: usize = 64;
 const ENOUGH_HITS: usize = 4;
 
-impl<const N: usize> Basins<N> {
+impl Basins {
     /// A random start has ended.
-    pub(super) fn add_random(&mut self, found: Option<Found<N>>) {
+    pub(super) fn add_random(&mut self, found: Option<Found>) {
         self.random += 1;
         self.since_best += 1;
         self.add(found);
     }
 
     /// A start from a stored throw has ended.
-    pub(super) fn add_stored(&mut self, found: Option<Found<N>>) {
+    pub(super) fn add_stored(&mut self, found: Option<Found>) {
         self.stored += 1;
         self.add(found);
     }
 
-    fn add(&mut self, found: Option<Found<N>>) {
+    fn add(&mut self, found: Option<Found>) {
         let Some(found) = found else { return };
         self.solved += 1;
         let price = found.objective;
@@ -95,7 +95,7 @@ impl<const N: usize> Basins<N> {
         {
             self.since_best = 0;
         }
-        let same = |b: &Basin<N>| (b.found.objective - price).abs() <= SAME_SHARE * price.abs();
+        let same = |b: &Basin| (b.found.objective - price).abs() <= SAME_SHARE * price.abs();
         match self.basins.iter_mut().find(|b| same(b)) {
             Some(basin) => {
                 basin.hits += 1;
@@ -122,7 +122,7 @@ impl<const N: usize> Basins<N> {
     }
 
     /// The cheapest throw of every basin, cheapest first.
-    pub(super) fn found(&self) -> Vec<Found<N>> {
+    pub(super) fn found(&self) -> Vec<Found> {
         self.basins.iter().map(|b| b.found).collect()
     }
 

@@ -61,14 +61,15 @@ impl Bounds {
     ///
     /// `shoulder` is the centre of the spherical coordinates in m, world.
     #[must_use]
-    pub fn of_robot<const N: usize>(arm: &RobotModel<N>, shoulder: &Vector3<f64>) -> Self {
+    pub fn of_robot(arm: &RobotModel, shoulder: &Vector3<f64>) -> Self {
         let reach_m = reach_m(arm);
         let gravity = arm.world().gravity_m_s2;
         let limits = |j: usize| arm.joints()[j].limits;
-        let ball_speed: f64 = (0..N).map(|j| limits(j).v_max_rad_s * arm.collision().ball_swing_m(j)).sum();
+        let ball_speed: f64 =
+            (0..arm.n()).map(|j| limits(j).v_max_rad_s * arm.collision().ball_swing_m(j)).sum();
         let drop_m = (shoulder.z + reach_m - arm.world().floor_z_m).max(0.0);
         let flight_s = (ball_speed + (ball_speed * ball_speed + 2.0 * gravity * drop_m).sqrt()) / gravity;
-        let duration_s = (0..N)
+        let duration_s = (0..arm.n())
             .map(|j| {
                 let l = limits(j);
                 let across_s = PARABOLA * (l.q_max_rad - l.q_min_rad) / l.v_max_rad_s;
@@ -79,7 +80,7 @@ impl Bounds {
             azimuth_rad: None,
             elevation_rad: -FRAC_PI_2..=FRAC_PI_2,
             radius_m: RADIUS_MIN_SHARE * reach_m..=reach_m,
-            spin_rad_s: -limits(N - 1).v_max_rad_s..=limits(N - 1).v_max_rad_s,
+            spin_rad_s: -limits(arm.n() - 1).v_max_rad_s..=limits(arm.n() - 1).v_max_rad_s,
             flight_s: FLIGHT_MIN_S..=flight_s.max(2.0 * FLIGHT_MIN_S),
             duration_s: DURATION_MIN_S..=duration_s.max(2.0 * DURATION_MIN_S),
             braking_ratio: 0.04..=0.6,
@@ -90,7 +91,7 @@ impl Bounds {
     ///
     /// The paper states its bounds for its own arm. An arm of another size has its own in the paper's form too.
     #[must_use]
-    pub fn of<const N: usize>(form: Form, arm: &RobotModel<N>, shoulder: &Vector3<f64>) -> Self {
+    pub fn of(form: Form, arm: &RobotModel, shoulder: &Vector3<f64>) -> Self {
         let same_size = (reach_m(arm) / PAPER_REACH_M - 1.0).abs() <= PAPER_REACH_SHARE;
         if form == Form::Paper && same_size { Self::paper() } else { Self::of_robot(arm, shoulder) }
     }
@@ -112,7 +113,7 @@ impl Bounds {
 }
 
 /// Bound on the distance of the ball from the axis of joint 2, in m: the links in a row.
-fn reach_m<const N: usize>(arm: &RobotModel<N>) -> f64 {
+fn reach_m(arm: &RobotModel) -> f64 {
     arm.collision().ball_swing_m(1)
 }
 

@@ -18,9 +18,9 @@ const OTHERS_PER_KIND: usize = 2;
 /// Throws of another kind are taken from targets within this distance, in m.
 const OTHERS_WITHIN_M: f64 = 0.3;
 
-impl<const N: usize> Planner<'_, '_, N> {
+impl Planner<'_, '_> {
     /// From a stored target to this one: a step that fails is halved, one that succeeds doubles the next.
-    pub(super) fn walk_to_target(&self, record: &Record<N>, stopped: &dyn Fn() -> bool) -> Option<Found<N>> {
+    pub(super) fn walk_to_target(&self, record: &Record, stopped: &dyn Fn() -> bool) -> Option<Found> {
         let (sin, cos) = self.azimuth_rad.sin_cos();
         let from = Vector3::new(record.range_m * cos, record.range_m * sin, record.height_m);
         let way = self.problem.target - from;
@@ -49,7 +49,7 @@ impl<const N: usize> Planner<'_, '_, N> {
         None
     }
 
-    fn at_other_target(&self, target: Vector3<f64>, start: &Throw<N>) -> Option<Throw<N>> {
+    fn at_other_target(&self, target: Vector3<f64>, start: &Throw) -> Option<Throw> {
         let problem = Problem::new(self.problem.arm, target, self.problem.options.clone()).ok()?;
         let planner = Planner { persistent: self.persistent, ..Planner::new(&problem) };
         Some(planner.solve(start, self.anywhere(), &Settings::default(), usize::MAX)?.throw)
@@ -57,8 +57,8 @@ impl<const N: usize> Planner<'_, '_, N> {
 
     /// Throws that were stored for other constraints, near this target: a throw that lets the landing move with the delay
     /// is often near one that does not.
-    pub(super) fn other_kinds(&self, index: &Index<N>, kind: u32) -> Vec<Throw<N>> {
-        let mut near: Vec<&Record<N>> =
+    pub(super) fn other_kinds(&self, index: &Index, kind: u32) -> Vec<Throw> {
+        let mut near: Vec<&Record> =
             index.records().iter().filter(|r| r.kind != kind && self.away_m(r) <= OTHERS_WITHIN_M).collect();
         near.sort_by(|a, b| a.kind.cmp(&b.kind).then(self.away_m(a).total_cmp(&self.away_m(b))));
         let mut out = Vec::new();

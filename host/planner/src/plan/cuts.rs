@@ -6,13 +6,13 @@
 
 use nalgebra::{Matrix3, Vector3};
 use robot_model::collision::{Obb, Proximity};
-use robot_model::{Frames, Jacobian, JointVec};
+use robot_model::{Frames, Jacobian, JointVec, PerJoint};
 
 use super::layout::Layout;
 use super::options::HAND_CLEARANCE_M;
 use super::problem::{CLEARANCE_EXTRA_M, Problem};
 
-use crate::solve::Row;
+use crate::solve::{Row, WIDTH};
 use crate::throw::{Basis, Throw};
 
 /// What must hold at an instant.
@@ -49,13 +49,13 @@ pub(crate) struct Cut {
 }
 
 /// Intermediate results at the release that flying balls need.
-pub(crate) struct CutContext<'a, 'p, const N: usize> {
-    pub(crate) problem: &'a Problem<'p, N>,
-    pub(crate) throw: &'a Throw<N>,
+pub(crate) struct CutContext<'a, 'p> {
+    pub(crate) problem: &'a Problem<'p>,
+    pub(crate) throw: &'a Throw,
     pub(crate) p0: Vector3<f64>,
     pub(crate) v0: Vector3<f64>,
-    pub(crate) jac: &'a Jacobian<N>,
-    pub(crate) by_q: &'a Jacobian<N>,
+    pub(crate) jac: &'a Jacobian,
+    pub(crate) by_q: &'a Jacobian,
 }
 
 /// Clearances count in decimetres, so that they weigh like the other scaled rows.
@@ -68,7 +68,7 @@ const HAND_EXTRA_M: f64 = 1e-6;
 /// Currents over the motion keep this share of the limit free for the same reason.
 pub(crate) const CURRENT_EXTRA: f64 = 1e-3;
 
-pub(crate) fn placed<const N: usize>(problem: &Problem<'_, N>, frames: &Frames<N>, index: usize) -> Obb {
+pub(crate) fn placed(problem: &Problem<'_>, frames: &Frames, index: usize) -> Obb {
     let body = &problem.arm.collision().boxes()[index];
     let pose = match body.link.checked_sub(1) {
         Some(i) => frames.x_w[i] * body.x_lb,
@@ -79,25 +79,25 @@ pub(crate) fn placed<const N: usize>(problem: &Problem<'_, N>, frames: &Frames<N
 
 impl CutKind {
     /// Clearance that is kept between the two bodies, in m.
-    pub(crate) fn clearance_m<const N: usize>(self, problem: &Problem<'_, N>) -> f64 {
+    pub(crate) fn clearance_m(self, problem: &Problem<'_>) -> f64 {
         if self.is_hand(problem) { HAND_CLEARANCE_M } else { problem.options.clearance_m }
     }
 
     /// What a row asks for beyond the clearance, in m, so that a look along the motion finds nothing more. Right after the
     /// release the distance from the hand is half the squared time times their acceleration: there even 0.2 mm cost up to 12 %, and
     /// a throw that keeps them by chance must not be cheaper than one that keeps them by a row.
-    fn extra_m<const N: usize>(self, problem: &Problem<'_, N>) -> f64 {
+    fn extra_m(self, problem: &Problem<'_>) -> f64 {
         if self.is_hand(problem) { HAND_EXTRA_M } else { CLEARANCE_EXTRA_M }
     }
 
     /// Whether it is the released ball and the hand that threw it.
-    fn is_hand<const N: usize>(self, problem: &Problem<'_, N>) -> bool {
-        matches!(self, Self::FlyingBall(k) if problem.arm.collision().boxes()[k].link == N)
+    fn is_hand(self, problem: &Problem<'_>) -> bool {
+        matches!(self, Self::FlyingBall(k) if problem.arm.collision().boxes()[k].link == problem.joints())
     }
 }
 
 impl Cut {
-    pub(crate) fn describe<const N: usize>(&self, problem: &Problem<'_, N>) -> String {
+    pub(crate) fn describe(&self, problem: &Problem<'_>) -> String {
         let name = |k: usize| problem.arm.collision().boxes()[k].name.as_str();
         let obstacle = |k: usize| problem.options.obstacles[k].name.as_str();
         match self.kind {
@@ -123,16 +123,12 @@ impl Cut {
     }
 
     /// Value (≥ 0 wanted) and gradient by the variables.
-    pub(crate) fn evaluate<const D: usize, const N: usize>(
-        &self,
-        c: &CutContext<'_, '_, N>,
-        layout: &Layout<N>,
-    ) -> (f64, Row<D>) {
-        let var = Layout::<N>::VARIABLES;
+    pub(crate) fn evaluate(&self, c: &CutContext<'_, '_>, layout: &Layout) -> (f64, Row) {
+        let var = c.problem.variables();
         let phase = self.sigma.min(1.0);
         let h_index = if self.sigma < 0.0 { var.ha } else { var.hb };
         let basis = Basis::at(phase, c.throw.phase_s(phase));
-        let mut g = [0.0; D];
+        let mut g = [0.0; WIDTH];
         let value = match self.kind {
             CutKind::Motor(_) | CutKind::Supply(_) => self.current(c, &basis, h_index, layout, &mut g),
             _ => self.clearance(c, &basis, h_index, layout, &mut g),
@@ -140,15 +136,15 @@ impl Cut {
         (value, g)
     }
 
-    fn clearance<const D: usize, const N: usize>(
+    fn clearance(
         &self,
-        c: &CutContext<'_, '_, N>,
+        c: &CutContext<'_, '_>,
         basis: &Basis,
         h_index: usize,
-        layout: &Layout<N>,
-        g: &mut Row<D>,
+        layout: &Layout,
+        g: &mut Row,
     ) -> f64 {
-        let var = Layout::<N>::VARIABLES;
+        let (n, var) = (c.problem.joints(), c.problem.variables());
         let problem = c.problem;
         let arm = problem.arm;
         let (qd, qdd) = (&c.throw.qd_rad_s, &c.throw.qdd_rad_s2);
@@ -163,18 +159,18 @@ impl Cut {
         };
         let floor = arm.world().floor_z_m;
         let held = arm.ball(&frames).pos;
-        // Proximity, and the links of first and second body; JOINTS: the ball in the hand; none: the flying ball.
+        // Proximity, and the links of first and second body; past the last link: the ball in the hand; none: the flying ball.
         let flight_s = self.sigma * c.throw.hb_s;
         let flown = || problem.flight.fly(&c.p0, &c.v0, flight_s);
         let (near, first, second): (Proximity, usize, Option<usize>) = match self.kind {
             CutKind::Boxes(a, b) => (obb(a).proximity(&obb(b)), link(a), Some(link(b))),
             CutKind::Floor(b) => (obb(b).proximity_to_floor(floor), 0, Some(link(b))),
             CutKind::Obstacle(b, o) => (obstacle(o).proximity(&obb(b)), 0, Some(link(b))),
-            CutKind::HeldBall(a) => (obb(a).proximity_to_sphere(&held, radius_m), link(a), Some(N)),
-            CutKind::HeldBallObstacle(o) => (obstacle(o).proximity_to_sphere(&held, radius_m), 0, Some(N)),
+            CutKind::HeldBall(a) => (obb(a).proximity_to_sphere(&held, radius_m), link(a), Some(n)),
+            CutKind::HeldBallObstacle(o) => (obstacle(o).proximity_to_sphere(&held, radius_m), 0, Some(n)),
             CutKind::HeldBallFloor => {
                 let point = held - Vector3::z() * radius_m;
-                (Proximity { distance_m: point.z - floor, normal: Vector3::z(), point }, 0, Some(N))
+                (Proximity { distance_m: point.z - floor, normal: Vector3::z(), point }, 0, Some(n))
             }
             CutKind::FlyingBall(a) => (obb(a).proximity_to_sphere(&flown().p, radius_m), link(a), None),
             CutKind::FlyingBallObstacle(o) => {
@@ -188,16 +184,16 @@ impl Cut {
             kind if kind.is_hand(problem) => CLEARANCE_SCALE * (PARTING_S / flight_s).powi(2).max(1.0),
             _ => CLEARANCE_SCALE,
         };
-        let n = near.normal * scale;
-        let mut by_angle = JointVec::<N>::zeros();
+        let normal = near.normal * scale;
+        let mut by_angle = JointVec::zeros(n);
         let (from, to, sign) = match second {
             Some(last) => (first, last, 1.0),
             None => (0, first, -1.0),
         };
         for k in from..to {
-            by_angle[k] = sign * n.dot(&frames.axis(k).cross(&(near.point - frames.origin(k))));
+            by_angle[k] = sign * normal.dot(&frames.axis(k).cross(&(near.point - frames.origin(k))));
         }
-        for k in 0..N {
+        for k in 0..n {
             g[var.q + k] += by_angle[k];
             g[var.qd + k] += basis.pos.0 * by_angle[k];
             if layout.qdd {
@@ -213,28 +209,27 @@ impl Cut {
         if second.is_none() {
             let state = flown();
             let by_v0: Matrix3<f64> = state.p_by_v0;
-            let nv = by_v0.tr_mul(&n);
-            for k in 0..N {
-                let column = Vector3::new(c.jac[(0, k)], c.jac[(1, k)], c.jac[(2, k)]);
-                let v_by_q = Vector3::new(c.by_q[(0, k)], c.by_q[(1, k)], c.by_q[(2, k)]);
-                g[var.q + k] += n.dot(&column) + nv.dot(&v_by_q);
+            let nv = by_v0.tr_mul(&normal);
+            for k in 0..n {
+                let (column, v_by_q) = (c.jac.linear(k), c.by_q.linear(k));
+                g[var.q + k] += normal.dot(&column) + nv.dot(&v_by_q);
                 g[var.qd + k] += nv.dot(&column);
             }
-            g[var.hb] += n.dot(&state.v) * self.sigma;
+            g[var.hb] += normal.dot(&state.v) * self.sigma;
         }
         debug_assert!(g[var.f] == 0.0);
         (near.distance_m - self.kind.clearance_m(problem) - self.kind.extra_m(problem)) * scale
     }
 
-    fn current<const D: usize, const N: usize>(
+    fn current(
         &self,
-        c: &CutContext<'_, '_, N>,
+        c: &CutContext<'_, '_>,
         basis: &Basis,
         h_index: usize,
-        layout: &Layout<N>,
-        g: &mut Row<D>,
+        layout: &Layout,
+        g: &mut Row,
     ) -> f64 {
-        let var = Layout::<N>::VARIABLES;
+        let (n, var) = (c.problem.joints(), c.problem.variables());
         let arm = c.problem.arm;
         let Some(drives) = arm.drives() else { return 1.0 };
         let (qd_r, qdd_r) = (&c.throw.qd_rad_s, &c.throw.qdd_rad_s2);
@@ -243,23 +238,23 @@ impl Cut {
         let qdd = qd_r * basis.acc.0 + qdd_r * basis.acc.1;
         let d = c.problem.arm_at(self.sigma).inverse_dynamics_gradient(&q, &qd, &qdd);
         let (limit_a, feeds) = match self.kind {
-            CutKind::Motor(j) => (drives[j].current_max_a, std::array::from_fn(|k| k == j)),
+            CutKind::Motor(j) => (drives[j].current_max_a, PerJoint::from_fn(n, |k| k == j)),
             CutKind::Supply(k) => (arm.supplies()[k].current_max_a, arm.supplies()[k].feeds),
             _ => return 1.0,
         };
         let (mut sum, mut by_q, mut by_qd, mut by_qdd) =
-            (0.0, JointVec::<N>::zeros(), JointVec::<N>::zeros(), JointVec::<N>::zeros());
-        for j in (0..N).filter(|j| feeds[*j]) {
+            (0.0, JointVec::zeros(n), JointVec::zeros(n), JointVec::zeros(n));
+        for j in (0..n).filter(|j| feeds[*j]) {
             let (kb, km) = (drives[j].k_b_a_s_rad, drives[j].k_m_a_nm);
             sum += kb * qd[j].abs() + km * d.tau[j].abs();
             by_qd[j] += kb * qd[j].signum();
             let s = km * d.tau[j].signum();
-            by_q += d.by_q.row(j).transpose() * s;
-            by_qd += d.by_qd.row(j).transpose() * s;
-            by_qdd += d.by_qdd.row(j).transpose() * s;
+            by_q += d.by_q.row(j) * s;
+            by_qd += d.by_qd.row(j) * s;
+            by_qdd += d.by_qdd.row(j) * s;
         }
         let scale = -1.0 / limit_a;
-        for k in 0..N {
+        for k in 0..n {
             g[var.q + k] += scale * by_q[k];
             g[var.qd + k] +=
                 scale * (by_q[k] * basis.pos.0 + by_qd[k] * basis.vel.0 + by_qdd[k] * basis.acc.0);

@@ -9,31 +9,31 @@ use crate::throw::{JointState, Throw};
 
 /// A release with a delay and with errors of the joint state.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Disturbed<const N: usize> {
+pub(super) struct Disturbed {
     /// Delay of the release in s; early if negative.
     pub(super) delay_s: f64,
     /// Error of the joint angles in rad.
-    pub(super) q_rad: JointVec<N>,
+    pub(super) q_rad: JointVec,
     /// Error of the joint speeds in rad/s.
-    pub(super) qd_rad_s: JointVec<N>,
+    pub(super) qd_rad_s: JointVec,
 }
 
-impl<const N: usize> Disturbed<N> {
+impl Disturbed {
     /// Nothing is off.
-    pub(super) fn nothing() -> Self {
-        Self { delay_s: 0.0, q_rad: JointVec::zeros(), qd_rad_s: JointVec::zeros() }
+    pub(super) fn nothing(n: usize) -> Self {
+        Self { delay_s: 0.0, q_rad: JointVec::zeros(n), qd_rad_s: JointVec::zeros(n) }
     }
 
-    pub(super) fn drawn(noise: &Noise, rng: &mut SplitMix64) -> Self {
+    pub(super) fn drawn(n: usize, noise: &Noise, rng: &mut SplitMix64) -> Self {
         Self {
             delay_s: drawn_delay(noise, rng),
-            q_rad: JointVec::from_fn(|_, _| noise.position_rad * rng.normal()),
-            qd_rad_s: JointVec::from_fn(|_, _| noise.speed_rad_s * rng.normal()),
+            q_rad: JointVec::from_fn(n, |_| noise.position_rad * rng.normal()),
+            qd_rad_s: JointVec::from_fn(n, |_| noise.speed_rad_s * rng.normal()),
         }
     }
 
     /// Joint state at the late release.
-    pub(super) fn at_release(&self, throw: &Throw<N>) -> JointState<N> {
+    pub(super) fn at_release(&self, throw: &Throw) -> JointState {
         let mut state = throw.at_time(throw.ha_s + self.delay_s);
         state.q += self.q_rad;
         state.qd += self.qd_rad_s;

@@ -5,15 +5,15 @@
 
 use robot_model::JointVec;
 
-use super::layout::{Layout, width};
+use super::layout::Layout;
 use super::problem::Problem;
-use crate::solve::Row;
+use crate::solve::{Row, WIDTH};
 use crate::throw::{Basis, Throw};
 
 /// Energy of a throw in J, and its derivatives by the variables of the planner.
-pub(crate) struct Energy<const D: usize> {
+pub(crate) struct Energy {
     pub(crate) joule: f64,
-    pub(crate) gradient: Row<D>,
+    pub(crate) gradient: Row,
 }
 
 /// Nodes and weights of the Gauss-Legendre rule of four points on [0, 1].
@@ -34,21 +34,17 @@ fn abs_eps(x: f64) -> (f64, f64) {
 }
 
 /// Energy of a throw in J; `None` without current constants.
-pub(crate) fn joule<const N: usize>(problem: &Problem<'_, N>, throw: &Throw<N>) -> Option<f64> {
-    // The gradient is not used: this is asked once per throw, not once per step. Rows for seven joints hold all.
-    energy::<N, { width(7) }>(problem, &Layout::new(problem, None), throw).map(|e| e.joule)
+pub(crate) fn joule(problem: &Problem<'_>, throw: &Throw) -> Option<f64> {
+    // The gradient is not used: this is asked once per throw, not once per step.
+    energy(problem, &Layout::new(problem, None), throw).map(|e| e.joule)
 }
 
 /// Energy of a throw; `None` without current constants.
-pub(crate) fn energy<const N: usize, const D: usize>(
-    problem: &Problem<'_, N>,
-    layout: &Layout<N>,
-    throw: &Throw<N>,
-) -> Option<Energy<D>> {
-    let var = Layout::<N>::VARIABLES;
+pub(crate) fn energy(problem: &Problem<'_>, layout: &Layout, throw: &Throw) -> Option<Energy> {
+    let (n, var) = (problem.joints(), problem.variables());
     let drives = problem.arm.drives()?;
     let volt = joint_volts(problem);
-    let mut out = Energy { joule: 0.0, gradient: [0.0; D] };
+    let mut out = Energy { joule: 0.0, gradient: [0.0; WIDTH] };
     let (qd_r, qdd_r) = (&throw.qd_rad_s, &throw.qdd_rad_s2);
     for (side, h, h_index) in [(-1.0, throw.ha_s, var.ha), (1.0, throw.hb_s, var.hb)] {
         for panel in 0..PANELS {
@@ -61,21 +57,21 @@ pub(crate) fn energy<const N: usize, const D: usize>(
                 let qdd = qd_r * b.acc.0 + qdd_r * b.acc.1;
                 let d = problem.arm_at(sigma).inverse_dynamics_gradient(&q, &qd, &qdd);
                 let (mut power_w, mut by_q, mut by_qd, mut by_qdd) =
-                    (0.0, JointVec::<N>::zeros(), JointVec::<N>::zeros(), JointVec::<N>::zeros());
-                for j in 0..N {
+                    (0.0, JointVec::zeros(n), JointVec::zeros(n), JointVec::zeros(n));
+                for j in 0..n {
                     let (speed, torque) = (abs_eps(qd[j]), abs_eps(d.tau[j]));
                     let (kb, km) = (volt[j] * drives[j].k_b_a_s_rad, volt[j] * drives[j].k_m_a_nm);
                     power_w += kb * speed.0 + km * torque.0;
                     by_qd[j] += kb * speed.1;
                     let s = km * torque.1;
-                    by_q += d.by_q.row(j).transpose() * s;
-                    by_qd += d.by_qd.row(j).transpose() * s;
-                    by_qdd += d.by_qdd.row(j).transpose() * s;
+                    by_q += d.by_q.row(j) * s;
+                    by_qd += d.by_qd.row(j) * s;
+                    by_qdd += d.by_qdd.row(j) * s;
                 }
                 out.joule += weight * h * power_w;
                 let g = &mut out.gradient;
                 g[h_index] += weight * power_w;
-                for k in 0..N {
+                for k in 0..n {
                     let w = weight * h;
                     g[var.q + k] += w * by_q[k];
                     g[var.qd + k] += w * (by_q[k] * b.pos.0 + by_qd[k] * b.vel.0 + by_qdd[k] * b.acc.0);
@@ -94,9 +90,9 @@ pub(crate) fn energy<const N: usize, const D: usize>(
 }
 
 /// Voltage that feeds each joint; zero for a joint that no supply feeds.
-fn joint_volts<const N: usize>(problem: &Problem<'_, N>) -> [f64; N] {
+fn joint_volts(problem: &Problem<'_>) -> JointVec {
     let supplies = problem.arm.supplies();
-    std::array::from_fn(|j| supplies.iter().filter(|s| s.feeds[j]).map(|s| s.voltage_v).sum())
+    JointVec::from_fn(problem.joints(), |j| supplies.iter().filter(|s| s.feeds[j]).map(|s| s.voltage_v).sum())
 }
 
 #[cfg(test)]
@@ -108,13 +104,11 @@ mod tests {
     use crate::plan::problem::Options;
     use crate::throw::{Arm, Joints};
 
-    const WIDE: usize = width(6);
-
     fn case(arm: &Arm) -> (Problem<'_>, Throw) {
         let problem = Problem::new(arm, Vector3::new(1.0, 1.0, -1.0), Options::best()).expect("valid");
         let h = PaperParameters::from_array([0.493, -0.465, 0.858, 0.583, -1.098, 0.586, 0.920, 0.06]);
         let mut throw = h.throws(&problem)[0].throw;
-        throw.qdd_rad_s2 = Joints::from_column_slice(&[0.5, -1.0, 2.0, 0.3, -0.7, 1.1]);
+        throw.qdd_rad_s2 = Joints::from_slice(&[0.5, -1.0, 2.0, 0.3, -0.7, 1.1]);
         (problem, throw)
     }
 
@@ -123,7 +117,7 @@ mod tests {
         let arm = Arm::load("powercube6").expect("built in");
         let (problem, throw) = case(&arm);
         let layout = Layout::new(&problem, None);
-        let claimed = energy::<6, WIDE>(&problem, &layout, &throw).expect("has currents").joule;
+        let claimed = energy(&problem, &layout, &throw).expect("has currents").joule;
         // Midpoint sums over the time, through the robot model's own currents and supplies.
         let steps = 40_000;
         let dt = throw.duration_s() / f64::from(steps);
@@ -144,9 +138,8 @@ mod tests {
         let arm = Arm::load("powercube6").expect("built in");
         let (problem, throw) = case(&arm);
         let layout = Layout::new(&problem, None);
-        let x: Row<WIDE> = layout.variables(&throw);
-        let at =
-            |x: &Row<WIDE>| energy::<6, WIDE>(&problem, &layout, &layout.throw(x)).expect("has currents");
+        let x: Row = layout.row(&throw);
+        let at = |x: &Row| energy(&problem, &layout, &layout.throw(x)).expect("has currents");
         let claimed = at(&x).gradient;
         let largest = claimed.iter().fold(0.0_f64, |m, g| m.max(g.abs()));
         for k in 0..layout.n {

@@ -37,11 +37,11 @@ impl FingerLanding {
     }
 }
 
-fn leave<const N: usize>(
-    problem: &Problem<'_, N>,
-    throw: &Throw<N>,
+fn leave(
+    problem: &Problem<'_>,
+    throw: &Throw,
     usual: &Fingers,
-    (off, deviation): (&Disturbed<N>, &Deviation),
+    (off, deviation): (&Disturbed, &Deviation),
 ) -> Option<Released> {
     let arm = problem.arm;
     let fingers = usual.deviated(deviation);
@@ -56,9 +56,9 @@ fn leave<const N: usize>(
     release(&fingers, arm.gripper().ball_radius_m, problem.flight.gravity_m_s2(), opens_s, hand).ok()
 }
 
-fn landing<const N: usize>(
-    problem: &Problem<'_, N>,
-    throw: &Throw<N>,
+fn landing(
+    problem: &Problem<'_>,
+    throw: &Throw,
     flight: &FlightModel,
     left: &Released,
 ) -> Option<Vector2<f64>> {
@@ -69,15 +69,15 @@ fn landing<const N: usize>(
 
 /// Predicts the landing; `None` if a ball stays in the fingers or does not come down on the plane of the target.
 #[must_use]
-pub fn predict_with_fingers<const N: usize>(
-    problem: &Problem<'_, N>,
-    throw: &Throw<N>,
+pub fn predict_with_fingers(
+    problem: &Problem<'_>,
+    throw: &Throw,
     fingers: &Fingers,
     noise: &Noise,
 ) -> Option<FingerLanding> {
     let drag = DragFlights::of(&problem.flight, noise)?;
-    let (nothing, usual) = (Disturbed::<N>::nothing(), Deviation::default());
-    let at = |off: &Disturbed<N>, deviation: &Deviation| {
+    let (nothing, usual) = (Disturbed::nothing(problem.joints()), Deviation::default());
+    let at = |off: &Disturbed, deviation: &Deviation| {
         landing(problem, throw, &drag.mean, &leave(problem, throw, fingers, (off, deviation))?)
     };
     // Drag does not change how the ball leaves.
@@ -96,9 +96,9 @@ pub fn predict_with_fingers<const N: usize>(
         .map(|(delay_s, weight)| Some((weight, at(&Disturbed { delay_s, ..nothing }, &usual)?)))
         .collect();
     add(&late?);
-    for j in 0..N {
-        let one = JointVec::<N>::from_fn(|i, _| if i == j { 1.0 } else { 0.0 });
-        let joint = |sigma: f64, off: &dyn Fn(f64) -> Disturbed<N>| -> Option<Vec<_>> {
+    for j in 0..problem.joints() {
+        let one = JointVec::from_fn(problem.joints(), |i| if i == j { 1.0 } else { 0.0 });
+        let joint = |sigma: f64, off: &dyn Fn(f64) -> Disturbed| -> Option<Vec<_>> {
             let rule = THREE.iter().filter(|_| sigma > 0.0);
             rule.map(|(node, weight)| Some((*weight, at(&off(node * sigma), &usual)?))).collect()
         };
@@ -151,9 +151,9 @@ fn finger_nodes(scatter: &FingerScatter) -> Vec<(f64, Deviation)> {
 /// Landings of `draws` disturbed throws with everything off at once; those whose ball stays in the fingers or does not come
 /// down are left out. The oracle of [`predict_with_fingers`].
 #[must_use]
-pub fn monte_carlo_with_fingers<const N: usize>(
-    problem: &Problem<'_, N>,
-    throw: &Throw<N>,
+pub fn monte_carlo_with_fingers(
+    problem: &Problem<'_>,
+    throw: &Throw,
     fingers: &Fingers,
     noise: &Noise,
     draws: usize,
@@ -162,7 +162,7 @@ pub fn monte_carlo_with_fingers<const N: usize>(
     let mut rng = SplitMix64::new(seed);
     (0..draws)
         .filter_map(|_| {
-            let off = Disturbed::drawn(noise, &mut rng);
+            let off = Disturbed::drawn(problem.joints(), noise, &mut rng);
             let deviation = fingers.scatter.deviation([rng.normal(), rng.normal(), rng.normal()]);
             let flight = drawn_flight(&problem.flight, noise, &mut rng)?;
             landing(problem, throw, &flight, &leave(problem, throw, fingers, (&off, &deviation))?)

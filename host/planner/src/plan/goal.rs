@@ -64,7 +64,7 @@ impl Goal {
     }
 
     /// What a search would have to pay for this throw; infinite if it does not land.
-    pub(crate) fn value<const N: usize>(&self, problem: &Problem<'_, N>, throw: &Throw<N>) -> f64 {
+    pub(crate) fn value(&self, problem: &Problem<'_>, throw: &Throw) -> f64 {
         let effort = problem.objective(throw);
         if *self == Self::Energy {
             return energy::joule(problem, throw)

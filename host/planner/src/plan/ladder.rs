@@ -17,7 +17,6 @@ use super::problem::{Problem, ProblemError};
 use super::search::counted;
 use crate::parallel::each;
 use crate::store::Index;
-use crate::throw::JOINTS;
 
 /// Throws of one rung that are carried to the rung above.
 const CARRIED_MAX: usize = 12;
@@ -61,29 +60,29 @@ pub fn rungs(asked: &Options, kept: Kept) -> Vec<(GivenUp, Options)> {
 
 /// A target with the problems of all rungs.
 #[derive(Debug, Clone)]
-pub struct Ladder<'a, const N: usize = JOINTS> {
+pub struct Ladder<'a> {
     /// Strictest first; never empty.
-    rungs: Vec<(GivenUp, Problem<'a, N>)>,
+    rungs: Vec<(GivenUp, Problem<'a>)>,
 }
 
 /// The throw of a ladder.
 #[derive(Debug, Clone)]
-pub struct Settled<'l, 'a, const N: usize = JOINTS> {
+pub struct Settled<'l, 'a> {
     /// The problem that the throw solves.
-    pub problem: &'l Problem<'a, N>,
+    pub problem: &'l Problem<'a>,
     /// What it does not keep of what was asked for.
     pub given_up: GivenUp,
     /// The best throw.
-    pub best: Best<N>,
+    pub best: Best,
 }
 
-impl<'a, const N: usize> Ladder<'a, N> {
+impl<'a> Ladder<'a> {
     /// The ladder for a target, in m.
     ///
     /// # Errors
     /// The options are refused.
     pub fn new(
-        arm: &'a RobotModel<N>,
+        arm: &'a RobotModel,
         target: Vector3<f64>,
         asked: &Options,
         kept: Kept,
@@ -104,11 +103,11 @@ impl<'a, const N: usize> Ladder<'a, N> {
     /// [`NoThrow`] if no rung has one; with the nearest reachable target of the last rung unless the search was stopped.
     pub fn search(
         &self,
-        index: &Index<N>,
+        index: &Index,
         budget: &Budget,
         watch: &Watch,
         quick: Option<usize>,
-    ) -> Result<Settled<'_, 'a, N>, NoThrow> {
+    ) -> Result<Settled<'_, 'a>, NoThrow> {
         let mut at = 0;
         let best = loop {
             let planner = Planner::new(&self.rungs[at].1);
@@ -128,14 +127,7 @@ impl<'a, const N: usize> Ladder<'a, N> {
     }
 
     /// Gives the rungs above one that has throws a second chance, the nearest first.
-    fn climb(
-        &self,
-        at: usize,
-        best: Best<N>,
-        index: &Index<N>,
-        budget: &Budget,
-        watch: &Watch,
-    ) -> Settled<'_, 'a, N> {
+    fn climb(&self, at: usize, best: Best, index: &Index, budget: &Budget, watch: &Watch) -> Settled<'_, 'a> {
         let (mut at, mut best) = (at, best);
         // Whoever names a number of starts gets that many.
         let more = (!budget.all && index.records().is_empty()).then_some(Budget {
@@ -155,16 +147,12 @@ impl<'a, const N: usize> Ladder<'a, N> {
     }
 }
 
-fn stored_alone<const N: usize>(
-    planner: &Planner<'_, '_, N>,
-    index: &Index<N>,
-    tries: usize,
-) -> Option<Best<N>> {
+fn stored_alone(planner: &Planner<'_, '_>, index: &Index, tries: usize) -> Option<Best> {
     planner.from_index(index, tries).map(Best::alone)
 }
 
 /// The best throw that local solves from throws of another rung end in.
-fn carry<const N: usize>(planner: &Planner<'_, '_, N>, from: &[Found<N>], watch: &Watch) -> Option<Best<N>> {
+fn carry(planner: &Planner<'_, '_>, from: &[Found], watch: &Watch) -> Option<Best> {
     let stopped = || watch.stop.load(std::sync::atomic::Ordering::Relaxed);
     let carried = each(&from[..from.len().min(CARRIED_MAX)], |found| {
         (!stopped()).then(|| counted(watch, planner.solve_from_throw(&found.throw)))

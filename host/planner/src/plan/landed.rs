@@ -1,7 +1,7 @@
 //! Release and landing of one throw that is not quite as planned, and how they move with every variable.
 
 use nalgebra::{Matrix2x3, SMatrix, SVector, Vector2, Vector3};
-use robot_model::{Jacobian, JointVec};
+use robot_model::{JOINTS_MAX, Jacobian, JointVec};
 
 use super::layout::Layout;
 use super::problem::Problem;
@@ -11,25 +11,21 @@ use crate::throw::Throw;
 
 /// `M` numbers that follow from the ball at a release, by the variables of the planner.
 #[derive(Debug, Clone, Copy)]
-struct Moves<const N: usize, const M: usize> {
-    by_q: [SVector<f64, M>; N],
-    by_qd: [SVector<f64, M>; N],
-    by_qdd: [SVector<f64, M>; N],
+struct Moves<const M: usize> {
+    joints: usize,
+    by_q: [SVector<f64, M>; JOINTS_MAX],
+    by_qd: [SVector<f64, M>; JOINTS_MAX],
+    by_qdd: [SVector<f64, M>; JOINTS_MAX],
     by_h: SVector<f64, M>,
     /// Variable of the phase in which the release falls.
     h_index: usize,
 }
 
-impl<const N: usize, const M: usize> Moves<N, M> {
+impl<const M: usize> Moves<M> {
     /// Adds the gradient of `weight · numbers`.
-    fn add_gradient<const D: usize>(
-        &self,
-        g: &mut Gradient<'_, D>,
-        layout: &Layout<N>,
-        weight: &SVector<f64, M>,
-    ) {
-        let var = Layout::<N>::VARIABLES;
-        for k in 0..N {
+    fn add_gradient(&self, g: &mut Gradient<'_>, layout: &Layout, weight: &SVector<f64, M>) {
+        let var = layout.variables();
+        for k in 0..self.joints {
             g.add(var.q + k, weight.dot(&self.by_q[k]));
             g.add(var.qd + k, weight.dot(&self.by_qd[k]));
             if layout.qdd {
@@ -45,14 +41,14 @@ type ByH = (f64, f64);
 
 /// The ball at a release that is late or early.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Released<const N: usize> {
+pub(crate) struct Released {
     delay_s: f64,
     p: Vector3<f64>,
     v: Vector3<f64>,
-    jac: Jacobian<N>,
-    by_q: Jacobian<N>,
-    qd_r: JointVec<N>,
-    qdd_r: JointVec<N>,
+    jac: Jacobian,
+    by_q: Jacobian,
+    qd_r: JointVec,
+    qdd_r: JointVec,
     /// Factors of q̇_r and q̈_r in angle and speed at the release: `q = q_r + q̇_r p1 + q̈_r p2`, `q̇ = q̇_r v1 + q̈_r v2`.
     p1: ByH,
     p2: ByH,
@@ -61,10 +57,10 @@ pub(crate) struct Released<const N: usize> {
     h_index: usize,
 }
 
-impl<const N: usize> Released<N> {
+impl Released {
     /// The ball of a throw that is released `delay_s` late (early if negative).
-    pub(crate) fn of(problem: &Problem<'_, N>, throw: &Throw<N>, delay_s: f64) -> Self {
-        let var = Layout::<N>::VARIABLES;
+    pub(crate) fn of(problem: &Problem<'_>, throw: &Throw, delay_s: f64) -> Self {
+        let var = problem.variables();
         let arm = problem.arm;
         let (h, h_index) = if delay_s < 0.0 { (throw.ha_s, var.ha) } else { (throw.hb_s, var.hb) };
         // At a fixed time, not at a fixed phase: the derivatives by h differ from those of a cut. Beyond its phase the
@@ -87,23 +83,21 @@ impl<const N: usize> Released<N> {
     }
 
     /// Derivatives by the variables, from those by the position (`by_p`) and the velocity (`by_v`) of the ball.
-    fn moves<const M: usize>(&self, by_p: &SMatrix<f64, M, 3>, by_v: &SMatrix<f64, M, 3>) -> Moves<N, M> {
-        let columns: [(SVector<f64, M>, SVector<f64, M>); N] = std::array::from_fn(|k| {
-            let column = self.jac.fixed_view::<3, 1>(0, k);
-            (by_p * column + by_v * self.by_q.fixed_view::<3, 1>(0, k), by_v * column)
-        });
-        let mut by_h = SVector::zeros();
-        for (k, (a, b)) in columns.iter().enumerate() {
-            by_h += a * (self.qd_r[k] * self.p1.1 + self.qdd_r[k] * self.p2.1)
+    fn moves<const M: usize>(&self, by_p: &SMatrix<f64, M, 3>, by_v: &SMatrix<f64, M, 3>) -> Moves<M> {
+        let zero = [SVector::zeros(); JOINTS_MAX];
+        let joints = self.jac.n();
+        let (h_index, by_h) = (self.h_index, SVector::zeros());
+        let mut out = Moves { joints, by_q: zero, by_qd: zero, by_qdd: zero, by_h, h_index };
+        for k in 0..joints {
+            let column = self.jac.linear(k);
+            let (a, b) = (by_p * column + by_v * self.by_q.linear(k), by_v * column);
+            out.by_q[k] = a;
+            out.by_qd[k] = a * self.p1.0 + b * self.v1.0;
+            out.by_qdd[k] = a * self.p2.0 + b * self.v2.0;
+            out.by_h += a * (self.qd_r[k] * self.p1.1 + self.qdd_r[k] * self.p2.1)
                 + b * (self.qd_r[k] * self.v1.1 + self.qdd_r[k] * self.v2.1);
         }
-        Moves {
-            by_q: columns.map(|(a, _)| a),
-            by_qd: columns.map(|(a, b)| a * self.p1.0 + b * self.v1.0),
-            by_qdd: columns.map(|(a, b)| a * self.p2.0 + b * self.v2.0),
-            by_h,
-            h_index: self.h_index,
-        }
+        out
     }
 
     /// Square of the speed in m²/s² with which the ball would meet the plane of an aim under gravity alone; negative if it does
@@ -114,10 +108,10 @@ impl<const N: usize> Released<N> {
     }
 
     /// Adds the gradient of [`Released::through_m2_s2`].
-    pub(crate) fn add_through_gradient<const D: usize>(
+    pub(crate) fn add_through_gradient(
         &self,
-        g: &mut Gradient<'_, D>,
-        layout: &Layout<N>,
+        g: &mut Gradient<'_>,
+        layout: &Layout,
         flight: &FlightModel,
         aim: &Aim,
     ) {
@@ -145,24 +139,24 @@ impl<const N: usize> Released<N> {
 
 /// A landing and its derivatives by the variables of the planner.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Landed<const N: usize> {
+pub(crate) struct Landed {
     /// Coordinates on the plane of the target, in m.
     pub(crate) xy: Vector2<f64>,
-    moves: Moves<N, 2>,
+    moves: Moves<2>,
     /// Speed through the plane against its normal, in m/s.
     pub(crate) through_m_s: f64,
     /// By the place of the plane along its normal.
     pub(crate) by_plane: Vector2<f64>,
 }
 
-impl<const N: usize> Landed<N> {
+impl Landed {
     /// Landing on the plane of an aim of a release `delay_s` late (early if negative) through a given flight.
     ///
     /// `None` if the ball does not meet it.
     pub(crate) fn of(
-        problem: &Problem<'_, N>,
+        problem: &Problem<'_>,
         flight: &FlightModel,
-        throw: &Throw<N>,
+        throw: &Throw,
         aim: &Aim,
         delay_s: f64,
     ) -> Option<Self> {
@@ -170,7 +164,7 @@ impl<const N: usize> Landed<N> {
     }
 
     /// Landing of a released ball; `None` if it does not meet the plane.
-    pub(crate) fn after(released: &Released<N>, flight: &FlightModel, aim: &Aim) -> Option<Self> {
+    pub(crate) fn after(released: &Released, flight: &FlightModel, aim: &Aim) -> Option<Self> {
         let delay_s = released.delay_s;
         let landed = flight.meet(&released.p, &released.v, aim, delay_s)?;
         let approach = aim.approach(&landed, delay_s);
@@ -186,12 +180,7 @@ impl<const N: usize> Landed<N> {
     }
 
     /// Adds the gradient of `weight · xy` by the variables of the throw.
-    pub(crate) fn add_gradient<const D: usize>(
-        &self,
-        g: &mut Gradient<'_, D>,
-        layout: &Layout<N>,
-        weight: &Vector2<f64>,
-    ) {
+    pub(crate) fn add_gradient(&self, g: &mut Gradient<'_>, layout: &Layout, weight: &Vector2<f64>) {
         self.moves.add_gradient(g, layout, weight);
     }
 }

@@ -1,12 +1,12 @@
-//! Where each variable and each row of a throw of `N` joints stands.
+//! Where each variable and each row of a throw stands.
 
 use nalgebra::Vector3;
-use robot_model::JointVec;
+use robot_model::{JOINTS_MAX, JointVec};
 
 use super::options::DELAY_WINDOWS_MAX;
 use super::problem::Problem;
 use crate::flight::Aim;
-use crate::solve::Row;
+use crate::solve::{Row, WIDTH};
 use crate::throw::Throw;
 
 /// First index of each group of variables.
@@ -26,11 +26,16 @@ pub(crate) struct Variables {
     pub(crate) qdd: usize,
 }
 
-/// Width of rows for throws of `joints` joints: angles, speeds and accelerations, three times, three coordinates of a
-/// shift of the target; a multiple of four.
-pub(crate) const fn width(joints: usize) -> usize {
-    (3 * joints + 6).next_multiple_of(4)
+impl Variables {
+    /// Of a throw of `n` joints.
+    #[inline]
+    pub(crate) const fn of(n: usize) -> Self {
+        Self { q: 0, qd: n, f: 2 * n, ha: 2 * n + 1, hb: 2 * n + 2, qdd: 2 * n + 3 }
+    }
 }
+
+// Angles, speeds and accelerations, three times, three coordinates of a shift of the target.
+const _: () = assert!(3 * JOINTS_MAX + 6 <= WIDTH, "a row has room for all variables");
 
 /// Equalities: the ball leaves with the velocity that reaches the target (3).
 pub(crate) const LAUNCH: usize = 0;
@@ -93,7 +98,9 @@ pub(crate) struct Numbers {
 }
 
 impl Numbers {
-    const fn of(joints: usize) -> Self {
+    /// Of a throw of `joints` joints.
+    #[inline]
+    pub(crate) const fn of(joints: usize) -> Self {
         let range = 0;
         let speed = range + 4 * joints;
         let acc_start = speed + 2 * joints;
@@ -144,7 +151,9 @@ impl Numbers {
 
 /// Which variables a problem has beyond joint angles, joint speeds and times.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Layout<const N: usize> {
+pub(crate) struct Layout {
+    joints: usize,
+    /// How many variables there are.
     pub(crate) n: usize,
     /// Whether q̈_r is free.
     pub(crate) qdd: bool,
@@ -152,29 +161,30 @@ pub(crate) struct Layout<const N: usize> {
     pub(crate) shift: Option<(usize, [bool; 3])>,
 }
 
-impl<const N: usize> Layout<N> {
-    /// Where the variables stand.
-    pub(crate) const VARIABLES: Variables =
-        Variables { q: 0, qd: N, f: 2 * N, ha: 2 * N + 1, hb: 2 * N + 2, qdd: 2 * N + 3 };
-    /// Where the inequalities stand.
-    pub(crate) const NUMBERS: Numbers = Numbers::of(N);
-
-    pub(crate) fn new(problem: &Problem<'_, N>, shift: Option<[bool; 3]>) -> Self {
+impl Layout {
+    pub(crate) fn new(problem: &Problem<'_>, shift: Option<[bool; 3]>) -> Self {
         let qdd = problem.options.null_delay;
-        let at = Self::VARIABLES.qdd + if qdd { N } else { 0 };
+        let joints = problem.joints();
+        let at = Variables::of(joints).qdd + if qdd { joints } else { 0 };
         let n = at + if shift.is_some() { 3 } else { 0 };
-        Self { n, qdd, shift: shift.map(|axes| (at, axes)) }
+        Self { joints, n, qdd, shift: shift.map(|axes| (at, axes)) }
     }
 
-    pub(crate) fn throw<const D: usize>(&self, x: &Row<D>) -> Throw<N> {
-        let var = Self::VARIABLES;
+    /// Where the variables stand.
+    #[inline]
+    pub(crate) fn variables(&self) -> Variables {
+        Variables::of(self.joints)
+    }
+
+    pub(crate) fn throw(&self, x: &Row) -> Throw {
+        let (n, var) = (self.joints, self.variables());
         Throw {
-            q_rad: JointVec::from_column_slice(&x[var.q..var.q + N]),
-            qd_rad_s: JointVec::from_column_slice(&x[var.qd..var.qd + N]),
+            q_rad: JointVec::from_slice(&x[var.q..var.q + n]),
+            qd_rad_s: JointVec::from_slice(&x[var.qd..var.qd + n]),
             qdd_rad_s2: if self.qdd {
-                JointVec::from_column_slice(&x[var.qdd..var.qdd + N])
+                JointVec::from_slice(&x[var.qdd..var.qdd + n])
             } else {
-                JointVec::zeros()
+                JointVec::zeros(n)
             },
             flight_s: x[var.f],
             ha_s: x[var.ha],
@@ -182,28 +192,28 @@ impl<const N: usize> Layout<N> {
         }
     }
 
-    pub(crate) fn variables<const D: usize>(&self, throw: &Throw<N>) -> Row<D> {
-        let var = Self::VARIABLES;
-        let mut x = [0.0; D];
-        x[var.q..var.q + N].copy_from_slice(throw.q_rad.as_slice());
-        x[var.qd..var.qd + N].copy_from_slice(throw.qd_rad_s.as_slice());
+    pub(crate) fn row(&self, throw: &Throw) -> Row {
+        let (n, var) = (self.joints, self.variables());
+        let mut x = [0.0; WIDTH];
+        x[var.q..var.q + n].copy_from_slice(&throw.q_rad);
+        x[var.qd..var.qd + n].copy_from_slice(&throw.qd_rad_s);
         x[var.f] = throw.flight_s;
         x[var.ha] = throw.ha_s;
         x[var.hb] = throw.hb_s;
         if self.qdd {
-            x[var.qdd..var.qdd + N].copy_from_slice(throw.qdd_rad_s2.as_slice());
+            x[var.qdd..var.qdd + n].copy_from_slice(&throw.qdd_rad_s2);
         }
         x
     }
 
     /// The aim of a problem, moved by the shift of the target if that is free.
-    pub(crate) fn aim<const D: usize>(&self, problem: &Problem<'_, N>, x: &Row<D>) -> Aim {
+    pub(crate) fn aim(&self, problem: &Problem<'_>, x: &Row) -> Aim {
         self.shift
             .map_or(problem.aim, |(at, _)| problem.aim.shifted(&Vector3::new(x[at], x[at + 1], x[at + 2])))
     }
 
     /// The target at the planned release in m, with its shift if that is free.
-    pub(crate) fn target<const D: usize>(&self, problem: &Problem<'_, N>, x: &Row<D>) -> Vector3<f64> {
+    pub(crate) fn target(&self, problem: &Problem<'_>, x: &Row) -> Vector3<f64> {
         self.aim(problem, x).point_at(0.0)
     }
 }
@@ -212,25 +222,25 @@ impl<const N: usize> Layout<N> {
 mod tests {
     use super::*;
 
-    fn check<const N: usize>() {
-        let (var, number) = (Layout::<N>::VARIABLES, Layout::<N>::NUMBERS);
+    fn check(n: usize) {
+        let (var, number) = (Variables::of(n), Numbers::of(n));
         assert_eq!(
             [var.q, var.qd, var.f, var.ha, var.hb, var.qdd],
-            [0, N, 2 * N, 2 * N + 1, 2 * N + 2, 2 * N + 3]
+            [0, n, 2 * n, 2 * n + 1, 2 * n + 2, 2 * n + 3]
         );
         // All variables with a free shift of the target fit into a row.
-        assert!(width(N) >= var.qdd + N + 3 && width(N).is_multiple_of(4));
+        assert!(var.qdd + n + 3 <= WIDTH);
         let first = [
-            (number.range, 4 * N),
-            (number.speed, 2 * N),
-            (number.acc_start, 2 * N),
-            (number.acc_stop, 2 * N),
-            (number.acc_release, 2 * N),
-            (number.jerk_a, 2 * N),
-            (number.jerk_b, 2 * N),
-            (number.peak, 2 * N),
-            (number.turn, 2 * N),
-            (number.motor, N),
+            (number.range, 4 * n),
+            (number.speed, 2 * n),
+            (number.acc_start, 2 * n),
+            (number.acc_stop, 2 * n),
+            (number.acc_release, 2 * n),
+            (number.jerk_a, 2 * n),
+            (number.jerk_b, 2 * n),
+            (number.peak, 2 * n),
+            (number.turn, 2 * n),
+            (number.motor, n),
             (number.supply, SUPPLIES_MAX),
             (number.point, 6),
             (number.times, 6),
@@ -252,11 +262,8 @@ mod tests {
     }
 
     #[test]
-    fn variables_and_rows_of_four_to_seven_joints_do_not_overlap() {
-        check::<4>();
-        check::<5>();
-        check::<6>();
-        check::<7>();
-        assert_eq!((width(6), Layout::<6>::VARIABLES.qdd), (24, 15));
+    fn variables_and_rows_of_any_number_of_joints_do_not_overlap() {
+        (1..=JOINTS_MAX).for_each(check);
+        assert_eq!(Variables::of(6).qdd, 15);
     }
 }

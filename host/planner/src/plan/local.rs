@@ -3,17 +3,17 @@
 use nalgebra::Vector3;
 
 use super::cuts::Cut;
-use super::layout::{CUTS_MAX, LAUNCH, Layout, width};
+use super::layout::{CUTS_MAX, LAUNCH, Layout};
 use super::problem::Problem;
 use super::rows::{ThrowTask, describe};
 use super::scan::Scanner;
 use crate::solve::sqp::{self, Local, Multipliers, Settings};
-use crate::throw::{JOINTS, Throw};
+use crate::throw::Throw;
 
 /// A feasible throw and its price.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Found<const N: usize = JOINTS> {
-    pub throw: Throw<N>,
+pub struct Found {
+    pub throw: Throw,
     /// What the search makes small, see [`super::Goal`]; objective (1) by default.
     pub objective: f64,
     /// Steps of the local solver, all rounds together.
@@ -52,42 +52,17 @@ const ROUNDS_MAX: usize = 12;
 /// A throw whose scaled rows are violated by no more than this is feasible; the exact checks decide afterwards.
 pub(crate) const FEASIBLE: f64 = 1e-7;
 
-/// Calls a function with rows as wide as the throws of `N` joints need.
-///
-/// Array lengths cannot be computed from `N` in stable Rust, so the width is chosen here, at compile time.
-macro_rules! with_width {
-    ($n:ident, $function:ident($($argument:expr),*)) => {
-        match $n {
-            4 => $function::<$n, { width(4) }>($($argument),*),
-            5 => $function::<$n, { width(5) }>($($argument),*),
-            6 => $function::<$n, { width(6) }>($($argument),*),
-            _ => $function::<$n, { width(7) }>($($argument),*),
-        }
-    };
-}
-
 /// Solves locally from a throw, in at most `iterations_max` steps of all rounds together.
-pub(crate) fn solve_from<const N: usize>(
-    problem: &Problem<'_, N>,
-    scanner: &Scanner<N>,
-    start: &Throw<N>,
+pub(crate) fn solve_from(
+    problem: &Problem<'_>,
+    scanner: &Scanner,
+    start: &Throw,
     begin: Begin,
     settings: &Settings,
     iterations_max: usize,
-) -> Result<Found<N>, Blocked> {
-    with_width!(N, solve_wide(problem, scanner, start, begin, settings, iterations_max))
-}
-
-fn solve_wide<const N: usize, const D: usize>(
-    problem: &Problem<'_, N>,
-    scanner: &Scanner<N>,
-    start: &Throw<N>,
-    begin: Begin,
-    settings: &Settings,
-    iterations_max: usize,
-) -> Result<Found<N>, Blocked> {
+) -> Result<Found, Blocked> {
     let layout = Layout::new(problem, None);
-    let mut x = layout.variables::<D>(start);
+    let mut x = layout.row(start);
     let mut cuts: Vec<Cut> = Vec::new();
     let mut iterations = 0;
     // The first round knows of no collision and may end deep inside one, from where the rows lead nowhere. The start is outside more
@@ -107,13 +82,13 @@ fn solve_wide<const N: usize, const D: usize>(
             iterations_max: settings.iterations_max.min(iterations_max.saturating_sub(iterations)),
             ..*settings
         };
-        let local: Local<D> =
+        let local: Local =
             sqp::solve(&ThrowTask { problem, layout, cuts: &cuts }, &x, &left, multipliers.take());
         iterations += local.iterations;
         if local.violation.is_nan() || local.violation > FEASIBLE || !local.objective.is_finite() {
             if may_begin_again && !cuts.is_empty() {
                 may_begin_again = false;
-                x = layout.variables::<D>(start);
+                x = layout.row(start);
                 continue;
             }
             return Err(Blocked {
@@ -142,25 +117,21 @@ fn solve_wide<const N: usize, const D: usize>(
 }
 
 /// Evaluates all rows of a throw with gradients once; the largest violation.
-pub(crate) fn evaluate_once<const N: usize>(problem: &Problem<'_, N>, throw: &Throw<N>) -> f64 {
-    with_width!(N, evaluate_wide(problem, throw))
-}
-
-fn evaluate_wide<const N: usize, const D: usize>(problem: &Problem<'_, N>, throw: &Throw<N>) -> f64 {
+pub(crate) fn evaluate_once(problem: &Problem<'_>, throw: &Throw) -> f64 {
     let layout = Layout::new(problem, None);
-    sqp::evaluate_once(&ThrowTask { problem, layout, cuts: &[] }, &layout.variables::<D>(throw))
+    sqp::evaluate_once(&ThrowTask { problem, layout, cuts: &[] }, &layout.row(throw))
 }
 
 /// `dJ/d(target) = -λᵀ ∂c/∂(target)`; the target enters through the launch rows only, over the time of flight.
-fn slope<const N: usize>(throw: &Throw<N>, multipliers: &Multipliers) -> Vector3<f64> {
+fn slope(throw: &Throw, multipliers: &Multipliers) -> Vector3<f64> {
     Vector3::from_column_slice(&multipliers.eq[LAUNCH..LAUNCH + 3]) / throw.flight_s
 }
 
 /// The point nearest to the target that a throw can reach, looked for from one start.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Nearest<const N: usize = JOINTS> {
+pub struct Nearest {
     /// The throw that reaches it.
-    pub throw: Throw<N>,
+    pub throw: Throw,
     /// Shift of the target in m.
     pub shift_m: Vector3<f64>,
     /// The constraint that blocks the rest of the way.
@@ -168,28 +139,18 @@ pub struct Nearest<const N: usize = JOINTS> {
 }
 
 /// Moves the target along `axes` by as little as makes it reachable.
-pub(crate) fn nearest_from<const N: usize>(
-    problem: &Problem<'_, N>,
-    scanner: &Scanner<N>,
-    start: &Throw<N>,
+pub(crate) fn nearest_from(
+    problem: &Problem<'_>,
+    scanner: &Scanner,
+    start: &Throw,
     axes: [bool; 3],
     settings: &Settings,
-) -> Result<Nearest<N>, Blocked> {
-    with_width!(N, nearest_wide(problem, scanner, start, axes, settings))
-}
-
-fn nearest_wide<const N: usize, const D: usize>(
-    problem: &Problem<'_, N>,
-    scanner: &Scanner<N>,
-    start: &Throw<N>,
-    axes: [bool; 3],
-    settings: &Settings,
-) -> Result<Nearest<N>, Blocked> {
+) -> Result<Nearest, Blocked> {
     let layout = Layout::new(problem, Some(axes));
-    let mut x = layout.variables::<D>(start);
+    let mut x = layout.row(start);
     let mut cuts: Vec<Cut> = Vec::new();
     for _ in 0..ROUNDS_MAX {
-        let local: Local<D> = sqp::solve(&ThrowTask { problem, layout, cuts: &cuts }, &x, settings, None);
+        let local: Local = sqp::solve(&ThrowTask { problem, layout, cuts: &cuts }, &x, settings, None);
         let constraint = blocking(problem, &local.multipliers, &cuts);
         if local.violation.is_nan() || local.violation > FEASIBLE || !local.objective.is_finite() {
             return Err(Blocked { violation: local.violation, constraint });
@@ -210,11 +171,7 @@ fn nearest_wide<const N: usize, const D: usize>(
 }
 
 /// The constraint with the largest multiplier.
-pub(crate) fn blocking<const N: usize>(
-    problem: &Problem<'_, N>,
-    multipliers: &Multipliers,
-    cuts: &[Cut],
-) -> String {
+pub(crate) fn blocking(problem: &Problem<'_>, multipliers: &Multipliers, cuts: &[Cut]) -> String {
     let largest = multipliers
         .ineq
         .iter()

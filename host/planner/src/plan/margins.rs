@@ -1,40 +1,41 @@
 //! Margins of every limit of a throw, from the throw itself (not from the optimiser's rows).
 
 use super::problem::Problem;
-use crate::throw::{JOINTS, Throw};
+use crate::throw::Throw;
 use robot_model::JointVec;
 
 /// How much of each limit is left, per joint, over the whole motion.
 ///
 /// Positions in rad, the others as a share of the limit (1 unused, 0 at the limit, negative beyond).
 #[derive(Debug, Clone, PartialEq)]
-pub struct Margins<const N: usize = JOINTS> {
+pub struct Margins {
     /// Distance to the nearer end of the range over the motion, in rad: (2), (3).
-    pub position_rad: JointVec<N>,
+    pub position_rad: JointVec,
     /// Speed: (4).
-    pub speed: JointVec<N>,
+    pub speed: JointVec,
     /// Acceleration: (5).
-    pub acceleration: JointVec<N>,
+    pub acceleration: JointVec,
     /// Jerk: (6).
-    pub jerk: JointVec<N>,
+    pub jerk: JointVec,
     /// Motor currents at the release in A with `τ(q_r, q̇_r, 0)`, if the robot file describes drives.
-    pub release_currents_a: Option<JointVec<N>>,
+    pub release_currents_a: Option<JointVec>,
     /// Motor currents at the release: (7).
-    pub motor: Option<JointVec<N>>,
+    pub motor: Option<JointVec>,
     /// Supplies at the release: (8), in the order of the robot file.
     pub supply: Vec<f64>,
 }
 
-impl<const N: usize> Margins<N> {
+impl Margins {
     /// Margins of a throw against the full limits of the robot (not the share a plan may use).
     #[must_use]
-    pub fn of(problem: &Problem<'_, N>, throw: &Throw<N>) -> Self {
+    pub fn of(problem: &Problem<'_>, throw: &Throw) -> Self {
         let arm = problem.arm;
+        let n = arm.n();
         let l = |j: usize| arm.joints()[j].limits;
         let (ja, jb) = throw.jerk();
         let peak_speed = throw.peak_speed();
         let peak_acceleration = throw.peak_acceleration();
-        let position_rad = JointVec::from_fn(|j, _| {
+        let position_rad = JointVec::from_fn(n, |j| {
             let mut nearest = f64::INFINITY;
             let mut phases = vec![-1.0, 0.0, 1.0];
             phases.extend([-1.0, 1.0].into_iter().filter_map(|side| throw.turning_phase(j, side)));
@@ -48,7 +49,7 @@ impl<const N: usize> Margins<N> {
         let release_currents_a = arm.motor_currents(&throw.qd_rad_s, &tau);
         let motor = release_currents_a.and_then(|i| {
             let drives = arm.drives()?;
-            Some(JointVec::from_fn(|j, _| 1.0 - i[j] / drives[j].current_max_a))
+            Some(JointVec::from_fn(n, |j| 1.0 - i[j] / drives[j].current_max_a))
         });
         let supply = release_currents_a.map_or_else(Vec::new, |i| {
             arm.supplies()
@@ -59,9 +60,9 @@ impl<const N: usize> Margins<N> {
         });
         Self {
             position_rad,
-            speed: JointVec::from_fn(|j, _| 1.0 - peak_speed[j] / l(j).v_max_rad_s),
-            acceleration: JointVec::from_fn(|j, _| 1.0 - peak_acceleration[j] / l(j).a_max_rad_s2),
-            jerk: JointVec::from_fn(|j, _| 1.0 - ja[j].abs().max(jb[j].abs()) / l(j).j_max_rad_s3),
+            speed: JointVec::from_fn(n, |j| 1.0 - peak_speed[j] / l(j).v_max_rad_s),
+            acceleration: JointVec::from_fn(n, |j| 1.0 - peak_acceleration[j] / l(j).a_max_rad_s2),
+            jerk: JointVec::from_fn(n, |j| 1.0 - ja[j].abs().max(jb[j].abs()) / l(j).j_max_rad_s3),
             release_currents_a,
             motor,
             supply,
@@ -73,7 +74,7 @@ impl<const N: usize> Margins<N> {
     pub fn violation(&self) -> f64 {
         let mut worst = 0.0_f64;
         let mut see = |v: f64| worst = worst.max(if v.is_nan() { f64::INFINITY } else { -v });
-        for j in 0..N {
+        for j in 0..self.speed.len() {
             see(self.position_rad[j]);
             see(self.speed[j]);
             see(self.acceleration[j]);
@@ -91,7 +92,7 @@ impl<const N: usize> Margins<N> {
 mod tests {
     use super::*;
     use crate::plan::problem::Options;
-    use crate::throw::{Arm, JOINTS, Joints};
+    use crate::throw::{Arm, Joints};
     use nalgebra::Vector3;
 
     #[test]
@@ -104,8 +105,8 @@ mod tests {
         let (bare, heavy) = (arm(0.0), arm(0.5));
         let throw = Throw {
             q_rad: Joints::from([0.3, -1.2, -1.4, 0.2, 0.7, 0.1]),
-            qd_rad_s: Joints::zeros(),
-            qdd_rad_s2: Joints::zeros(),
+            qd_rad_s: Joints::zeros(6),
+            qdd_rad_s2: Joints::zeros(6),
             flight_s: 0.5,
             ha_s: 0.5,
             hb_s: 0.3,
@@ -120,7 +121,7 @@ mod tests {
         let jacobian = frames.jacobian(&bare.ball(&frames).pos);
         let bare_nm = bare.gravity_torques(&throw.q_rad);
         let mut more = 0;
-        for j in 0..JOINTS {
+        for j in 0..6 {
             let nm = bare_nm[j] + 0.5 * bare.world().gravity_m_s2 * jacobian[(2, j)];
             let expected_a = bare.drives().unwrap()[j].k_m_a_nm * nm.abs();
             assert!(

@@ -71,7 +71,7 @@ mod spread;
 pub mod statistics;
 mod warm_start;
 
-pub use crate::throw::{Arm, JOINTS, Joints, Throw};
+pub use crate::throw::{Arm, Joints, Throw};
 pub use basins::Confidence;
 pub use bounds::Bounds;
 pub use ladder::{GivenUp, Kept, Ladder};

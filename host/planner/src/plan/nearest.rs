@@ -29,13 +29,13 @@ const WALK_STEP_MIN_M: f64 = 0.02;
 const WALK_STEPS_MAX: usize = 40;
 const WALK_GAIN_M: f64 = 1e-3;
 
-impl<const N: usize> Planner<'_, '_, N> {
+impl Planner<'_, '_> {
     /// The nearest reachable target: from stored throws in the direction of the target, and from random starts.
     #[must_use]
-    pub fn nearest(&self, index: &Index<N>, budget: &Budget) -> Option<(NearestTarget, Throw<N>)> {
+    pub fn nearest(&self, index: &Index, budget: &Budget) -> Option<(NearestTarget, Throw)> {
         let kind = kind_of(&self.problem.options);
         let stored = self.stored_near(index, |r| r.kind == kind, STORED_STARTS);
-        let mut starts: Vec<Throw<N>> = stored.iter().filter_map(|r| self.place(&r.throw)).collect();
+        let mut starts: Vec<Throw> = stored.iter().filter_map(|r| self.place(&r.throw)).collect();
         for k in 0..RANDOM_STARTS {
             let mut rng = SplitMix64::stream(budget.seed ^ 0x6E65_6172, k);
             starts.push(resting_start(self.problem, &mut rng));
@@ -52,7 +52,7 @@ impl<const N: usize> Planner<'_, '_, N> {
             // The nearest ones may lie on the edge of the reach of other options: some of the nearer half of all.
             let stored = self.stored_near(index, |_| true, index.records().len().div_ceil(2));
             let apart = stored.len().div_ceil(WALKED).max(1);
-            let some: Vec<&Record<N>> = stored.into_iter().step_by(apart).collect();
+            let some: Vec<&Record> = stored.into_iter().step_by(apart).collect();
             each(&some, |record| self.walk(record, budget.seed))
         };
         least(walked.into_iter().flatten().chain(direct).collect())
@@ -60,7 +60,7 @@ impl<const N: usize> Planner<'_, '_, N> {
 
     /// The nearest reachable target along some axes, from one throw.
     #[must_use]
-    pub fn nearest_from_throw(&self, start: &Throw<N>, axes: [bool; 3]) -> Option<Nearest<N>> {
+    pub fn nearest_from_throw(&self, start: &Throw, axes: [bool; 3]) -> Option<Nearest> {
         nearest_from(self.problem, &self.scanner, start, axes, &Settings::default()).ok()
     }
 
@@ -71,18 +71,18 @@ impl<const N: usize> Planner<'_, '_, N> {
     /// Stored throws to the targets nearest to this one, the nearest first.
     pub(super) fn stored_near<'i>(
         &self,
-        index: &'i Index<N>,
-        wanted: impl Fn(&Record<N>) -> bool,
+        index: &'i Index,
+        wanted: impl Fn(&Record) -> bool,
         most: usize,
-    ) -> Vec<&'i Record<N>> {
-        let mut stored: Vec<&Record<N>> = index.records().iter().filter(|r| wanted(r)).collect();
+    ) -> Vec<&'i Record> {
+        let mut stored: Vec<&Record> = index.records().iter().filter(|r| wanted(r)).collect();
         stored.sort_by(|a, b| self.away_m(a).total_cmp(&self.away_m(b)));
         stored.truncate(most);
         stored
     }
 
     /// From a stored target, with whatever options it was reached, towards this one.
-    fn walk(&self, record: &Record<N>, seed: u64) -> Option<(NearestTarget, Throw<N>)> {
+    fn walk(&self, record: &Record, seed: u64) -> Option<(NearestTarget, Throw)> {
         let (arm, target) = (self.problem.arm, self.problem.target);
         let (sin, cos) = self.azimuth_rad.sin_cos();
         let options = &self.problem.options;
@@ -123,6 +123,6 @@ impl<const N: usize> Planner<'_, '_, N> {
     }
 }
 
-fn least<const N: usize>(found: Vec<(NearestTarget, Throw<N>)>) -> Option<(NearestTarget, Throw<N>)> {
+fn least(found: Vec<(NearestTarget, Throw)>) -> Option<(NearestTarget, Throw)> {
     found.into_iter().min_by(|a, b| a.0.distance_m.total_cmp(&b.0.distance_m))
 }

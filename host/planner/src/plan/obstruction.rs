@@ -62,21 +62,21 @@ const POSTURES: usize = 1000;
 const OVERLAP_MIN_M: f64 = 1e-6;
 
 /// Looks for a body that is touched in every posture. `None` says only that none was found.
-pub(super) fn obstruction<const N: usize>(problem: &Problem<'_, N>) -> Option<Obstruction> {
+pub(super) fn obstruction(problem: &Problem<'_>) -> Option<Obstruction> {
     ball_in_hand(problem).or_else(|| obstacle_in_arm(problem))
 }
 
-fn ball_in_hand<const N: usize>(problem: &Problem<'_, N>) -> Option<Obstruction> {
+fn ball_in_hand(problem: &Problem<'_>) -> Option<Obstruction> {
     if !problem.options.clean_release {
         return None;
     }
     let arm = problem.arm;
-    let frames = arm.fk(&JointVec::zeros());
+    let frames = arm.fk(&JointVec::zeros(arm.n()));
     let ball_w = arm.ball(&frames).pos;
-    let hand = arm.collision().boxes().iter().filter(|body| body.link == N);
+    let hand = arm.collision().boxes().iter().filter(|body| body.link == arm.n());
     let deepest = hand
         .map(|body| {
-            let placed = Obb::new(frames.x_w[N - 1] * body.x_lb, body.half_m);
+            let placed = Obb::new(frames.x_w[arm.n() - 1] * body.x_lb, body.half_m);
             (placed.proximity_to_sphere(&ball_w, arm.gripper().ball_radius_m).distance_m, body)
         })
         .min_by(|a, b| a.0.total_cmp(&b.0));
@@ -84,7 +84,7 @@ fn ball_in_hand<const N: usize>(problem: &Problem<'_, N>) -> Option<Obstruction>
     Some(Obstruction::BallInHand { body: body.name.clone(), depth_m: -distance_m })
 }
 
-fn obstacle_in_arm<const N: usize>(problem: &Problem<'_, N>) -> Option<Obstruction> {
+fn obstacle_in_arm(problem: &Problem<'_>) -> Option<Obstruction> {
     if !problem.options.avoid_collisions {
         return None;
     }
@@ -100,7 +100,7 @@ fn obstacle_in_arm<const N: usize>(problem: &Problem<'_, N>) -> Option<Obstructi
             return None;
         }
         let l = &problem.limits;
-        let q = JointVec::from_fn(|j, _| l.q_min[j] + rng.unit() * (l.q_max[j] - l.q_min[j]));
+        let q = JointVec::from_fn(problem.joints(), |j| l.q_min[j] + rng.unit() * (l.q_max[j] - l.q_min[j]));
         let frames = arm.fk(&q);
         left.retain(|&(o, b)| {
             let placed = Obb::new(frames.x_w[bodies[b].link - 1] * bodies[b].x_lb, bodies[b].half_m);

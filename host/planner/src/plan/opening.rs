@@ -8,11 +8,11 @@ use super::problem::Problem;
 use crate::flight::{Aim, FlightModel};
 use crate::throw::Throw;
 
-impl<const N: usize> Problem<'_, N> {
+impl Problem<'_> {
     /// The disc about the centre of an opening within which a ball that comes as in this throw passes clear of the rim;
     /// `None` without an opening.
     #[must_use]
-    pub fn region_of_opening(&self, throw: &Throw<N>) -> Option<Region> {
+    pub fn region_of_opening(&self, throw: &Throw) -> Option<Region> {
         let opening = self.options.opening.as_ref()?;
         let (p, v) = throw.ball_at_release(self.arm);
         let landing = self.flight.meet(&p, &v, &self.aim, 0.0)?;

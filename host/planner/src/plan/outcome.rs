@@ -8,7 +8,6 @@ use nalgebra::Vector3;
 use super::basins::Confidence;
 use super::local::Found;
 use super::obstruction::Obstruction;
-use crate::throw::JOINTS;
 
 /// How long to search.
 #[derive(Debug, Clone, Copy)]
@@ -43,9 +42,9 @@ pub struct Watch {
 
 /// The best throw of a search.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Best<const N: usize = JOINTS> {
+pub struct Best {
     /// The throw with its price.
-    pub found: Found<N>,
+    pub found: Found,
     /// Starts that were run, stored ones included.
     pub starts: usize,
     /// Starts that ended in a throw.
@@ -55,13 +54,13 @@ pub struct Best<const N: usize = JOINTS> {
     /// What the starts say about throws that were not found.
     pub confidence: Confidence,
     /// The cheapest throws that were found, cheapest first; equal ones once.
-    pub others: Vec<Found<N>>,
+    pub others: Vec<Found>,
 }
 
-impl<const N: usize> Best<N> {
+impl Best {
     /// The throw of one start.
     #[must_use]
-    pub fn alone(found: Found<N>) -> Self {
+    pub fn alone(found: Found) -> Self {
         let confidence = Confidence { at_best: 1, distinct: 1, ..Confidence::default() };
         Self { found, starts: 1, solved: 1, interrupted: false, confidence, others: vec![found] }
     }

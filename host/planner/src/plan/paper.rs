@@ -7,7 +7,7 @@ use robot_model::{JointVec, Pose, RobotModel};
 use super::margins::Margins;
 use super::posture::postures;
 use super::problem::Problem;
-use crate::throw::{JOINTS, Throw};
+use crate::throw::Throw;
 
 /// `h = [θ, φ, r, γ, ω, F, H_s, d_r]` of the paper (section IV).
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
@@ -32,10 +32,10 @@ pub struct PaperParameters {
 
 /// A throw from the parameters, with the branch of inverse kinematics that was chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BranchedThrow<const N: usize = JOINTS> {
+pub struct BranchedThrow {
     /// Number of the posture: the branch of the closed form, or the order in which it was found.
     pub posture: usize,
-    pub throw: Throw<N>,
+    pub throw: Throw,
     /// Largest violation of a limit (2) to (8) in scaled units; zero if all hold.
     pub violation: f64,
     /// Sum of the motor currents at the release in A.
@@ -85,7 +85,7 @@ impl PaperParameters {
 
     /// Pose of the end effector and launch velocity; `None` if no launch velocity reaches the target.
     #[must_use]
-    pub fn release<const N: usize>(&self, problem: &Problem<'_, N>) -> Option<(Pose, Vector3<f64>)> {
+    pub fn release(&self, problem: &Problem<'_>) -> Option<(Pose, Vector3<f64>)> {
         let p0 = self.release_point(&problem.shoulder);
         let v0 = problem.flight.launch(&p0, &problem.aim.point_at(self.flight_s), self.flight_s).ok()?.v0;
         let x_w_rf = Pose::new(release_rotation(&v0, self.roll_rad), p0);
@@ -98,9 +98,9 @@ impl PaperParameters {
     /// takes the least current; but wrist twins always tie in current and other twins can, while only one may keep the
     /// limits at start and stop, so violation comes first.
     #[must_use]
-    pub fn throws<const N: usize>(&self, problem: &Problem<'_, N>) -> Vec<BranchedThrow<N>> {
+    pub fn throws(&self, problem: &Problem<'_>) -> Vec<BranchedThrow> {
         let Some((x_we, v0)) = self.release(problem) else { return Vec::new() };
-        let mut out: Vec<BranchedThrow<N>> = postures(problem.arm, &x_we)
+        let mut out: Vec<BranchedThrow> = postures(problem.arm, &x_we)
             .into_iter()
             .filter_map(|(posture, q)| {
                 let throw = self.throw_at(problem, &q, &v0)?;
@@ -110,20 +110,14 @@ impl PaperParameters {
             })
             .collect();
         // Rounding must not decide between twins.
-        let key =
-            |t: &BranchedThrow<N>| ((t.violation * 1e7).round(), (t.current_a * 1e6).round(), t.posture);
+        let key = |t: &BranchedThrow| ((t.violation * 1e7).round(), (t.current_a * 1e6).round(), t.posture);
         out.sort_by(|a, b| key(a).partial_cmp(&key(b)).unwrap_or(std::cmp::Ordering::Equal));
         out
     }
 
     /// The throw through a given posture; `None` where the Jacobian is singular.
     #[must_use]
-    pub(crate) fn throw_at<const N: usize>(
-        &self,
-        problem: &Problem<'_, N>,
-        q: &JointVec<N>,
-        v0: &Vector3<f64>,
-    ) -> Option<Throw<N>> {
+    pub(crate) fn throw_at(&self, problem: &Problem<'_>, q: &JointVec, v0: &Vector3<f64>) -> Option<Throw> {
         let frames = problem.arm.fk(q);
         let jac = frames.jacobian(&problem.arm.ball(&frames).pos);
         let w = v0.normalize() * self.spin_rad_s;
@@ -131,7 +125,7 @@ impl PaperParameters {
         Some(Throw {
             q_rad: *q,
             qd_rad_s: qd,
-            qdd_rad_s2: JointVec::zeros(),
+            qdd_rad_s2: JointVec::zeros(q.len()),
             flight_s: self.flight_s,
             ha_s: (1.0 - self.braking_ratio) * self.duration_s,
             hb_s: self.braking_ratio * self.duration_s,
@@ -140,7 +134,7 @@ impl PaperParameters {
 
     /// The parameters of a throw; for a free spin ω is the part about the throw.
     #[must_use]
-    pub fn of<const N: usize>(arm: &RobotModel<N>, shoulder: &Vector3<f64>, throw: &Throw<N>) -> Self {
+    pub fn of(arm: &RobotModel, shoulder: &Vector3<f64>, throw: &Throw) -> Self {
         let frames = arm.fk(&throw.q_rad);
         let ball = arm.ball(&frames);
         let twist = frames.jacobian(&ball.pos) * throw.qd_rad_s;

@@ -12,9 +12,9 @@ use super::planner::{Planner, kind_of};
 use crate::store::Record;
 use crate::throw::Throw;
 
-impl<const N: usize> Planner<'_, '_, N> {
+impl Planner<'_, '_> {
     /// A stored throw turned to this target; mirrored or in another posture if joint 1 does not reach otherwise.
-    pub(super) fn place(&self, stored: &Throw<N>) -> Option<Throw<N>> {
+    pub(super) fn place(&self, stored: &Throw) -> Option<Throw> {
         let mut turned = self.turned(stored);
         if self.fits(&turned) {
             return Some(turned);
@@ -42,7 +42,7 @@ impl<const N: usize> Planner<'_, '_, N> {
         Some(turned)
     }
 
-    fn turned(&self, stored: &Throw<N>) -> Throw<N> {
+    fn turned(&self, stored: &Throw) -> Throw {
         let mut throw = *stored;
         let l = &self.problem.limits;
         let axis_up = self.problem.arm.joints()[0].x_pj.rot[(2, 2)].signum();
@@ -52,14 +52,14 @@ impl<const N: usize> Planner<'_, '_, N> {
         throw
     }
 
-    fn fits(&self, throw: &Throw<N>) -> bool {
+    fn fits(&self, throw: &Throw) -> bool {
         let l = &self.problem.limits;
         let inside = |q: f64| q >= l.q_min[0] - 1e-3 && q <= l.q_max[0] + 1e-3;
         inside(throw.start()[0]) && inside(throw.stop()[0])
     }
 
     /// The same release in another posture of the arm that keeps the ranges.
-    fn other_posture(&self, throw: &Throw<N>) -> Option<Throw<N>> {
+    fn other_posture(&self, throw: &Throw) -> Option<Throw> {
         let arm = self.problem.arm;
         let frames = arm.fk(&throw.q_rad);
         let jac = frames.jacobian(&arm.ball(&frames).pos);
@@ -77,7 +77,7 @@ impl<const N: usize> Planner<'_, '_, N> {
             }
             let l = &self.problem.limits;
             let (start, stop) = (other.start(), other.stop());
-            (0..N)
+            (0..start.len())
                 .all(|j| {
                     start[j].min(stop[j]) >= l.q_min[j] - 1e-3 && start[j].max(stop[j]) <= l.q_max[j] + 1e-3
                 })
@@ -87,7 +87,7 @@ impl<const N: usize> Planner<'_, '_, N> {
 
     /// The throw as a record of the store.
     #[must_use]
-    pub fn record(&self, found: &Found<N>) -> Record<N> {
+    pub fn record(&self, found: &Found) -> Record {
         let axis_up = self.problem.arm.joints()[0].x_pj.rot[(2, 2)].signum();
         let mut throw = found.throw;
         let q = throw.q_rad[0] - axis_up * self.azimuth_rad;

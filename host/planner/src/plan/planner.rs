@@ -1,5 +1,7 @@
 //! What the search for throws to one target has in common: the problem, a start, one local solve.
 
+use robot_model::JointVec;
+
 use super::goal::Goal;
 use super::local::{Begin, Found, solve_from};
 use super::options::Options;
@@ -9,7 +11,7 @@ use super::rng::SplitMix64;
 use super::scan::Scanner;
 use crate::solve::sqp::Settings;
 use crate::store::Record;
-use crate::throw::{JOINTS, Throw};
+use crate::throw::Throw;
 
 /// Which constraints a stored throw was made for; only the same kind is offered as a start first.
 #[must_use]
@@ -23,20 +25,20 @@ pub fn kind_of(options: &Options) -> u32 {
 
 /// Plans throws for one problem; holds what depends on the problem but not on the start.
 #[derive(Debug, Clone)]
-pub struct Planner<'p, 'a, const N: usize = JOINTS> {
-    pub(super) problem: &'p Problem<'a, N>,
+pub struct Planner<'p, 'a> {
+    pub(super) problem: &'p Problem<'a>,
     /// The problem with the paper's objective, if `problem` has another: what every start is solved for first.
-    pub(super) effort: Option<Problem<'a, N>>,
-    pub(super) scanner: Scanner<N>,
+    pub(super) effort: Option<Problem<'a>>,
+    pub(super) scanner: Scanner,
     pub(super) azimuth_rad: f64,
     pub(super) range_m: f64,
-    pub(super) mirror: Option<[f64; N]>,
+    pub(super) mirror: Option<JointVec>,
     pub(super) persistent: bool,
 }
 
-impl<'p, 'a, const N: usize> Planner<'p, 'a, N> {
+impl<'p, 'a> Planner<'p, 'a> {
     #[must_use]
-    pub fn new(problem: &'p Problem<'a, N>) -> Self {
+    pub fn new(problem: &'p Problem<'a>) -> Self {
         // Stored throws are for targets at rest: one that moves is looked for where it will be.
         let t = &problem.aim.point_at(USUAL_FLIGHT_S);
         let effort = (problem.options.goal != Goal::Effort).then(|| {
@@ -62,11 +64,11 @@ impl<'p, 'a, const N: usize> Planner<'p, 'a, N> {
     }
 
     /// Distance from the target of a stored throw in m, over range and height.
-    pub(super) fn away_m(&self, record: &Record<N>) -> f64 {
+    pub(super) fn away_m(&self, record: &Record) -> f64 {
         (record.range_m - self.range_m).hypot(record.height_m - self.problem.target.z)
     }
 
-    pub(super) fn solve_random(&self, seed: u64, index: u64) -> Option<Found<N>> {
+    pub(super) fn solve_random(&self, seed: u64, index: u64) -> Option<Found> {
         let mut rng = SplitMix64::stream(seed, index);
         let start = resting_start(self.problem, &mut rng);
         self.solve(&start, self.anywhere(), &Settings::default(), usize::MAX)
@@ -79,11 +81,11 @@ impl<'p, 'a, const N: usize> Planner<'p, 'a, N> {
 
     pub(super) fn solve(
         &self,
-        start: &Throw<N>,
+        start: &Throw,
         begin: Begin,
         settings: &Settings,
         most: usize,
-    ) -> Option<Found<N>> {
+    ) -> Option<Found> {
         let problem = self.effort.as_ref().unwrap_or(self.problem);
         solve_from(problem, &self.scanner, start, begin, settings, most).ok()
     }

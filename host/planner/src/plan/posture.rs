@@ -28,7 +28,7 @@ const WRIST: usize = 3;
 ///
 /// The closed form gives all of them, numbered by branch. Without one they are looked for by damped least squares from
 /// several starts; arms with more than six joints have a family of postures, of which some are found.
-pub(super) fn postures<const N: usize>(arm: &RobotModel<N>, x_we: &Pose) -> Vec<(usize, JointVec<N>)> {
+pub(super) fn postures(arm: &RobotModel, x_we: &Pose) -> Vec<(usize, JointVec)> {
     match arm.ik(x_we) {
         Ok(solutions) => solutions.in_range().map(|s| (s.branch.index(), s.q)).collect(),
         Err(_) => arm.ik_search(x_we, NUMERIC_STARTS).into_iter().enumerate().collect(),
@@ -38,17 +38,18 @@ pub(super) fn postures<const N: usize>(arm: &RobotModel<N>, x_we: &Pose) -> Vec<
 /// A start at rest in a random posture, with the base turned so that the ball is roughly on the side of the target.
 ///
 /// The hand may point anywhere, and the throw may break limits. The local solve corrects both.
-pub(super) fn resting_start<const N: usize>(problem: &Problem<'_, N>, rng: &mut SplitMix64) -> Throw<N> {
+pub(super) fn resting_start(problem: &Problem<'_>, rng: &mut SplitMix64) -> Throw {
     let (arm, l, b) = (problem.arm, &problem.limits, &problem.bounds);
     let mut within = |r: &RangeInclusive<f64>| r.start() + (r.end() - r.start()) * rng.unit();
     let (flight_s, duration_s) = (within(&b.flight_s), within(&b.duration_s));
     let hb_s = within(&b.braking_ratio) * duration_s;
+    let n = problem.joints();
     let middle = |j: usize| 0.5 * (l.q_min[j] + l.q_max[j]);
     // More than a turn repeats postures.
     let share = |j: usize| (START_SHARE * (l.q_max[j] - middle(j))).min(PI);
-    let mut q_rad = JointVec::from_fn(|j, _| middle(j) + share(j) * within(&(-1.0..=1.0)));
+    let mut q_rad = JointVec::from_fn(n, |j| middle(j) + share(j) * within(&(-1.0..=1.0)));
     if within(&(0.0..=1.0)) < SQUARE_WRISTS {
-        for j in WRIST..N {
+        for j in WRIST..n {
             let square = (q_rad[j] / FRAC_PI_2).round() * FRAC_PI_2;
             q_rad[j] = (square + within(&(-START_WRIST_RAD..=START_WRIST_RAD))).clamp(l.q_min[j], l.q_max[j]);
         }
@@ -62,18 +63,18 @@ pub(super) fn resting_start<const N: usize>(problem: &Problem<'_, N>, rng: &mut 
         let away = q_rad[0] + turn * axis.z.signum() - middle(0);
         q_rad[0] = (middle(0) + away - TAU * (away / TAU).round()).clamp(l.q_min[0], l.q_max[0]);
     }
-    let (qd_rad_s, qdd_rad_s2) = (JointVec::zeros(), JointVec::zeros());
+    let (qd_rad_s, qdd_rad_s2) = (JointVec::zeros(n), JointVec::zeros(n));
     Throw { q_rad, qd_rad_s, qdd_rad_s2, flight_s, ha_s: duration_s - hb_s, hb_s }
 }
 
 /// Signs that mirror a posture in the plane of the base axis, if the arm has that symmetry: joints whose axis lies in
 /// the plane at zero change sign, joints across it keep theirs.
-pub(super) fn mirror_signs<const N: usize>(problem: &Problem<'_, N>) -> Option<[f64; N]> {
-    let arm = problem.arm;
-    let zero = arm.fk(&JointVec::zeros());
-    let signs: [f64; N] = std::array::from_fn(|j| if zero.axis(j).y.abs() > 0.5 { 1.0 } else { -1.0 });
-    let q = JointVec::from_fn(|j, _| 0.3 + 0.37 * j as f64);
-    let mirrored = JointVec::from_fn(|j, _| q[j] * signs[j]);
+pub(super) fn mirror_signs(problem: &Problem<'_>) -> Option<JointVec> {
+    let (n, arm) = (problem.joints(), problem.arm);
+    let zero = arm.fk(&JointVec::zeros(n));
+    let signs = JointVec::from_fn(n, |j| if zero.axis(j).y.abs() > 0.5 { 1.0 } else { -1.0 });
+    let q = JointVec::from_fn(n, |j| 0.3 + 0.37 * j as f64);
+    let mirrored = JointVec::from_fn(n, |j| q[j] * signs[j]);
     let (a, b) = (arm.ball(&arm.fk(&q)), arm.ball(&arm.fk(&mirrored)));
     let flip = |v: Vector3<f64>| Vector3::new(v.x, -v.y, v.z);
     let same_point = (flip(a.pos) - b.pos).norm() < 1e-9;

@@ -16,7 +16,6 @@ use super::rng::SplitMix64;
 use super::search::{Budget, Planner, Watch, kind_of};
 use crate::parallel::each;
 use crate::store::{Index, Record};
-use crate::throw::JOINTS;
 
 /// Grid of a table and effort for it.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -40,8 +39,8 @@ pub struct Grid {
 
 /// A preparation: what is prepared, and its steps.
 #[derive(Debug, Clone)]
-pub struct Preparation<'a, const N: usize = JOINTS> {
-    arm: &'a RobotModel<N>,
+pub struct Preparation<'a> {
+    arm: &'a RobotModel,
     options: Vec<Options>,
     grid: Grid,
     seed: u64,
@@ -78,11 +77,11 @@ const TRIAL_GAP: f64 = 1.003;
 const DEARER: f64 = 1.06;
 const NEIGHBOURS: [(i32, i32); 8] = [(-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (-1, 1), (1, -1)];
 
-impl<'a, const N: usize> Preparation<'a, N> {
+impl<'a> Preparation<'a> {
     /// For an arm and the sets of options in the order in which they are prepared. Later sets start from the throws of
     /// earlier ones too, so the easiest set comes first.
     #[must_use]
-    pub fn new(arm: &'a RobotModel<N>, options: Vec<Options>, grid: Grid, seed: u64) -> Self {
+    pub fn new(arm: &'a RobotModel, options: Vec<Options>, grid: Grid, seed: u64) -> Self {
         Self { arm, options, grid, seed }
     }
 
@@ -113,17 +112,16 @@ impl<'a, const N: usize> Preparation<'a, N> {
     pub fn step(
         &self,
         step: usize,
-        records: Vec<Record<N>>,
+        records: Vec<Record>,
         stopped: &(dyn Fn() -> bool + Sync),
-    ) -> Option<Vec<Record<N>>> {
+    ) -> Option<Vec<Record>> {
         let work = self.work();
         let (Some(options), Some(what)) = (self.options.get(step / work.len()), work.get(step % work.len()))
         else {
             return Some(records);
         };
         let kind = kind_of(options);
-        let (own, others): (Vec<Record<N>>, Vec<Record<N>>) =
-            records.into_iter().partition(|r| r.kind == kind);
+        let (own, others): (Vec<Record>, Vec<Record>) = records.into_iter().partition(|r| r.kind == kind);
         let task = Step { prepared: self, options, others: &others, stopped };
         let made = match *what {
             Work::Starts(chunk) => task.starts(chunk, own),
@@ -133,8 +131,8 @@ impl<'a, const N: usize> Preparation<'a, N> {
             Work::Trials(round) => task.trials(round, own),
         };
         // Rounded as in a file, so that a continued preparation sees the same numbers.
-        let rounded = made.iter().filter_map(|r| Record::from_bytes(&r.to_bytes()));
-        let all: Vec<Record<N>> = others.iter().copied().chain(rounded).collect();
+        let rounded = made.iter().filter_map(|r| Record::from_bytes(r.throw.joints(), &r.to_bytes()));
+        let all: Vec<Record> = others.iter().copied().chain(rounded).collect();
         (!stopped()).then_some(all)
     }
 
@@ -152,7 +150,7 @@ impl<'a, const N: usize> Preparation<'a, N> {
     }
 
     /// The cell whose target a record is for, if it is for one.
-    fn cell_of(&self, record: &Record<N>) -> Option<(i32, i32)> {
+    fn cell_of(&self, record: &Record) -> Option<(i32, i32)> {
         let (step, floor) = (self.grid.step_m, self.arm.world().floor_z_m);
         let (column, row) = (record.range_m / step, (record.height_m - floor) / step);
         let on = |x: f64| (x - x.round()).abs() < 1e-4;
@@ -161,23 +159,23 @@ impl<'a, const N: usize> Preparation<'a, N> {
 }
 
 /// One step on the records of one set of options.
-struct Step<'t, 'a, const N: usize> {
-    prepared: &'t Preparation<'a, N>,
+struct Step<'t, 'a> {
+    prepared: &'t Preparation<'a>,
     options: &'t Options,
-    others: &'t [Record<N>],
+    others: &'t [Record],
     stopped: &'t (dyn Fn() -> bool + Sync),
 }
 
-impl<const N: usize> Step<'_, '_, N> {
-    fn problem(&self, target: Vector3<f64>) -> Option<Problem<'_, N>> {
+impl Step<'_, '_> {
+    fn problem(&self, target: Vector3<f64>) -> Option<Problem<'_>> {
         if (self.stopped)() {
             return None;
         }
         Problem::new(self.prepared.arm, target, self.options.clone()).ok()
     }
 
-    fn by_cell(&self, records: &[Record<N>]) -> std::collections::BTreeMap<(i32, i32), Vec<Record<N>>> {
-        let mut cells = std::collections::BTreeMap::<_, Vec<Record<N>>>::new();
+    fn by_cell(&self, records: &[Record]) -> std::collections::BTreeMap<(i32, i32), Vec<Record>> {
+        let mut cells = std::collections::BTreeMap::<_, Vec<Record>>::new();
         for record in records {
             if let Some(cell) = self.prepared.cell_of(record) {
                 cells.entry(cell).or_default().push(*record);
@@ -190,11 +188,11 @@ impl<const N: usize> Step<'_, '_, N> {
         columns.flat_map(|c| (0..=self.prepared.rows()).map(move |r| (c, r))).collect()
     }
 
-    fn starts(&self, chunk: usize, own: Vec<Record<N>>) -> Vec<Record<N>> {
+    fn starts(&self, chunk: usize, own: Vec<Record>) -> Vec<Record> {
         let p = self.prepared;
         let first = 1 + (chunk * COLUMNS) as i32;
         // Beyond the last column with a throw there is none.
-        let reached = |r: &Record<N>| r.range_m > (f64::from(first) - 1.5 - COLUMNS as f64) * p.grid.step_m;
+        let reached = |r: &Record| r.range_m > (f64::from(first) - 1.5 - COLUMNS as f64) * p.grid.step_m;
         if chunk > 0 && !own.is_empty() && !own.iter().any(reached) {
             return own;
         }
@@ -218,7 +216,7 @@ impl<const N: usize> Step<'_, '_, N> {
         own.into_iter().chain(made.into_iter().flatten()).collect()
     }
 
-    fn sweep(&self, own: &[Record<N>]) -> Vec<Record<N>> {
+    fn sweep(&self, own: &[Record]) -> Vec<Record> {
         let p = self.prepared;
         let before = self.by_cell(own);
         let farthest = before.keys().map(|c| c.0).max().unwrap_or(0);
@@ -240,7 +238,7 @@ impl<const N: usize> Step<'_, '_, N> {
         made.into_iter().flatten().chain(rest).collect()
     }
 
-    fn finish(&self, own: &[Record<N>]) -> Vec<Record<N>> {
+    fn finish(&self, own: &[Record]) -> Vec<Record> {
         each(own, |record| {
             let Some(problem) = self.problem(Vector3::new(record.range_m, 0.0, record.height_m)) else {
                 return *record;
@@ -255,7 +253,7 @@ impl<const N: usize> Step<'_, '_, N> {
 
     /// Throws on the edge of the reach: cells beyond it are pulled in from their neighbours' throws until they are
     /// reached. Without them a target between the last cell in reach and the edge has starts on one side only.
-    fn edge(&self, own: Vec<Record<N>>) -> Vec<Record<N>> {
+    fn edge(&self, own: Vec<Record>) -> Vec<Record> {
         let p = self.prepared;
         let table = self.by_cell(&own);
         let farthest = table.keys().map(|c| c.0).max().unwrap_or(0);
@@ -284,7 +282,7 @@ impl<const N: usize> Step<'_, '_, N> {
     ///
     /// The price has cliffs (from letting the ball drop to really throwing it), where a uniform grid is too coarse, and
     /// behind the arm joint 1 ends.
-    fn trials(&self, round: u64, own: Vec<Record<N>>) -> Vec<Record<N>> {
+    fn trials(&self, round: u64, own: Vec<Record>) -> Vec<Record> {
         let p = self.prepared;
         let floor = p.arm.world().floor_z_m;
         let farthest = own.iter().map(|r| r.range_m).fold(0.0, f64::max);
@@ -310,24 +308,19 @@ impl<const N: usize> Step<'_, '_, N> {
 }
 
 /// Throws for targets within a distance of one in m, but not for that one; those that promise the lowest price there first.
-fn around<const N: usize>(
-    records: &[Record<N>],
-    range_m: f64,
-    height_m: f64,
-    within_m: f64,
-) -> Vec<&Record<N>> {
-    let away = |r: &Record<N>| (range_m - r.range_m).hypot(height_m - r.height_m);
-    let promised = |r: &Record<N>| {
+fn around(records: &[Record], range_m: f64, height_m: f64, within_m: f64) -> Vec<&Record> {
+    let away = |r: &Record| (range_m - r.range_m).hypot(height_m - r.height_m);
+    let promised = |r: &Record| {
         r.objective + r.slope_per_m[0] * (range_m - r.range_m) + r.slope_per_m[1] * (height_m - r.height_m)
     };
-    let mut near: Vec<&Record<N>> = records.iter().filter(|r| (1e-4..=within_m).contains(&away(r))).collect();
+    let mut near: Vec<&Record> = records.iter().filter(|r| (1e-4..=within_m).contains(&away(r))).collect();
     near.sort_by(|a, b| promised(a).total_cmp(&promised(b)));
     near.truncate(PASSED_MAX);
     near
 }
 
 /// Keeps the best few throws that differ by more than rounding.
-fn keep<const N: usize>(kept: &mut Vec<Record<N>>, new: Record<N>, most: usize) {
+fn keep(kept: &mut Vec<Record>, new: Record, most: usize) {
     if kept.first().is_some_and(|best| new.objective > DEARER * best.objective) {
         return;
     }

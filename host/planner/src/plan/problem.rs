@@ -6,10 +6,11 @@ use nalgebra::Vector3;
 use robot_model::{JointVec, RobotModel};
 
 use super::bounds::Bounds;
+use super::layout::{Numbers, Variables};
 pub use super::options::{Arrival, DelayWindow, Form, Obstacle, Options, Weights};
 use super::options::{DELAY_WINDOWS_MAX, Goal, INCIDENCE_MAX_RAD, Region};
 use crate::flight::{Aim, FlightModel, FlightModelError};
-use crate::throw::{JOINTS, Throw};
+use crate::throw::Throw;
 
 /// A number for people: without hundreds of digits.
 #[must_use]
@@ -70,10 +71,10 @@ pub enum ProblemError {
 
 /// A planning problem: arm, target and options, checked.
 #[derive(Debug, Clone)]
-pub struct Problem<'a, const N: usize = JOINTS> {
-    pub(crate) arm: &'a RobotModel<N>,
+pub struct Problem<'a> {
+    pub(crate) arm: &'a RobotModel,
     /// The same with the ball in the hand; `None` for a ball without mass.
-    holding: Option<Box<RobotModel<N>>>,
+    holding: Option<Box<RobotModel>>,
     pub(crate) target: Vector3<f64>,
     /// The target with its plane and its way.
     pub(crate) aim: Aim,
@@ -82,27 +83,27 @@ pub struct Problem<'a, const N: usize = JOINTS> {
     /// Centre of the paper's spherical coordinates: where axis 2 passes axis 1.
     pub(crate) shoulder: Vector3<f64>,
     pub(crate) bounds: Bounds,
-    pub(crate) limits: Limits<N>,
+    pub(crate) limits: Limits,
 }
 
 /// Limits as the solver uses them: rates scaled by the share a plan may use.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Limits<const N: usize> {
-    pub(crate) q_min: [f64; N],
-    pub(crate) q_max: [f64; N],
-    pub(crate) v: [f64; N],
-    pub(crate) a: [f64; N],
-    pub(crate) j: [f64; N],
+pub(crate) struct Limits {
+    pub(crate) q_min: JointVec,
+    pub(crate) q_max: JointVec,
+    pub(crate) v: JointVec,
+    pub(crate) a: JointVec,
+    pub(crate) j: JointVec,
 }
 
-impl<'a, const N: usize> Problem<'a, N> {
+impl<'a> Problem<'a> {
     /// The arm before the release, with the ball in its hand.
-    pub(crate) fn holding(&self) -> &RobotModel<N> {
+    pub(crate) fn holding(&self) -> &RobotModel {
         self.holding.as_deref().unwrap_or(self.arm)
     }
 
     /// The arm as its dynamics are at phase `sigma` of a throw: the ball is in the hand up to the release at 0.
-    pub(crate) fn arm_at(&self, sigma: f64) -> &RobotModel<N> {
+    pub(crate) fn arm_at(&self, sigma: f64) -> &RobotModel {
         if sigma <= 0.0 { self.holding() } else { self.arm }
     }
 
@@ -110,8 +111,7 @@ impl<'a, const N: usize> Problem<'a, N> {
     ///
     /// # Errors
     /// [`ProblemError`] names what is wrong; a target that is merely out of reach is not an error here.
-    pub fn new(arm: &'a RobotModel<N>, target: Vector3<f64>, options: Options) -> Result<Self, ProblemError> {
-        const { assert!(N >= 4 && N <= 7, "rows are laid out for four to seven joints") };
+    pub fn new(arm: &'a RobotModel, target: Vector3<f64>, options: Options) -> Result<Self, ProblemError> {
         if !target.iter().all(|c| c.is_finite()) {
             return Err(ProblemError::TargetNotFinite { x: target.x, y: target.y, z: target.z });
         }
@@ -138,18 +138,18 @@ impl<'a, const N: usize> Problem<'a, N> {
         }
         let ball_m = arm.gripper().ball_radius_m;
         let aim = aim_of(&target, &options, ball_m)?;
-        if N < 6 && !options.free_spin {
-            return Err(ProblemError::FormNeedsSixJoints { robot: arm.name().to_owned(), joints: N });
+        if arm.n() < 6 && !options.free_spin {
+            return Err(ProblemError::FormNeedsSixJoints { robot: arm.name().to_owned(), joints: arm.n() });
         }
         let flight = FlightModel::vacuum(arm.world().gravity_m_s2)?
             .with_drag(options.drag_per_m)?
             .with_magnus(options.magnus_rad_s)?;
-        let frames = arm.fk(&JointVec::zeros());
+        let frames = arm.fk(&JointVec::zeros(arm.n()));
         let (axis, base, second) = (frames.axis(0), frames.origin(0), frames.origin(1));
         let shoulder = base + axis * axis.dot(&(second - base));
         let bounds = Bounds::of(options.form, arm, &shoulder).with(&options.bounds);
         check_bounds(&bounds)?;
-        let of = |pick: fn(&robot_model::JointLimits) -> f64| arm.limit(pick).into();
+        let of = |pick: fn(&robot_model::JointLimits) -> f64| arm.limit(pick);
         let mut limits = Limits {
             q_min: of(|l| l.q_min_rad),
             q_max: of(|l| l.q_max_rad),
@@ -157,13 +157,9 @@ impl<'a, const N: usize> Problem<'a, N> {
             a: of(|l| l.a_max_rad_s2),
             j: of(|l| l.j_max_rad_s3),
         };
-        for v in &mut limits.v {
-            *v *= options.speed_use;
-        }
-        for a in &mut limits.a {
-            *a *= options.acceleration_use;
-        }
-        for (min, max) in limits.q_min.iter_mut().zip(&mut limits.q_max) {
+        limits.v *= options.speed_use;
+        limits.a *= options.acceleration_use;
+        for (min, max) in limits.q_min.iter_mut().zip(limits.q_max.iter_mut()) {
             // A range too narrow for the margin keeps its middle.
             let margin = options.range_margin_rad.min(0.5 * (*max - *min));
             *min += margin;
@@ -180,13 +176,31 @@ impl<'a, const N: usize> Problem<'a, N> {
         Ok(problem)
     }
 
+    /// Number of joints.
+    #[inline]
+    pub(crate) fn joints(&self) -> usize {
+        self.arm.n()
+    }
+
+    /// Where the variables of a throw stand.
+    #[inline]
+    pub(crate) fn variables(&self) -> Variables {
+        Variables::of(self.joints())
+    }
+
+    /// Where the inequalities of a throw stand.
+    #[inline]
+    pub(crate) fn numbers(&self) -> Numbers {
+        Numbers::of(self.joints())
+    }
+
     /// Whether the robot file says what the energy of a throw is: current constants and supplies.
     fn has_energy(&self) -> bool {
         self.arm.drives().is_some() && !self.arm.supplies().is_empty()
     }
 
     #[must_use]
-    pub fn arm(&self) -> &'a RobotModel<N> {
+    pub fn arm(&self) -> &'a RobotModel {
         self.arm
     }
 
@@ -220,7 +234,7 @@ impl<'a, const N: usize> Problem<'a, N> {
 
     /// Objective (1) of a throw, as its three terms: time, braking ratio, jerk.
     #[must_use]
-    pub(crate) fn objective_terms(&self, throw: &Throw<N>) -> [f64; 3] {
+    pub(crate) fn objective_terms(&self, throw: &Throw) -> [f64; 3] {
         let w = &self.options.weights;
         let (ja, jb) = throw.jerk();
         let jerk = ja.norm_squared() * throw.ha_s + jb.norm_squared() * throw.hb_s;
@@ -229,7 +243,7 @@ impl<'a, const N: usize> Problem<'a, N> {
 
     /// Objective (1) of a throw.
     #[must_use]
-    pub fn objective(&self, throw: &Throw<N>) -> f64 {
+    pub fn objective(&self, throw: &Throw) -> f64 {
         self.objective_terms(throw).iter().sum()
     }
 }

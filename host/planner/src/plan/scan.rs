@@ -49,18 +49,18 @@ struct Pair {
 
 /// Pairs whose distance is changed by the same joints.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Group<const N: usize> {
+struct Group {
     /// Joints `from..to` (from 0) change the distance.
     from: usize,
     to: usize,
     /// How far a turn of joint k by 1 rad moves the second body, at most, in m.
-    swing_m: [f64; N],
+    swing_m: JointVec,
 }
 
-impl<const N: usize> Group<N> {
+impl Group {
     /// How much nearer than at both ends a pair can be inside a step of `step_s`, in m: an eighth of the largest relative
     /// acceleration times the step squared. `speed` and `acceleration` are the largest of each joint, in rad/s and rad/s².
-    fn dip_m(&self, speed: &JointVec<N>, acceleration: &JointVec<N>, step_s: f64) -> f64 {
+    fn dip_m(&self, speed: &JointVec, acceleration: &JointVec, step_s: f64) -> f64 {
         let joints = self.from..self.to;
         let pushed: f64 = joints.clone().map(|k| acceleration[k] * self.swing_m[k]).sum();
         let reach_m = joints.clone().map(|k| self.swing_m[k]).fold(0.0, f64::max);
@@ -112,25 +112,25 @@ impl Track {
 
 /// Everything about the pairs of a problem that does not depend on the throw.
 #[derive(Debug, Clone)]
-pub(crate) struct Scanner<const N: usize> {
+pub(crate) struct Scanner {
     pairs: Vec<Pair>,
-    groups: Vec<Group<N>>,
+    groups: Vec<Group>,
     obstacles: Vec<Obb>,
 }
 
 /// The arm at one instant; boxes are placed when they are asked for.
-struct Placed<'a, const N: usize> {
-    problem: &'a Problem<'a, N>,
+struct Placed<'a> {
+    problem: &'a Problem<'a>,
     obstacles: &'a [Obb],
     boxes: Vec<Obb>,
     /// Instant at which each box was placed.
     stamps: Vec<usize>,
     now: usize,
-    frames: Option<Frames<N>>,
+    frames: Option<Frames>,
     ball: Option<Vector3<f64>>,
 }
 
-impl<const N: usize> Placed<'_, N> {
+impl Placed<'_> {
     fn move_to(&mut self) {
         self.now += 1;
         self.frames = None;
@@ -138,7 +138,7 @@ impl<const N: usize> Placed<'_, N> {
     }
 
     /// A lower bound of the distance of a pair above the clearance: spheres when far, separating axes when near.
-    fn distance(&mut self, pair: &Pair, q: &JointVec<N>) -> f64 {
+    fn distance(&mut self, pair: &Pair, q: &JointVec) -> f64 {
         let problem = self.problem;
         let arm = problem.arm;
         let frames = self.frames.get_or_insert_with(|| arm.fk(q));
@@ -175,12 +175,12 @@ impl<const N: usize> Placed<'_, N> {
     }
 }
 
-impl<const N: usize> Scanner<N> {
-    pub(crate) fn new(problem: &Problem<'_, N>) -> Self {
+impl Scanner {
+    pub(crate) fn new(problem: &Problem<'_>) -> Self {
         let arm = problem.arm;
         let model = arm.collision();
         let boxes = model.boxes();
-        let obstacles = problem.options.obstacles.len();
+        let (n, obstacles) = (arm.n(), problem.options.obstacles.len());
         let mut kinds: Vec<(CutKind, usize, usize)> = Vec::new();
         for &(a, b) in model.pairs() {
             let (mut a, mut b) = (usize::from(a), usize::from(b));
@@ -198,17 +198,17 @@ impl<const N: usize> Scanner<N> {
             }
         }
         // The ball sits in the fingers: it is tested from the fourth link down.
-        for (a, body) in boxes.iter().enumerate().filter(|(_, body)| body.link + 2 <= N) {
-            kinds.push((CutKind::HeldBall(a), body.link, N));
+        for (a, body) in boxes.iter().enumerate().filter(|(_, body)| body.link + 2 <= n) {
+            kinds.push((CutKind::HeldBall(a), body.link, n));
         }
-        kinds.push((CutKind::HeldBallFloor, 0, N));
+        kinds.push((CutKind::HeldBallFloor, 0, n));
         for o in 0..obstacles {
-            kinds.push((CutKind::HeldBallObstacle(o), 0, N));
+            kinds.push((CutKind::HeldBallObstacle(o), 0, n));
         }
         // The held ball is a little farther out than the hand.
         let ball_beyond =
             arm.gripper().x_eb.pos.norm() + arm.gripper().ball_radius_m + arm.end_effector().pos.norm();
-        let mut groups: Vec<Group<N>> = Vec::new();
+        let mut groups: Vec<Group> = Vec::new();
         let pairs = kinds
             .into_iter()
             .map(|(kind, from, to)| {
@@ -219,7 +219,7 @@ impl<const N: usize> Scanner<N> {
                     _ => ([None, None], true),
                 };
                 let beyond = if held { ball_beyond } else { 0.0 };
-                let swing_m = std::array::from_fn(|k| model.swing_m(k, to) + beyond);
+                let swing_m = JointVec::from_fn(n, |k| model.swing_m(k, to) + beyond);
                 let wanted = Group { from, to, swing_m };
                 let group = groups.iter().position(|g| *g == wanted).unwrap_or_else(|| {
                     groups.push(wanted);
@@ -232,7 +232,7 @@ impl<const N: usize> Scanner<N> {
         Self { pairs, groups, obstacles }
     }
 
-    pub(crate) fn scan(&self, problem: &Problem<'_, N>, throw: &Throw<N>) -> Scan {
+    pub(crate) fn scan(&self, problem: &Problem<'_>, throw: &Throw) -> Scan {
         let mut out = Scan { clearance_m: f64::INFINITY, ball_clearance_m: f64::INFINITY, ..Scan::default() };
         if problem.options.avoid_collisions {
             self.bodies(problem, throw, &mut out);
@@ -246,7 +246,7 @@ impl<const N: usize> Scanner<N> {
         out
     }
 
-    fn bodies(&self, problem: &Problem<'_, N>, throw: &Throw<N>, out: &mut Scan) {
+    fn bodies(&self, problem: &Problem<'_>, throw: &Throw, out: &mut Scan) {
         let arm = problem.arm;
         let mut tracks = vec![Track::default(); self.pairs.len()];
         let mut approach = vec![0.0; self.groups.len()];
@@ -254,7 +254,7 @@ impl<const N: usize> Scanner<N> {
         let stamps = vec![0; boxes.len()];
         let obstacles = &self.obstacles;
         let mut placed = Placed { problem, obstacles, boxes, stamps, now: 0, frames: None, ball: None };
-        let turns = throw.qdd_rad_s2 != JointVec::<N>::zeros();
+        let turns = throw.qdd_rad_s2 != JointVec::zeros(arm.n());
         let peak = throw.peak_speed();
         let mut before = throw.start();
         let steps_after = (STEPS as f64 * throw.hb_s / throw.ha_s).ceil().clamp(6.0, 50.0) as usize;
@@ -318,14 +318,14 @@ impl<const N: usize> Scanner<N> {
 }
 
 /// The released ball against obstacles, and for a clean release against the arm, until it lands.
-fn flying_ball<const N: usize>(problem: &Problem<'_, N>, throw: &Throw<N>, out: &mut Scan) {
+fn flying_ball(problem: &Problem<'_>, throw: &Throw, out: &mut Scan) {
     let arm = problem.arm;
     let (p0, v0) = throw.ball_at_release(arm);
     let radius_m = arm.gripper().ball_radius_m;
     let bodies = if problem.options.clean_release { arm.collision().boxes().len() } else { 0 };
     let obstacles: Vec<Obb> = problem.options.obstacles.iter().map(|o| Obb::new(o.x_wo, o.half_m)).collect();
     // Distance of body k at a time; what is far is not measured exactly.
-    let distance = |k: usize, s: f64, frames: &Frames<N>, p: &Vector3<f64>| -> f64 {
+    let distance = |k: usize, s: f64, frames: &Frames, p: &Vector3<f64>| -> f64 {
         let Some(o) = k.checked_sub(bodies) else {
             let body = &arm.collision().boxes()[k];
             let centre = match body.link.checked_sub(1) {
@@ -403,18 +403,18 @@ const BALL_REFINE_BELOW_M: f64 = 0.1;
 const BALL_HALVINGS: usize = 8;
 
 /// Currents of motors and supplies over the motion.
-fn currents<const N: usize>(problem: &Problem<'_, N>, throw: &Throw<N>, out: &mut Scan) {
+fn currents(problem: &Problem<'_>, throw: &Throw, out: &mut Scan) {
     let arm = problem.arm;
     let Some(drives) = arm.drives() else { return };
-    let supplies = arm.supplies();
-    let mut worst = vec![(0.0, 0.0); N + supplies.len()];
+    let (n, supplies) = (arm.n(), arm.supplies());
+    let mut worst = vec![(0.0, 0.0); n + supplies.len()];
     // The release belongs to both phases, where acceleration is continuous; starts and stops are jumps, so inside.
     for step in 0..=2 * CURRENT_STEPS {
         let sigma = (step as f64 - CURRENT_STEPS as f64) / CURRENT_STEPS as f64;
         let s = throw.at_phase(sigma);
         let tau = problem.arm_at(sigma).inverse_dynamics(&s.q, &s.qd, &s.qdd);
         let Some(motor) = arm.motor_currents(&s.qd, &tau) else { return };
-        for j in 0..N {
+        for j in 0..n {
             let share = motor[j] / drives[j].current_max_a;
             if share > worst[j].0 {
                 worst[j] = (share, sigma);
@@ -422,14 +422,14 @@ fn currents<const N: usize>(problem: &Problem<'_, N>, throw: &Throw<N>, out: &mu
         }
         for (k, a) in arm.supply_currents(&motor).enumerate() {
             let share = a / supplies[k].current_max_a;
-            if share > worst[N + k].0 {
-                worst[N + k] = (share, sigma);
+            if share > worst[n + k].0 {
+                worst[n + k] = (share, sigma);
             }
         }
     }
     for (k, (share, sigma)) in worst.into_iter().enumerate() {
         if share > NEAR_SHARE {
-            let kind = if k < N { CutKind::Motor(k) } else { CutKind::Supply(k - N) };
+            let kind = if k < n { CutKind::Motor(k) } else { CutKind::Supply(k - n) };
             let into = if share > 1.0 - 0.2 * CURRENT_EXTRA { &mut out.cuts } else { &mut out.near };
             into.push(Cut { kind, sigma });
         }

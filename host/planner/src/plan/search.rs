@@ -14,40 +14,40 @@ use crate::solve::sqp::{Chord, Settings};
 use crate::store::{Index, Record};
 use crate::throw::Throw;
 
-impl<const N: usize> Planner<'_, '_, N> {
+impl Planner<'_, '_> {
     /// One local solve from random point number `index` of the search space.
     #[must_use]
-    pub fn random_start(&self, seed: u64, index: u64) -> Option<Found<N>> {
+    pub fn random_start(&self, seed: u64, index: u64) -> Option<Found> {
         Some(self.refine(self.solve_random(seed, index)?))
     }
 
     /// One local solve from a throw for a near target.
     #[must_use]
-    pub fn from_throw(&self, start: &Throw<N>) -> Option<Found<N>> {
+    pub fn from_throw(&self, start: &Throw) -> Option<Found> {
         Some(self.refine(self.solve_from_throw(start)?))
     }
 
     /// As [`Planner::from_throw`], without the second stage for other goals than the paper's objective.
-    pub(super) fn solve_from_throw(&self, start: &Throw<N>) -> Option<Found<N>> {
+    pub(super) fn solve_from_throw(&self, start: &Throw) -> Option<Found> {
         self.solve(start, self.anywhere(), &Settings::default(), usize::MAX)
     }
 
     /// A local solve from a throw with steps enough to end where it leads.
     #[must_use]
-    pub fn finished(&self, start: &Throw<N>) -> Option<Found<N>> {
+    pub fn finished(&self, start: &Throw) -> Option<Found> {
         let settings = Settings { iterations_max: FINISH_STEPS, ..Settings::default() };
         self.solve(start, self.anywhere(), &settings, FINISH_STEPS)
     }
 
     /// One local solve from a stored throw.
     #[must_use]
-    pub fn from_record(&self, record: &Record<N>) -> Option<Found<N>> {
+    pub fn from_record(&self, record: &Record) -> Option<Found> {
         Some(self.refine(self.polish(record, &Settings::default(), usize::MAX)?))
     }
 
     /// The second stage for a goal other than the paper's objective: from a throw that keeps every limit downhill in
     /// what counts. Never worse than the throw itself.
-    fn refine(&self, found: Found<N>) -> Found<N> {
+    fn refine(&self, found: Found) -> Found {
         if self.effort.is_none() {
             return found;
         }
@@ -77,19 +77,19 @@ impl<const N: usize> Planner<'_, '_, N> {
     }
 
     /// The second stage for the throws that are best as they are; the others would hardly overtake them.
-    fn refine_best(&self, found: Vec<Found<N>>) -> Vec<Found<N>> {
+    fn refine_best(&self, found: Vec<Found>) -> Vec<Found> {
         if self.effort.is_none() {
             return found;
         }
         let goal = &self.problem.options.goal;
-        let as_they_are: Vec<Found<N>> =
+        let as_they_are: Vec<Found> =
             each(&found, |f| Found { objective: goal.value(self.problem, &f.throw), ..*f });
         let mut best = distinct(as_they_are);
         best.truncate(REFINED_MAX);
         distinct(each(&best, |f| self.refine(*f)))
     }
 
-    pub(super) fn polish(&self, record: &Record<N>, settings: &Settings, most: usize) -> Option<Found<N>> {
+    pub(super) fn polish(&self, record: &Record, settings: &Settings, most: usize) -> Option<Found> {
         let begin = Begin::Optimal { touches: record.touches };
         self.solve(&self.place(&record.throw)?, begin, settings, most)
     }
@@ -101,7 +101,7 @@ impl<const N: usize> Planner<'_, '_, N> {
     /// throw, all the others around have their turn, then the most promising ones with patience, unless the table ends
     /// before the target.
     #[must_use]
-    pub fn from_index(&self, index: &Index<N>, tries: usize) -> Option<Found<N>> {
+    pub fn from_index(&self, index: &Index, tries: usize) -> Option<Found> {
         let order = self.warm_starts(index, MORE_TRIES.max(tries));
         let (first, rest) = order.split_at(tries.min(order.len()));
         let patient =
@@ -121,33 +121,27 @@ impl<const N: usize> Planner<'_, '_, N> {
     /// As [`Planner::from_index`], and if no stored throw leads to the target, the first of at most `starts` random
     /// ones that does.
     #[must_use]
-    pub fn from_index_or_random(
-        &self,
-        index: &Index<N>,
-        tries: usize,
-        starts: u64,
-        seed: u64,
-    ) -> Option<Found<N>> {
+    pub fn from_index_or_random(&self, index: &Index, tries: usize, starts: u64, seed: u64) -> Option<Found> {
         self.from_index(index, tries).or_else(|| (0..starts).find_map(|k| self.random_start(seed, k)))
     }
 
     /// As [`Planner::from_index`], but gives up after the quick pass.
     #[must_use]
-    pub fn from_index_quickly(&self, index: &Index<N>, tries: usize) -> Option<Found<N>> {
+    pub fn from_index_quickly(&self, index: &Index, tries: usize) -> Option<Found> {
         self.quickly(&self.warm_starts(index, tries))
     }
 
     /// The first pass with its second stage.
-    pub(super) fn quickly(&self, order: &[WarmStart<'_, N>]) -> Option<Found<N>> {
+    pub(super) fn quickly(&self, order: &[WarmStart<'_>]) -> Option<Found> {
         self.first_pass(order).map(|found| self.refine(found))
     }
 
-    pub(super) fn warm_starts<'i>(&self, index: &'i Index<N>, most: usize) -> Vec<WarmStart<'i, N>> {
+    pub(super) fn warm_starts<'i>(&self, index: &'i Index, most: usize) -> Vec<WarmStart<'i>> {
         warm_starts(index, kind_of(&self.problem.options), self.range_m, self.problem.target.z, most)
     }
 
-    fn first_pass(&self, order: &[WarmStart<'_, N>]) -> Option<Found<N>> {
-        let mut best: Option<Found<N>> = None;
+    fn first_pass(&self, order: &[WarmStart<'_>]) -> Option<Found> {
+        let mut best: Option<Found> = None;
         let mut in_vain = 0;
         for (price, record) in order {
             let bound = best.map_or(f64::INFINITY, |b| b.objective * WORTH_FINDING);
@@ -170,7 +164,7 @@ impl<const N: usize> Planner<'_, '_, N> {
     ///
     /// # Errors
     /// [`NoThrow`] with the nearest reachable target if no start ends in a throw.
-    pub fn search(&self, index: &Index<N>, budget: &Budget, watch: &Watch) -> Result<Best<N>, NoThrow> {
+    pub fn search(&self, index: &Index, budget: &Budget, watch: &Watch) -> Result<Best, NoThrow> {
         let began = Instant::now();
         // A search that may end in a refusal takes its time.
         let persistent = self.clone().persistent();
@@ -208,14 +202,9 @@ impl<const N: usize> Planner<'_, '_, N> {
     ///
     /// A kind of throw that reaches farther is often dearer than the one that ends before the target. Stored throws of the
     /// cheaper one are tried first and all end at the edge of its reach.
-    fn walk_from_nearest(
-        &self,
-        index: &Index<N>,
-        stopped: &(dyn Fn() -> bool + Sync),
-        watch: &Watch,
-    ) -> Basins<N> {
+    fn walk_from_nearest(&self, index: &Index, stopped: &(dyn Fn() -> bool + Sync), watch: &Watch) -> Basins {
         let kind = kind_of(&self.problem.options);
-        let wanted = |r: &Record<N>| r.kind == kind && self.away_m(r) <= WALKED_WITHIN_M;
+        let wanted = |r: &Record| r.kind == kind && self.away_m(r) <= WALKED_WITHIN_M;
         let walked = each(&self.stored_near(index, wanted, NEAREST_WALKED), |record| {
             (!stopped()).then(|| counted(watch, self.walk_to_target(record, stopped)))
         });
@@ -225,7 +214,7 @@ impl<const N: usize> Planner<'_, '_, N> {
     }
 
     /// The best of the throws that some starts ended in; `None` if none did.
-    pub(super) fn best_of(&self, basins: &Basins<N>, stopped: &(dyn Fn() -> bool + Sync)) -> Option<Best<N>> {
+    pub(super) fn best_of(&self, basins: &Basins, stopped: &(dyn Fn() -> bool + Sync)) -> Option<Best> {
         let others = self.finish(basins, stopped);
         Some(Best {
             found: *others.first()?,
@@ -241,7 +230,7 @@ impl<const N: usize> Planner<'_, '_, N> {
     ///
     /// # Errors
     /// [`NoThrow`] if no start ends in a throw.
-    pub fn attempt(&self, index: &Index<N>, budget: &Budget, watch: &Watch) -> Result<Best<N>, NoThrow> {
+    pub fn attempt(&self, index: &Index, budget: &Budget, watch: &Watch) -> Result<Best, NoThrow> {
         let began = Instant::now();
         let out_of_time = || budget.time.is_some_and(|t| began.elapsed() >= t);
         let stopped = || watch.stop.load(Ordering::Relaxed) || out_of_time();
@@ -249,7 +238,7 @@ impl<const N: usize> Planner<'_, '_, N> {
         let surroundings = self.polish_stored(index, &mut basins, &stopped, watch);
         let batch = if surroundings == Surroundings::Stored { ENOUGH_STORED } else { BATCH };
         // Without a table, a throw that was found by only one or two starts is seldom the best one. So more starts are made.
-        let most = |basins: &Basins<N>| {
+        let most = |basins: &Basins| {
             let more = !budget.all && surroundings == Surroundings::Unknown && basins.solved() > 0;
             budget.starts.saturating_mul(if more { MORE_STARTS } else { 1 })
         };
@@ -279,15 +268,14 @@ impl<const N: usize> Planner<'_, '_, N> {
     /// and from throws that were stored for other constraints.
     fn polish_stored(
         &self,
-        index: &Index<N>,
-        basins: &mut Basins<N>,
+        index: &Index,
+        basins: &mut Basins,
         stopped: &(dyn Fn() -> bool + Sync),
         watch: &Watch,
     ) -> Surroundings {
         let kind = kind_of(&self.problem.options);
         let near = self.warm_starts(index, STORED_TRIES);
-        let solve =
-            |work: &(dyn Fn() -> Option<Found<N>> + Sync)| (!stopped()).then(|| counted(watch, work()));
+        let solve = |work: &(dyn Fn() -> Option<Found> + Sync)| (!stopped()).then(|| counted(watch, work()));
         let polished =
             each(&near, |(_, record)| solve(&|| self.polish(record, &Settings::default(), usize::MAX)));
         polished.into_iter().flatten().for_each(|found| basins.add_stored(found));
@@ -318,7 +306,7 @@ impl<const N: usize> Planner<'_, '_, N> {
     }
 
     /// More steps for the best few throws: a start has steps enough to tell where it will end, not to end there.
-    pub(super) fn finish(&self, basins: &Basins<N>, stopped: &(dyn Fn() -> bool + Sync)) -> Vec<Found<N>> {
+    pub(super) fn finish(&self, basins: &Basins, stopped: &(dyn Fn() -> bool + Sync)) -> Vec<Found> {
         let finished = basins
             .found()
             .iter()
@@ -340,7 +328,7 @@ impl<const N: usize> Planner<'_, '_, N> {
 
     /// Expected distance of the landing from the target, root mean square in m; `None` if the ball does not come down.
     #[must_use]
-    pub fn rms_miss_m(&self, throw: &Throw<N>, noise: &super::statistics::Noise) -> Option<f64> {
+    pub fn rms_miss_m(&self, throw: &Throw, noise: &super::statistics::Noise) -> Option<f64> {
         let predicted = super::statistics::predict(self.problem, throw, noise)?;
         Some(predicted.rms_miss_m(&self.problem.aim.centre()))
     }
@@ -349,7 +337,7 @@ impl<const N: usize> Planner<'_, '_, N> {
     ///
     /// For benchmarks: it is what a step of the local solver starts with.
     #[must_use]
-    pub fn evaluate(&self, throw: &Throw<N>) -> f64 {
+    pub fn evaluate(&self, throw: &Throw) -> f64 {
         evaluate_once(self.problem, throw)
     }
 }
@@ -403,14 +391,14 @@ const MORE_STARTS: usize = 2;
 const FINISHED_MAX: usize = 2;
 const FINISH_STEPS: usize = 200;
 
-pub(super) fn counted<const N: usize>(watch: &Watch, found: Option<Found<N>>) -> Option<Found<N>> {
+pub(super) fn counted(watch: &Watch, found: Option<Found>) -> Option<Found> {
     watch.done.fetch_add(1, Ordering::Relaxed);
     watch.solved.fetch_add(usize::from(found.is_some()), Ordering::Relaxed);
     found
 }
 
 /// Cheapest first, of equal ones the first, so that the order of threads does not matter.
-fn distinct<const N: usize>(mut found: Vec<Found<N>>) -> Vec<Found<N>> {
+fn distinct(mut found: Vec<Found>) -> Vec<Found> {
     // The sort is stable.
     found.sort_by(|a, b| a.objective.total_cmp(&b.objective));
     found.dedup_by(|a, b| (a.objective - b.objective).abs() < 1e-6 * b.objective.abs());

@@ -16,8 +16,8 @@ const TABLES: [&[u8]; 3] = [
 
 /// The built-in throws for a robot; empty if there are none for it (or for this version of its file).
 #[must_use]
-pub fn built_in<const N: usize>(arm: &RobotModel<N>) -> Index<N> {
+pub fn built_in(arm: &RobotModel) -> Index {
     let robot = robot_fingerprint(arm);
-    let records = TABLES.iter().find_map(|bytes| file::parse(bytes, robot)).unwrap_or_default();
+    let records = TABLES.iter().find_map(|bytes| file::parse(bytes, robot, arm.n())).unwrap_or_default();
     Index::new(records)
 }

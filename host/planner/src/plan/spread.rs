@@ -31,13 +31,13 @@ pub(super) const THREE: [(f64, f64); 2] = [(-THREE_NODE, 1.0 / 6.0), (THREE_NODE
 const THREE_NODE: f64 = 1.732_050_807_568_877_2;
 
 /// One source of error at its nodes: weight and landing.
-type Source<const N: usize> = Vec<(f64, Landed<N>)>;
+type Source = Vec<(f64, Landed)>;
 
 /// Landing of a throw with noise.
 #[derive(Debug, Clone)]
-pub(crate) struct Spread<const N: usize> {
-    centre: Landed<N>,
-    sources: Vec<Source<N>>,
+pub(crate) struct Spread {
+    centre: Landed,
+    sources: Vec<Source>,
     /// What each source moves the mean by, in m.
     shifts: Vec<Vector2<f64>>,
     /// Mean in m, in the coordinates of the aim.
@@ -45,19 +45,19 @@ pub(crate) struct Spread<const N: usize> {
     pub(crate) covariance_m2: Matrix2<f64>,
 }
 
-impl<const N: usize> Spread<N> {
+impl Spread {
     /// Of a throw at an aim; `None` if the ball does not meet its plane at some node.
-    pub(crate) fn of(problem: &Problem<'_, N>, throw: &Throw<N>, aim: &Aim, noise: &Noise) -> Option<Self> {
+    pub(crate) fn of(problem: &Problem<'_>, throw: &Throw, aim: &Aim, noise: &Noise) -> Option<Self> {
         // Drag that is not known is not zero on average: what the other sources do is counted at the mean drag.
         let DragFlights { mean: flight, nodes: drag } = &DragFlights::of(&problem.flight, noise)?;
         let centre = Landed::of(problem, flight, throw, aim, 0.0)?;
-        let mut sources: Vec<Source<N>> = Vec::with_capacity(2 + 2 * N);
+        let mut sources: Vec<Source> = Vec::with_capacity(2 + 2 * problem.joints());
         let delays = release_delays(noise);
         if !delays.is_empty() {
             sources.push(at_nodes(&delays, |delay_s| Landed::of(problem, flight, throw, aim, delay_s))?);
         }
-        for j in 0..N {
-            let of = |moved: Throw<N>| Landed::of(problem, flight, &moved, aim, 0.0);
+        for j in 0..problem.joints() {
+            let of = |moved: Throw| Landed::of(problem, flight, &moved, aim, 0.0);
             if noise.position_rad > 0.0 {
                 sources.push(at_nodes(&THREE, |node| {
                     let mut moved = *throw;
@@ -74,7 +74,7 @@ impl<const N: usize> Spread<N> {
             }
         }
         if !drag.is_empty() {
-            let source: Option<Source<N>> = drag
+            let source: Option<Source> = drag
                 .iter()
                 .map(|(weight, flight)| Some((*weight, Landed::of(problem, flight, throw, aim, 0.0)?)))
                 .collect();
@@ -98,10 +98,10 @@ impl<const N: usize> Spread<N> {
 
     /// Adds the gradient of a function of mean and covariance, given its derivatives by both:
     /// `df = by_mean · dμ + tr(by_covariance dC)`, `by_covariance` symmetric.
-    pub(crate) fn add_gradient<const D: usize>(
+    pub(crate) fn add_gradient(
         &self,
-        g: &mut Gradient<'_, D>,
-        layout: &Layout<N>,
+        g: &mut Gradient<'_>,
+        layout: &Layout,
         by_mean: &Vector2<f64>,
         by_covariance: &Matrix2<f64>,
     ) {
@@ -170,10 +170,7 @@ fn drag_nodes(drag_per_m: f64, sigma_per_m: f64) -> [(f64, f64); 2] {
     ]
 }
 
-fn at_nodes<const N: usize>(
-    rule: &[(f64, f64)],
-    landing: impl Fn(f64) -> Option<Landed<N>>,
-) -> Option<Source<N>> {
+fn at_nodes(rule: &[(f64, f64)], landing: impl Fn(f64) -> Option<Landed>) -> Option<Source> {
     rule.iter().map(|(node, weight)| Some((*weight, landing(*node)?))).collect()
 }
 

@@ -26,11 +26,7 @@ pub struct LandingPrediction {
 
 /// Landing when the gripper opens `delay_s` late (early if negative); `None` if the ball does not come down.
 #[must_use]
-pub fn landing_with_delay<const N: usize>(
-    problem: &Problem<'_, N>,
-    throw: &Throw<N>,
-    delay_s: f64,
-) -> Option<Vector2<f64>> {
+pub fn landing_with_delay(problem: &Problem<'_>, throw: &Throw, delay_s: f64) -> Option<Vector2<f64>> {
     let (p, v) = throw.ball_at_time(problem.arm, throw.ha_s + delay_s);
     let landing = problem.flight.meet(&p, &v, &problem.aim, delay_s)?;
     Some(problem.aim.coordinates(&landing.p, delay_s + landing.time_s))
@@ -38,11 +34,7 @@ pub fn landing_with_delay<const N: usize>(
 
 /// Predicts the landing; `None` if a ball at a node of the rule does not come down on the plane of the target.
 #[must_use]
-pub fn predict<const N: usize>(
-    problem: &Problem<'_, N>,
-    throw: &Throw<N>,
-    noise: &Noise,
-) -> Option<LandingPrediction> {
+pub fn predict(problem: &Problem<'_>, throw: &Throw, noise: &Noise) -> Option<LandingPrediction> {
     let spread = Spread::of(problem, throw, &problem.aim, noise)?;
     let (p, v) = throw.ball_at_release(problem.arm);
     let nominal = problem.flight.meet(&p, &v, &problem.aim, 0.0)?;
@@ -58,9 +50,9 @@ pub fn predict<const N: usize>(
 
 /// Landings of `draws` disturbed throws: the full model, no linearisation. The oracle of [`predict`].
 #[must_use]
-pub fn monte_carlo<const N: usize>(
-    problem: &Problem<'_, N>,
-    throw: &Throw<N>,
+pub fn monte_carlo(
+    problem: &Problem<'_>,
+    throw: &Throw,
     noise: &Noise,
     draws: usize,
     seed: u64,
@@ -69,7 +61,7 @@ pub fn monte_carlo<const N: usize>(
     let mut rng = SplitMix64::new(seed);
     (0..draws)
         .filter_map(|_| {
-            let off = Disturbed::drawn(noise, &mut rng);
+            let off = Disturbed::drawn(problem.joints(), noise, &mut rng);
             let state = off.at_release(throw);
             let frames = arm.fk(&state.q);
             let p = arm.ball(&frames).pos;

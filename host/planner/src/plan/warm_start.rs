@@ -3,7 +3,6 @@
 use nalgebra::Vector2;
 
 use crate::store::{Index, Record};
-use crate::throw::JOINTS;
 
 /// Cells of the index that are looked through, at most, in every direction.
 pub(super) const RINGS: i32 = 6;
@@ -15,7 +14,7 @@ const REFUTED_POWER: f64 = 0.7;
 const SAME_POINT_M: f64 = 1e-3;
 
 /// A stored throw with its expected price at the target.
-pub(crate) type WarmStart<'i, const N: usize = JOINTS> = (f64, &'i Record<N>);
+pub(crate) type WarmStart<'i> = (f64, &'i Record);
 
 /// Stored throws around a target (range and height in m), the cheapest first; at most `most`.
 ///
@@ -23,18 +22,18 @@ pub(crate) type WarmStart<'i, const N: usize = JOINTS> = (f64, &'i Record<N>);
 /// too good where the price has a cliff (from letting the ball drop to really throwing it) between the two. So it is
 /// held against the throws stored on the other side: where a known best price is above what is expected at that
 /// point, the expectation is wrong there, and by part of that already at the target.
-pub(crate) fn warm_starts<'i, const N: usize>(
-    index: &'i Index<N>,
+pub(crate) fn warm_starts<'i>(
+    index: &'i Index,
     kind: u32,
     range_m: f64,
     height_m: f64,
     most: usize,
-) -> Vec<WarmStart<'i, N>> {
+) -> Vec<WarmStart<'i>> {
     let mut near = Vec::new();
     index.near(kind, range_m, height_m, RINGS, &mut near);
     let target = Vector2::new(range_m, height_m);
     let known = best_known(&near);
-    let mut order: Vec<WarmStart<'i, N>> = near
+    let mut order: Vec<WarmStart<'i>> = near
         .iter()
         .map(|record| {
             let way = target - place(record);
@@ -47,12 +46,12 @@ pub(crate) fn warm_starts<'i, const N: usize>(
     order
 }
 
-fn place<const N: usize>(record: &Record<N>) -> Vector2<f64> {
+fn place(record: &Record) -> Vector2<f64> {
     Vector2::new(record.range_m, record.height_m)
 }
 
 /// The price of a record carried to a point by its slope.
-fn carried<const N: usize>(record: &Record<N>, point: &Vector2<f64>) -> f64 {
+fn carried(record: &Record, point: &Vector2<f64>) -> f64 {
     let way = point - place(record);
     let price = record.objective + Vector2::from(record.slope_per_m).dot(&way);
     // No throw is cheaper than the cheapest of all; slopes end somewhere.
@@ -60,8 +59,8 @@ fn carried<const N: usize>(record: &Record<N>, point: &Vector2<f64>) -> f64 {
 }
 
 /// The cheapest record of every point.
-fn best_known<'i, const N: usize>(near: &[&'i Record<N>]) -> Vec<&'i Record<N>> {
-    let mut known: Vec<&Record<N>> = Vec::with_capacity(near.len());
+fn best_known<'i>(near: &[&'i Record]) -> Vec<&'i Record> {
+    let mut known: Vec<&Record> = Vec::with_capacity(near.len());
     for record in near {
         match known.iter_mut().find(|k| (place(k) - place(record)).norm() < SAME_POINT_M) {
             Some(same) if record.objective < same.objective => *same = record,
@@ -73,7 +72,7 @@ fn best_known<'i, const N: usize>(near: &[&'i Record<N>]) -> Vec<&'i Record<N>> 
 }
 
 /// What the known prices beyond the target, seen from the record, say against its promise `way` from it.
-fn refutation<const N: usize>(record: &Record<N>, way: &Vector2<f64>, known: &[&Record<N>]) -> f64 {
+fn refutation(record: &Record, way: &Vector2<f64>, known: &[&Record]) -> f64 {
     let distance = way.norm();
     let mut worst = 0.0_f64;
     for other in known {
@@ -96,7 +95,7 @@ mod tests {
     use super::*;
 
     fn record(range_m: f64, objective: f64, slope: f64) -> Record {
-        Record { objective, slope_per_m: [slope, 0.0], ..Record::<6>::example(range_m) }
+        Record { objective, slope_per_m: [slope, 0.0], ..Record::example(range_m) }
     }
 
     #[test]

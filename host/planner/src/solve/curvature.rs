@@ -2,7 +2,7 @@
 
 use nalgebra::DMatrix;
 
-use super::qp::{Constraint, Factor, Row, Square};
+use super::qp::{Constraint, Factor, Row, Square, WIDTH};
 use super::rows::{Multipliers, Rows};
 use super::{Gradient, Sink, Task, When};
 
@@ -16,21 +16,21 @@ const EIGEN_STEPS_MAX: usize = 1_000;
 const PRICES: [f64; 2] = [10.0, 100.0];
 
 /// Gradient of the Lagrangian `f - Σ λ c` for fixed multipliers.
-struct Lagrangian<'a, const D: usize> {
+struct Lagrangian<'a> {
     at: &'a Multipliers,
-    gradient: Row<D>,
+    gradient: Row,
 }
 
-impl<const D: usize> Lagrangian<'_, D> {
+impl Lagrangian<'_> {
     #[inline]
-    fn add(&mut self, multiplier: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) {
+    fn add(&mut self, multiplier: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
         if multiplier != 0.0 {
             gradient(&mut Gradient { row: &mut self.gradient, factor: -multiplier });
         }
     }
 }
 
-impl<const D: usize> Sink<D> for Lagrangian<'_, D> {
+impl Sink for Lagrangian<'_> {
     #[inline]
     fn wants(&self, id: usize) -> bool {
         self.at.ineq[id] != 0.0
@@ -40,26 +40,21 @@ impl<const D: usize> Sink<D> for Lagrangian<'_, D> {
         self.at.eq[id] != 0.0
     }
     #[inline]
-    fn objective(&mut self, _: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) {
+    fn objective(&mut self, _: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
         gradient(&mut Gradient { row: &mut self.gradient, factor: 1.0 });
     }
     #[inline]
-    fn eq(&mut self, id: usize, _: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) {
+    fn eq(&mut self, id: usize, _: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
         self.add(self.at.eq[id], gradient);
     }
     #[inline]
-    fn ineq(&mut self, id: usize, _: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) {
+    fn ineq(&mut self, id: usize, _: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
         self.add(self.at.ineq[id], gradient);
     }
 }
 
 /// Hessian of the Lagrangian by forward differences of its gradient.
-pub(crate) fn hessian<const D: usize, T: Task<D>>(
-    task: &T,
-    x: &Row<D>,
-    at: &Multipliers,
-    out: &mut Square<D>,
-) {
+pub(crate) fn hessian<T: Task>(task: &T, x: &Row, at: &Multipliers, out: &mut Square) {
     let n = task.variables();
     for row in out.iter_mut().take(n) {
         row[..n].fill(0.0);
@@ -70,8 +65,8 @@ pub(crate) fn hessian<const D: usize, T: Task<D>>(
         if when == When::WithMultipliers && no_equality {
             continue;
         }
-        let gradient = |x: &Row<D>| {
-            let mut sink = Lagrangian { at, gradient: [0.0; D] };
+        let gradient = |x: &Row| {
+            let mut sink = Lagrangian { at, gradient: [0.0; WIDTH] };
             task.part_rows(part, x, &mut sink);
             sink.gradient
         };
@@ -92,16 +87,16 @@ pub(crate) fn hessian<const D: usize, T: Task<D>>(
 }
 
 /// A positive definite matrix in the place of W.
-pub(crate) struct Matrix<const D: usize> {
-    pub(crate) factor: Factor<D>,
+pub(crate) struct Matrix {
+    pub(crate) factor: Factor,
     /// Numbers of the inequalities that are priced in it.
     priced: Vec<usize>,
 }
 
-impl<const D: usize> Matrix<D> {
+impl Matrix {
     /// Turns W into `W + ρ A_EᵀA_E`; if that is not positive definite, prices the rows in `likely` (positions) as well, and
     /// if that does not help, turns up what is negative.
-    pub(crate) fn convex(w: &mut Square<D>, rows: &Rows<D>, likely: &[usize], n: usize) -> Option<Self> {
+    pub(crate) fn convex(w: &mut Square, rows: &Rows, likely: &[usize], n: usize) -> Option<Self> {
         let mut before = 0.0;
         for price in PRICES {
             rows.eq.iter().for_each(|row| add_square(w, price - before, row, n));
@@ -121,7 +116,7 @@ impl<const D: usize> Matrix<D> {
     }
 
     /// Gradient of the objective with that of the priced rows.
-    pub(crate) fn gradient(&self, rows: &Rows<D>, n: usize) -> Row<D> {
+    pub(crate) fn gradient(&self, rows: &Rows, n: usize) -> Row {
         let mut g = rows.gradient;
         let [.., price] = PRICES;
         for (row, id) in rows.ineq.iter().zip(&rows.ineq_id) {
@@ -136,7 +131,7 @@ impl<const D: usize> Matrix<D> {
 }
 
 /// Adds `price aᵀa`.
-fn add_square<const D: usize>(w: &mut Square<D>, price: f64, row: &Constraint<D>, n: usize) {
+fn add_square(w: &mut Square, price: f64, row: &Constraint, n: usize) {
     for i in 0..n {
         let ai = price * row.a[i];
         if ai != 0.0 {
@@ -151,7 +146,7 @@ fn add_square<const D: usize>(w: &mut Square<D>, price: f64, row: &Constraint<D>
 ///
 /// A shift of the whole diagonal would do as well, but it also shortens every step along which the curvature is
 /// known and small: where the price of a throw hardly depends on its posture, steps became gradient steps.
-fn turned_up<const D: usize>(w: &mut Square<D>, n: usize) -> Option<Factor<D>> {
+fn turned_up(w: &mut Square, n: usize) -> Option<Factor> {
     let eigen = DMatrix::from_fn(n, n, |i, k| w[i][k]).try_symmetric_eigen(1e-12, EIGEN_STEPS_MAX)?;
     for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
         let add = value.abs().max(CURVATURE_MIN) - value;

@@ -2,21 +2,24 @@
 //!
 //! `min ½ dᵀ H d + gᵀ d` subject to `aᵢ d + cᵢ = 0` (equalities) and `aᵢ d + cᵢ ≥ 0` (inequalities), H positive
 //! definite. The dual method starts from the unconstrained minimum, so it needs no feasible point, adds one violated
-//! row at a time and proves infeasibility when there is none. Source: D. Goldfarb, A. Idnani, "A numerically stable
+//! row at a time and proves infeasibility when there is none. Source: WIDTH. Goldfarb, A. Idnani, "A numerically stable
 //! dual method for solving strictly convex quadratic programs", Mathematical Programming 27, 1983.
 //!
 //! Fixed-size arrays on the stack: a program of the planner has some 24 variables, and it is solved some ten times
-//! per local solve, so allocation would cost more than the arithmetic.
+//! per local solve, so allocation would cost more than the arithmetic. Loops run to the number of variables, rounded up to
+//! [`LANES`], not to the width of a row.
 
-/// A row of coefficients; entries beyond the number of variables are zero. `D` is a multiple of four.
-pub type Row<const D: usize> = [f64; D];
+/// Width of a row: the most variables of a task. A throw of eight joints has 30.
+pub const WIDTH: usize = 32;
+/// A row of coefficients; entries beyond the number of variables are zero.
+pub type Row = [f64; WIDTH];
 /// A square matrix, row by row.
-pub(crate) type Square<const D: usize> = [Row<D>; D];
+pub(crate) type Square = [Row; WIDTH];
 
 /// One linear constraint `a d + c (= or ≥) 0`.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Constraint<const D: usize> {
-    pub(crate) a: Row<D>,
+pub(crate) struct Constraint {
+    pub(crate) a: Row,
     pub(crate) c: f64,
 }
 
@@ -31,8 +34,8 @@ pub(crate) enum QpFailure {
 
 /// Minimiser, and multipliers in the order of the constraints.
 #[derive(Debug, Clone)]
-pub(crate) struct QpSolution<const D: usize> {
-    pub(crate) d: Row<D>,
+pub(crate) struct QpSolution {
+    pub(crate) d: Row,
     pub(crate) eq: Vec<f64>,
     pub(crate) ineq: Vec<f64>,
 }
@@ -67,14 +70,14 @@ fn add_scaled(y: &mut [f64], t: f64, x: &[f64], m: usize) {
 
 /// A positive definite matrix H, as the columns of `J = L⁻ᵀ` with `H = L Lᵀ`: what the dual method works with.
 #[derive(Debug, Clone)]
-pub(crate) struct Factor<const D: usize> {
-    columns: Square<D>,
+pub(crate) struct Factor {
+    columns: Square,
 }
 
-impl<const D: usize> Factor<D> {
+impl Factor {
     /// Of the unit matrix.
     pub(crate) fn identity() -> Self {
-        let mut columns = [[0.0; D]; D];
+        let mut columns = [[0.0; WIDTH]; WIDTH];
         for (k, column) in columns.iter_mut().enumerate() {
             column[k] = 1.0;
         }
@@ -82,8 +85,8 @@ impl<const D: usize> Factor<D> {
     }
 
     /// Factorises the leading `n × n` block; `None` if it is not positive definite.
-    pub(crate) fn new(h: &Square<D>, n: usize) -> Option<Self> {
-        let mut l = [[0.0; D]; D];
+    pub(crate) fn new(h: &Square, n: usize) -> Option<Self> {
+        let mut l = [[0.0; WIDTH]; WIDTH];
         for i in 0..n {
             let (above, rest) = l.split_at_mut(i);
             let row = &mut rest[0];
@@ -100,7 +103,7 @@ impl<const D: usize> Factor<D> {
             row[i] = pivot.sqrt();
         }
         // Column k of J is row k of L⁻¹.
-        let mut columns = [[0.0; D]; D];
+        let mut columns = [[0.0; WIDTH]; WIDTH];
         for k in 0..n {
             let (above, rest) = columns.split_at_mut(k);
             let column = &mut rest[0];
@@ -115,42 +118,42 @@ impl<const D: usize> Factor<D> {
     }
 }
 
-struct ActiveSet<const D: usize> {
+struct ActiveSet {
     n: usize,
     m: usize,
     /// The minimum under the active constraints.
-    x: Row<D>,
+    x: Row,
     /// J = L⁻ᵀ Q, column by column.
-    j: Square<D>,
+    j: Square,
     /// Upper triangular R of the active normals, column by column.
-    r: Square<D>,
+    r: Square,
     count: usize,
     /// Active equalities: the first of all.
     fixed: usize,
     /// Constraint numbers and their multipliers.
-    index: [usize; D],
-    u: Row<D>,
+    index: [usize; WIDTH],
+    u: Row,
 }
 
-impl<const D: usize> ActiveSet<D> {
+impl ActiveSet {
     /// Without constraints.
-    fn new(factor: &Factor<D>, g: &Row<D>, n: usize) -> Self {
-        let (zero, m) = ([0.0; D], padded(n));
-        let (j, r) = (factor.columns, [zero; D]);
-        let mut set = Self { n, m, x: zero, j, r, count: 0, fixed: 0, index: [0; D], u: zero };
+    fn new(factor: &Factor, g: &Row, n: usize) -> Self {
+        let (zero, m) = ([0.0; WIDTH], padded(n));
+        let (j, r) = (factor.columns, [zero; WIDTH]);
+        let mut set = Self { n, m, x: zero, j, r, count: 0, fixed: 0, index: [0; WIDTH], u: zero };
         // x = -J Jᵀ g: no constraint is active yet, so all columns count.
         set.x = set.primal(&set.project(g)).map(|z| -z);
         set
     }
 
     /// `a x + c`.
-    fn value(&self, constraint: &Constraint<D>) -> f64 {
+    fn value(&self, constraint: &Constraint) -> f64 {
         dot(&constraint.a, &self.x, self.m) + constraint.c
     }
 
     /// `d = Jᵀ a`.
-    fn project(&self, a: &Row<D>) -> Row<D> {
-        let mut d = [0.0; D];
+    fn project(&self, a: &Row) -> Row {
+        let mut d = [0.0; WIDTH];
         for (dk, column) in d.iter_mut().zip(&self.j).take(self.n) {
             *dk = dot(column, a, self.m);
         }
@@ -158,8 +161,8 @@ impl<const D: usize> ActiveSet<D> {
     }
 
     /// Step direction in primal space `z = J₂ d₂`.
-    fn primal(&self, d: &Row<D>) -> Row<D> {
-        let mut z = [0.0; D];
+    fn primal(&self, d: &Row) -> Row {
+        let mut z = [0.0; WIDTH];
         for (column, dk) in self.j[self.count..self.n].iter().zip(&d[self.count..self.n]) {
             add_scaled(&mut z, *dk, column, self.m);
         }
@@ -167,8 +170,8 @@ impl<const D: usize> ActiveSet<D> {
     }
 
     /// Step direction in dual space `R⁻¹ d₁`.
-    fn dual(&self, d: &Row<D>) -> Row<D> {
-        let mut r = [0.0; D];
+    fn dual(&self, d: &Row) -> Row {
+        let mut r = [0.0; WIDTH];
         r[..self.count].copy_from_slice(&d[..self.count]);
         for i in (0..self.count).rev() {
             let column = &self.r[i];
@@ -191,7 +194,7 @@ impl<const D: usize> ActiveSet<D> {
     }
 
     /// Adds a constraint whose projection is `d`; false if its normal depends on the active ones.
-    fn add(&mut self, mut d: Row<D>, constraint: usize, u: f64) -> bool {
+    fn add(&mut self, mut d: Row, constraint: usize, u: f64) -> bool {
         // Givens rotations of the last entries of d into entry `count`.
         for k in (self.count + 1..self.n).rev() {
             let (a, b) = (d[k - 1], d[k]);
@@ -239,7 +242,7 @@ impl<const D: usize> ActiveSet<D> {
 
     /// Moves to where the multiplier of the constraint that is being added grows by `t`: in primal space along `z`, if there is a
     /// way, in dual space along `r`.
-    fn go(&mut self, t: f64, z: Option<&Row<D>>, r: &Row<D>) {
+    fn go(&mut self, t: f64, z: Option<&Row>, r: &Row) {
         for k in 0..self.count {
             self.u[k] -= t * r[k];
         }
@@ -249,7 +252,7 @@ impl<const D: usize> ActiveSet<D> {
     }
 
     /// Makes an equality hold.
-    fn fix(&mut self, number: usize, equality: &Constraint<D>) -> Result<(), QpFailure> {
+    fn fix(&mut self, number: usize, equality: &Constraint) -> Result<(), QpFailure> {
         let d = self.project(&equality.a);
         let z = self.primal(&d);
         let r = self.dual(&d);
@@ -269,7 +272,7 @@ impl<const D: usize> ActiveSet<D> {
     }
 
     /// Longest step that keeps the multipliers of the active inequalities positive, and the position of the one that ends it.
-    fn dual_limit(&self, r: &Row<D>) -> (f64, usize) {
+    fn dual_limit(&self, r: &Row) -> (f64, usize) {
         let mut limit = (f64::INFINITY, 0);
         for k in self.fixed..self.count {
             if r[k] > 1e-14 && self.u[k] / r[k] < limit.0 {
@@ -283,11 +286,11 @@ impl<const D: usize> ActiveSet<D> {
     fn activate(
         &mut self,
         number: usize,
-        inequality: &Constraint<D>,
+        inequality: &Constraint,
         is_active: &mut [bool],
     ) -> Result<(), QpFailure> {
         let mut u = 0.0;
-        for _ in 0..4 * D {
+        for _ in 0..4 * WIDTH {
             let d = self.project(&inequality.a);
             let z = self.primal(&d);
             let r = self.dual(&d);
@@ -316,14 +319,14 @@ impl<const D: usize> ActiveSet<D> {
 /// Solves the program of `n` variables.
 ///
 /// `likely` are positions of inequalities that were active in a similar program; they are looked at first.
-pub(crate) fn solve<const D: usize>(
-    factor: &Factor<D>,
-    g: &Row<D>,
+pub(crate) fn solve(
+    factor: &Factor,
+    g: &Row,
     n: usize,
-    eq: &[Constraint<D>],
-    ineq: &[Constraint<D>],
+    eq: &[Constraint],
+    ineq: &[Constraint],
     likely: &[usize],
-) -> Result<QpSolution<D>, QpFailure> {
+) -> Result<QpSolution, QpFailure> {
     let mut set = ActiveSet::new(factor, g, n);
     for (number, equality) in eq.iter().enumerate() {
         set.fix(number, equality)?;
@@ -345,9 +348,9 @@ pub(crate) fn solve<const D: usize>(
 }
 
 /// The most violated inequality, measured in its own length; of the likely ones if one of them is violated.
-fn most_violated<const D: usize>(
-    set: &ActiveSet<D>,
-    ineq: &[Constraint<D>],
+fn most_violated(
+    set: &ActiveSet,
+    ineq: &[Constraint],
     likely: &[usize],
     is_active: &[bool],
 ) -> Option<usize> {
@@ -369,10 +372,8 @@ const MAX_CHANGES: usize = 400;
 mod tests {
     use super::*;
 
-    const DIM: usize = 12;
-
-    fn row(values: &[f64]) -> Row<DIM> {
-        let mut out = [0.0; DIM];
+    fn row(values: &[f64]) -> Row {
+        let mut out = [0.0; WIDTH];
         out[..values.len()].copy_from_slice(values);
         out
     }
@@ -387,7 +388,7 @@ mod tests {
         let mut seed = 7;
         for case in 0..300 {
             let n = 3 + case % 10;
-            let mut h = [[0.0; DIM]; DIM];
+            let mut h = [[0.0; WIDTH]; WIDTH];
             let m: Vec<Vec<f64>> = (0..n).map(|_| (0..n).map(|_| random(&mut seed)).collect()).collect();
             for i in 0..n {
                 for k in 0..n {
@@ -399,7 +400,7 @@ mod tests {
             let equalities = case % 3;
             // A known feasible point makes the program feasible.
             let inside: Vec<f64> = (0..n).map(|_| random(&mut seed)).collect();
-            let constraints: Vec<Constraint<DIM>> = (0..equalities + 2 * n)
+            let constraints: Vec<Constraint> = (0..equalities + 2 * n)
                 .map(|i| {
                     let a = row(&(0..n).map(|_| random(&mut seed)).collect::<Vec<_>>());
                     let at: f64 = a.iter().zip(&inside).map(|(x, y)| x * y).sum();
@@ -434,7 +435,7 @@ mod tests {
 
     #[test]
     fn contradicting_rows_are_reported_as_infeasible() {
-        let mut h = [[0.0; DIM]; DIM];
+        let mut h = [[0.0; WIDTH]; WIDTH];
         h[0][0] = 1.0;
         h[1][1] = 1.0;
         let factor = Factor::new(&h, 2).expect("positive definite");
@@ -446,7 +447,7 @@ mod tests {
 
     #[test]
     fn an_indefinite_matrix_has_no_factor() {
-        let mut h = [[0.0; DIM]; DIM];
+        let mut h = [[0.0; WIDTH]; WIDTH];
         h[0][0] = 1.0;
         h[1][1] = -1.0;
         assert!(Factor::new(&h, 2).is_none());

@@ -1,6 +1,6 @@
 //! Rows of one evaluation, and the multipliers that belong to them.
 
-use super::qp::{Constraint, Row};
+use super::qp::{Constraint, Row, WIDTH};
 use super::{Gradient, Sink, Task};
 
 /// Multipliers of nearly contradicting rows are huge; the curvature they would bring is noise.
@@ -22,7 +22,7 @@ impl Multipliers {
     }
 
     /// Takes over those of a program; bounded, since the curvature that huge ones bring is noise. Returns the largest.
-    pub(super) fn set<const D: usize>(&mut self, rows: &Rows<D>, eq: &[f64], ineq: &[f64]) -> f64 {
+    pub(super) fn set(&mut self, rows: &Rows, eq: &[f64], ineq: &[f64]) -> f64 {
         self.eq.fill(0.0);
         self.ineq.fill(0.0);
         let mut largest = 0.0_f64;
@@ -39,20 +39,20 @@ impl Multipliers {
 }
 
 /// Rows of one evaluation.
-pub(crate) struct Rows<const D: usize> {
+pub(crate) struct Rows {
     pub(super) objective: f64,
-    pub(crate) gradient: Row<D>,
+    pub(crate) gradient: Row,
     pub(super) eq_id: Vec<usize>,
-    pub(crate) eq: Vec<Constraint<D>>,
+    pub(crate) eq: Vec<Constraint>,
     pub(crate) ineq_id: Vec<usize>,
-    pub(crate) ineq: Vec<Constraint<D>>,
+    pub(crate) ineq: Vec<Constraint>,
 }
 
-impl<const D: usize> Default for Rows<D> {
+impl Default for Rows {
     fn default() -> Self {
         Self {
             objective: 0.0,
-            gradient: [0.0; D],
+            gradient: [0.0; WIDTH],
             eq_id: Vec::new(),
             eq: Vec::new(),
             ineq_id: Vec::new(),
@@ -61,10 +61,10 @@ impl<const D: usize> Default for Rows<D> {
     }
 }
 
-impl<const D: usize> Rows<D> {
-    pub(super) fn evaluate<T: Task<D>>(&mut self, task: &T, x: &Row<D>) {
+impl Rows {
+    pub(super) fn evaluate<T: Task>(&mut self, task: &T, x: &Row) {
         self.objective = 0.0;
-        self.gradient = [0.0; D];
+        self.gradient = [0.0; WIDTH];
         self.eq_id.clear();
         self.eq.clear();
         self.ineq_id.clear();
@@ -92,13 +92,13 @@ impl<const D: usize> Rows<D> {
 }
 
 #[inline]
-fn constraint<const D: usize>(value: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) -> Constraint<D> {
-    let mut a = [0.0; D];
+fn constraint(value: f64, gradient: impl FnOnce(&mut Gradient<'_>)) -> Constraint {
+    let mut a = [0.0; WIDTH];
     gradient(&mut Gradient { row: &mut a, factor: 1.0 });
     Constraint { a, c: value }
 }
 
-impl<const D: usize> Sink<D> for Rows<D> {
+impl Sink for Rows {
     #[inline]
     fn wants(&self, _: usize) -> bool {
         true
@@ -108,17 +108,17 @@ impl<const D: usize> Sink<D> for Rows<D> {
         true
     }
     #[inline]
-    fn objective(&mut self, value: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) {
+    fn objective(&mut self, value: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
         self.objective += value;
         gradient(&mut Gradient { row: &mut self.gradient, factor: 1.0 });
     }
     #[inline]
-    fn eq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) {
+    fn eq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
         self.eq_id.push(id);
         self.eq.push(constraint(value, gradient));
     }
     #[inline]
-    fn ineq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) {
+    fn ineq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
         self.ineq_id.push(id);
         self.ineq.push(constraint(value, gradient));
     }

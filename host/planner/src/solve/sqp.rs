@@ -17,7 +17,7 @@
 
 use super::Task;
 use super::curvature::{Matrix, hessian};
-use super::qp::{self, Constraint, Factor, QpFailure, Row, Square};
+use super::qp::{self, Constraint, Factor, QpFailure, Row, Square, WIDTH};
 pub use super::rows::Multipliers;
 use super::rows::Rows;
 
@@ -74,9 +74,9 @@ impl Default for Settings {
 
 /// Result of a local solve.
 #[derive(Debug, Clone)]
-pub struct Local<const D: usize> {
+pub struct Local {
     /// The variables.
-    pub x: Row<D>,
+    pub x: Row,
     /// Value of the objective.
     pub objective: f64,
     /// Largest violation of a scaled row.
@@ -119,7 +119,7 @@ const MEMORY: usize = 4;
 ///
 /// At an optimum a program with any positive definite matrix has the step zero and the multipliers of the optimum. The
 /// launch is taken as if it hit: only the target has changed since.
-pub(crate) fn multipliers_at<const D: usize, T: Task<D>>(task: &T, x: &Row<D>) -> Option<Multipliers> {
+pub(crate) fn multipliers_at<T: Task>(task: &T, x: &Row) -> Option<Multipliers> {
     let mut rows = Rows::default();
     rows.evaluate(task, x);
     for row in &mut rows.eq {
@@ -142,12 +142,7 @@ pub(crate) fn multipliers_at<const D: usize, T: Task<D>>(task: &T, x: &Row<D>) -
 ///
 /// `warm` are multipliers to begin with, from a near solution.
 #[must_use]
-pub fn solve<const D: usize, T: Task<D>>(
-    task: &T,
-    start: &Row<D>,
-    settings: &Settings,
-    warm: Option<Multipliers>,
-) -> Local<D> {
+pub fn solve<T: Task>(task: &T, start: &Row, settings: &Settings, warm: Option<Multipliers>) -> Local {
     let mut run = Run::new(task, start, settings, warm);
     while run.may_go_on() && run.step().is_some() {}
     let Run { x, rows, next, violation, iterations, multipliers, .. } = run;
@@ -157,14 +152,14 @@ pub fn solve<const D: usize, T: Task<D>>(
 }
 
 /// A solve under way.
-struct Run<'t, const D: usize, T> {
+struct Run<'t, T> {
     task: &'t T,
     settings: &'t Settings,
-    x: Row<D>,
+    x: Row,
     /// Rows at `x`.
-    rows: Rows<D>,
+    rows: Rows,
     /// Room for the rows of a trial.
-    next: Rows<D>,
+    next: Rows,
     violation: f64,
     iterations: usize,
     multipliers: Multipliers,
@@ -177,23 +172,23 @@ struct Run<'t, const D: usize, T> {
     memory: Vec<(f64, f64)>,
     stalls: usize,
     /// Hessian of the Lagrangian, convex.
-    w: Square<D>,
+    w: Square,
     /// Matrix of the step before, if it is used again.
-    factor: Option<Matrix<D>>,
+    factor: Option<Matrix>,
     /// Violation when it was last halved, and the step that did it.
     mark: (f64, usize),
 }
 
 /// What the program of a step says.
-struct Direction<const D: usize> {
-    d: Row<D>,
+struct Direction {
+    d: Row,
     /// Whether the linearised constraints agree with each other.
     plain: bool,
-    used: Matrix<D>,
+    used: Matrix,
 }
 
-impl<'t, const D: usize, T: Task<D>> Run<'t, D, T> {
-    fn new(task: &'t T, start: &Row<D>, settings: &'t Settings, warm: Option<Multipliers>) -> Self {
+impl<'t, T: Task> Run<'t, T> {
+    fn new(task: &'t T, start: &Row, settings: &'t Settings, warm: Option<Multipliers>) -> Self {
         let mut rows = Rows::default();
         rows.evaluate(task, start);
         Self {
@@ -210,7 +205,7 @@ impl<'t, const D: usize, T: Task<D>> Run<'t, D, T> {
             penalty: 10.0,
             memory: Vec::with_capacity(MEMORY),
             stalls: 0,
-            w: [[0.0; D]; D],
+            w: [[0.0; WIDTH]; WIDTH],
             factor: None,
             mark: (f64::INFINITY, 0),
         }
@@ -250,7 +245,8 @@ impl<'t, const D: usize, T: Task<D>> Run<'t, D, T> {
             self.iterations + LAST_STEPS > self.settings.iterations_max && self.violation < LAST_VIOLATION;
         let finish = small_change && self.violation < NEARLY_FEASIBLE || out_of_steps;
         if self.believed && finish {
-            let back = qp::solve(&used.factor, &[0.0; D], n, &self.rows.eq, &self.rows.ineq, &self.likely);
+            let back =
+                qp::solve(&used.factor, &[0.0; WIDTH], n, &self.rows.eq, &self.rows.ineq, &self.likely);
             match back {
                 Ok(back) => d = back.d,
                 Err(QpFailure::Infeasible | QpFailure::Numerical) => {}
@@ -271,7 +267,7 @@ impl<'t, const D: usize, T: Task<D>> Run<'t, D, T> {
     }
 
     /// Solves the program of this step; its multipliers become those of the run.
-    fn direction(&mut self) -> Option<Direction<D>> {
+    fn direction(&mut self) -> Option<Direction> {
         let n = self.task.variables();
         let rows = &self.rows;
         self.likely.clear();
@@ -289,7 +285,7 @@ impl<'t, const D: usize, T: Task<D>> Run<'t, D, T> {
         let used = self.factor.take()?;
         let gradient = used.gradient(rows, n);
         // A program that is feasible only by a huge step says nothing about here: treat it like an infeasible one.
-        let far = |d: &Row<D>| d[self.task.angles()].iter().any(|d| d.abs() > STEP_FAR_RAD);
+        let far = |d: &Row| d[self.task.angles()].iter().any(|d| d.abs() > STEP_FAR_RAD);
         let (d, eq, ineq, plain) =
             match qp::solve(&used.factor, &gradient, n, &rows.eq, &rows.ineq, &self.likely) {
                 Ok(s) if !far(&s.d) => (s.d, s.eq, s.ineq, true),
@@ -307,7 +303,7 @@ impl<'t, const D: usize, T: Task<D>> Run<'t, D, T> {
     }
 
     /// Moves along `d` as far as the merit function allows; whether that was the full step. `None`: nowhere.
-    fn go_along(&mut self, d: &Row<D>, slope: f64) -> Option<bool> {
+    fn go_along(&mut self, d: &Row, slope: f64) -> Option<bool> {
         let n = self.task.variables();
         let (total, penalty) = (self.rows.total(), self.penalty);
         let predicted = slope - penalty * total;
@@ -346,19 +342,13 @@ impl<'t, const D: usize, T: Task<D>> Run<'t, D, T> {
 
 /// The shortest way back into the constraints. A run that ends without steps left is a little outside those that it descended
 /// along; back inside it is a throw, which a later run can continue. `rows` are those of the end, `next` is room.
-fn step_back<const D: usize, T: Task<D>>(
-    task: &T,
-    settings: &Settings,
-    end: &mut Local<D>,
-    mut rows: Rows<D>,
-    mut next: Rows<D>,
-) {
+fn step_back<T: Task>(task: &T, settings: &Settings, end: &mut Local, mut rows: Rows, mut next: Rows) {
     let n = task.variables();
     for _ in 0..RETURN_STEPS {
         if !(end.violation > settings.feasibility && end.violation < LAST_VIOLATION) {
             break;
         }
-        let Ok(back) = qp::solve(&Factor::identity(), &[0.0; D], n, &rows.eq, &rows.ineq, &[]) else {
+        let Ok(back) = qp::solve(&Factor::identity(), &[0.0; WIDTH], n, &rows.eq, &rows.ineq, &[]) else {
             break;
         };
         let trial = moved(&end.x, 1.0, &back.d, n);
@@ -377,7 +367,7 @@ fn step_back<const D: usize, T: Task<D>>(
 }
 
 /// `x + alpha d` in the first `n` variables.
-fn moved<const D: usize>(x: &Row<D>, alpha: f64, d: &Row<D>, n: usize) -> Row<D> {
+fn moved(x: &Row, alpha: f64, d: &Row, n: usize) -> Row {
     let mut out = *x;
     for (x, d) in out.iter_mut().zip(d).take(n) {
         *x += alpha * d;
@@ -386,24 +376,24 @@ fn moved<const D: usize>(x: &Row<D>, alpha: f64, d: &Row<D>, n: usize) -> Row<D>
 }
 
 /// Share of a step, at most 1, with which no joint angle moves more than [`STEP_MAX_RAD`].
-fn step_limit<const D: usize, T: Task<D>>(task: &T, d: &Row<D>) -> f64 {
+fn step_limit<T: Task>(task: &T, d: &Row) -> f64 {
     let largest = d[task.angles()].iter().fold(0.0, |most: f64, d| most.max(d.abs()));
     if largest > STEP_MAX_RAD { STEP_MAX_RAD / largest } else { 1.0 }
 }
 
 /// Evaluates all rows with gradients once; the largest violation.
-pub(crate) fn evaluate_once<const D: usize, T: Task<D>>(task: &T, x: &Row<D>) -> f64 {
+pub(crate) fn evaluate_once<T: Task>(task: &T, x: &Row) -> f64 {
     let mut rows = Rows::default();
     rows.evaluate(task, x);
     rows.worst()
 }
 
 /// The program with the violated constraints as a quadratic price instead of rows: always feasible at d = 0.
-fn relaxed<const D: usize>(w: &Square<D>, rows: &Rows<D>, n: usize) -> Option<(Row<D>, Vec<f64>, Vec<f64>)> {
+fn relaxed(w: &Square, rows: &Rows, n: usize) -> Option<(Row, Vec<f64>, Vec<f64>)> {
     let mut h = *w;
     let mut g = rows.gradient;
-    let mut hard: Vec<Constraint<D>> = Vec::with_capacity(rows.ineq.len());
-    let mut soften = |c: &Constraint<D>| {
+    let mut hard: Vec<Constraint> = Vec::with_capacity(rows.ineq.len());
+    let mut soften = |c: &Constraint| {
         for i in 0..n {
             if c.a[i] != 0.0 {
                 g[i] += RELAX_PRICE * c.a[i] * c.c;
@@ -434,10 +424,10 @@ fn relaxed<const D: usize>(w: &Square<D>, rows: &Rows<D>, n: usize) -> Option<(R
     let factor = factor?;
     let d = qp::solve(&factor, &g, n, &[], &hard, &[]).ok()?.d;
     // First-order multipliers of the priced rows.
-    let along = |c: &Constraint<D>| c.a.iter().zip(&d).take(n).map(|(a, d)| a * d).sum::<f64>() + c.c;
+    let along = |c: &Constraint| c.a.iter().zip(&d).take(n).map(|(a, d)| a * d).sum::<f64>() + c.c;
     let eq = rows.eq.iter().map(|r| (-RELAX_PRICE * along(r)).clamp(-RELAX_CAP, RELAX_CAP)).collect();
     let priced =
-        |r: &Constraint<D>| if r.c < 0.0 { (-RELAX_PRICE * along(r)).clamp(0.0, RELAX_CAP) } else { 0.0 };
+        |r: &Constraint| if r.c < 0.0 { (-RELAX_PRICE * along(r)).clamp(0.0, RELAX_CAP) } else { 0.0 };
     let ineq = rows.ineq.iter().map(priced).collect();
     Some((d, eq, ineq))
 }

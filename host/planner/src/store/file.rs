@@ -20,15 +20,19 @@ fn header(robot: u64) -> [u8; HEADER] {
     out
 }
 
-/// The records of a table for the robot with this fingerprint; `None` for the table of another robot or format, and for a damaged one.
+/// The records of a table for the robot of `joints` joints with this fingerprint; `None` for the table of another robot or format, and for a damaged one.
 #[must_use]
-pub fn parse<const N: usize>(bytes: &[u8], robot: u64) -> Option<Vec<Record<N>>> {
-    bytes.strip_prefix(&header(robot))?.chunks(size(N)).map(Record::from_bytes).collect()
+pub fn parse(bytes: &[u8], robot: u64, joints: usize) -> Option<Vec<Record>> {
+    bytes
+        .strip_prefix(&header(robot))?
+        .chunks(size(joints))
+        .map(|record| Record::from_bytes(joints, record))
+        .collect()
 }
 
 /// A whole table as bytes.
 #[must_use]
-pub fn to_bytes<const N: usize>(robot: u64, records: &[Record<N>]) -> Vec<u8> {
+pub fn to_bytes(robot: u64, records: &[Record]) -> Vec<u8> {
     let mut bytes = header(robot).to_vec();
     for record in records {
         bytes.extend_from_slice(&record.to_bytes());
@@ -60,16 +64,16 @@ mod tests {
 
     #[test]
     fn a_table_comes_back_and_one_that_is_damaged_or_of_another_robot_does_not() {
-        let records = [Record::<6>::example(1.0), Record::<6>::example(2.0)];
+        let records = [Record::example(1.0), Record::example(2.0)];
         let bytes = to_bytes(7, &records);
-        assert_eq!(parse(&bytes, 7), Some(records.to_vec()));
-        assert_eq!(parse::<6>(&bytes, 8), None, "another robot");
-        assert_eq!(parse::<5>(&bytes, 7), None, "other joints");
-        assert_eq!(parse::<6>(&bytes[..bytes.len() - 5], 7), None, "cut");
+        assert_eq!(parse(&bytes, 7, 6), Some(records.to_vec()));
+        assert_eq!(parse(&bytes, 8, 6), None, "another robot");
+        assert_eq!(parse(&bytes, 7, 5), None, "other joints");
+        assert_eq!(parse(&bytes[..bytes.len() - 5], 7, 6), None, "cut");
         for at in [8, HEADER + 9] {
             let mut other = bytes.clone();
             other[at] ^= 1;
-            assert_eq!(parse::<6>(&other, 7), None, "byte {at}");
+            assert_eq!(parse(&other, 7, 6), None, "byte {at}");
         }
     }
 

@@ -1,6 +1,5 @@
 //! Records in memory, found by range and height.
 
-use crate::throw::JOINTS;
 use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
 
@@ -13,8 +12,8 @@ const TELLING: usize = 6;
 
 /// Records sorted into cells of (range, height).
 #[derive(Debug, Clone, Default)]
-pub struct Index<const N: usize = JOINTS> {
-    records: Vec<Record<N>>,
+pub struct Index {
+    records: Vec<Record>,
     cells: HashMap<(i32, i32), Vec<u32>>,
 }
 
@@ -22,10 +21,10 @@ fn cell(range_m: f64, height_m: f64) -> (i32, i32) {
     ((range_m / CELL_M).round() as i32, (height_m / CELL_M).round() as i32)
 }
 
-impl<const N: usize> Index<N> {
+impl Index {
     /// From records.
     #[must_use]
-    pub fn new(records: Vec<Record<N>>) -> Self {
+    pub fn new(records: Vec<Record>) -> Self {
         let mut index = Self::default();
         for record in records {
             index.insert(record);
@@ -34,14 +33,14 @@ impl<const N: usize> Index<N> {
     }
 
     /// Adds a record.
-    pub fn insert(&mut self, record: Record<N>) {
+    pub fn insert(&mut self, record: Record) {
         let at = u32::try_from(self.records.len()).unwrap_or(u32::MAX);
         self.cells.entry(cell(record.range_m, record.height_m)).or_default().push(at);
         self.records.push(record);
     }
 
     #[must_use]
-    pub fn records(&self) -> &[Record<N>] {
+    pub fn records(&self) -> &[Record] {
         &self.records
     }
 
@@ -49,14 +48,7 @@ impl<const N: usize> Index<N> {
     ///
     /// Looks at the cell of the target and its neighbours, and farther out, up to `rings` cells, only while nothing is
     /// found.
-    pub fn near<'a>(
-        &'a self,
-        kind: u32,
-        range_m: f64,
-        height_m: f64,
-        rings: i32,
-        out: &mut Vec<&'a Record<N>>,
-    ) {
+    pub fn near<'a>(&'a self, kind: u32, range_m: f64, height_m: f64, rings: i32, out: &mut Vec<&'a Record>) {
         out.clear();
         let (r, h) = cell(range_m, height_m);
         for ring in 1..=rings.max(1) {
@@ -74,7 +66,7 @@ impl<const N: usize> Index<N> {
             }
         }
         // A metre of distance is worth as much as the objective.
-        let key = |x: &Record<N>| {
+        let key = |x: &Record| {
             let d = (x.range_m - range_m).hypot(x.height_m - height_m);
             x.objective * (1.0 + d)
         };
@@ -110,7 +102,7 @@ mod tests {
 
     #[test]
     fn beyond_the_edge_of_a_table_its_records_lie_on_one_side() {
-        let place = |k: u32| Record::<6> {
+        let place = |k: u32| Record {
             height_m: 0.1 * f64::from(k % 4),
             ..Record::example(1.0 + 0.1 * f64::from(k / 4))
         };
@@ -122,7 +114,7 @@ mod tests {
 
     #[test]
     fn too_few_records_do_not_tell_where_the_edge_is() {
-        let index = Index::<6>::new(vec![Record::example(1.0), Record::example(1.1)]);
+        let index = Index::new(vec![Record::example(1.0), Record::example(1.1)]);
         assert!(index.surrounds(0, 1.2, 0.0, 6));
         assert!(index.surrounds(1, 1.05, 0.0, 6));
     }

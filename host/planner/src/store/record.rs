@@ -2,11 +2,11 @@
 
 use robot_model::{JointVec, RobotModel};
 
-use crate::throw::{JOINTS, Throw};
+use crate::throw::Throw;
 
 /// A throw in the frame in which the target is at azimuth 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Record<const N: usize = JOINTS> {
+pub struct Record {
     /// Which constraints it satisfies; see [`crate::plan::search::kind_of`].
     pub kind: u32,
     /// Horizontal distance of the target from the base axis in m.
@@ -20,7 +20,7 @@ pub struct Record<const N: usize = JOINTS> {
     /// Whether a clearance or a current over the motion is at its limit.
     pub touches: bool,
     /// The throw; joint 1 counted from the direction of the target.
-    pub throw: Throw<N>,
+    pub throw: Throw,
 }
 
 /// Numbers of a record before the joints, and after them.
@@ -40,13 +40,13 @@ pub const fn size(joints: usize) -> usize {
     4 + numbers(joints) * 4 + 4
 }
 
-impl<const N: usize> Record<N> {
+impl Record {
     /// Little-endian bytes with a checksum at the end.
     ///
     /// Numbers are rounded to 32 bits: a record is a start, and the solver brings it to full accuracy.
     #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
-        let mut out = Vec::with_capacity(size(N));
+        let mut out = Vec::with_capacity(size(self.throw.joints()));
         let head = self.kind | if self.touches { TOUCHES } else { 0 };
         out.extend(head.to_le_bytes());
         let t = &self.throw;
@@ -60,10 +60,10 @@ impl<const N: usize> Record<N> {
         out
     }
 
-    /// Reads a record; `None` if the checksum does not match, the length is wrong or a number is not finite.
+    /// Reads a record of an arm of `joints` joints; `None` if the checksum does not match, the length is wrong or a number is not finite.
     #[must_use]
-    pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
-        if bytes.len() != size(N) {
+    pub fn from_bytes(joints: usize, bytes: &[u8]) -> Option<Self> {
+        if bytes.len() != size(joints) {
             return None;
         }
         let (body, sum) = bytes.split_last_chunk()?;
@@ -76,14 +76,14 @@ impl<const N: usize> Record<N> {
         let mut next = || numbers.next().filter(|n| n.is_finite());
         let [range_m, height_m, objective, flight_s, ha_s, hb_s] =
             [next()?, next()?, next()?, next()?, next()?, next()?];
-        let mut joints = || {
-            let mut out = JointVec::zeros();
-            for value in &mut out {
+        let mut vector = || {
+            let mut out = JointVec::zeros(joints);
+            for value in out.iter_mut() {
                 *value = next()?;
             }
             Some(out)
         };
-        let (q_rad, qd_rad_s, qdd_rad_s2) = (joints()?, joints()?, joints()?);
+        let (q_rad, qd_rad_s, qdd_rad_s2) = (vector()?, vector()?, vector()?);
         Some(Self {
             kind: head & !TOUCHES,
             range_m,
@@ -98,7 +98,7 @@ impl<const N: usize> Record<N> {
 
 /// Fingerprint of everything about a robot that a throw depends on (FNV-1a over its description).
 #[must_use]
-pub fn robot_fingerprint<const N: usize>(arm: &RobotModel<N>) -> u64 {
+pub fn robot_fingerprint(arm: &RobotModel) -> u64 {
     let text = format!(
         "{:?}{:?}{:?}{:?}{:?}{:?}{:?}{:?}",
         arm.joints(),
@@ -126,13 +126,13 @@ pub fn crc32(bytes: &[u8]) -> u32 {
 }
 
 #[cfg(test)]
-impl<const N: usize> Record<N> {
-    /// A record to a target at this range and at height 0; its throw is nothing but finite.
+impl Record {
+    /// A record of six joints to a target at this range and at height 0; its throw is nothing but finite.
     pub(crate) fn example(range_m: f64) -> Self {
         let throw = Throw {
-            q_rad: JointVec::zeros(),
-            qd_rad_s: JointVec::zeros(),
-            qdd_rad_s2: JointVec::zeros(),
+            q_rad: JointVec::zeros(6),
+            qd_rad_s: JointVec::zeros(6),
+            qdd_rad_s2: JointVec::zeros(6),
             flight_s: 0.5,
             ha_s: 0.5,
             hb_s: 0.25,
@@ -161,18 +161,18 @@ mod tests {
             slope_per_m: [12.5, -3.0],
             touches: true,
             throw: Throw {
-                q_rad: Joints::from_element(0.5),
-                qd_rad_s: Joints::from_element(-1.25),
-                qdd_rad_s2: Joints::from_element(2.0),
+                q_rad: Joints::repeat(6, 0.5),
+                qd_rad_s: Joints::repeat(6, -1.25),
+                qdd_rad_s2: Joints::repeat(6, 2.0),
                 flight_s: 0.5,
                 ha_s: 0.75,
                 hb_s: 0.25,
             },
         };
         let mut bytes = record.to_bytes();
-        assert_eq!(Record::<6>::from_bytes(&bytes), Some(record));
+        assert_eq!(Record::from_bytes(6, &bytes), Some(record));
         bytes[17] ^= 4;
-        assert_eq!(Record::<6>::from_bytes(&bytes), None);
-        assert_eq!(Record::<6>::from_bytes(&bytes[1..]), None);
+        assert_eq!(Record::from_bytes(6, &bytes), None);
+        assert_eq!(Record::from_bytes(6, &bytes[1..]), None);
     }
 }

@@ -1,7 +1,9 @@
 //! Points that have their times: the cubic spline through them, with the speeds that are given or those that make the acceleration
 //! continuous.
 
-use super::{At, JOINTS_MAX, Limits, Row8, motion_of, padded};
+use robot_model::JOINTS_MAX;
+
+use super::{At, Limits, Row8, motion_of, padded};
 use crate::motion::Motion;
 
 /// Share above a limit that counts as rounding of the numbers in a file.
@@ -42,7 +44,7 @@ pub enum GivenError {
 ///
 /// # Errors
 /// [`GivenError`] with joint, time, value and limit.
-pub fn motion_of_rows<const N: usize>(rows: &[Row], limits: &Limits) -> Result<Motion<N>, GivenError> {
+pub fn motion_of_rows(rows: &[Row], limits: &Limits) -> Result<Motion, GivenError> {
     let n = limits.n;
     if rows.len() < 2 {
         return Err(GivenError::TooFew { rows: rows.len() });
@@ -72,7 +74,7 @@ pub fn motion_of_rows<const N: usize>(rows: &[Row], limits: &Limits) -> Result<M
         None => smooth(&mut knots, n),
     }
     require_limits(&knots, limits)?;
-    Ok(motion_of(&knots))
+    Ok(motion_of(&knots, limits.n))
 }
 
 /// Speeds of the spline with continuous acceleration: `v₋/h₋ + 2 v (1/h₋ + 1/h₊) + v₊/h₊ = 3 (Δ₋/h₋² + Δ₊/h₊²)` at each inner knot.

@@ -14,7 +14,9 @@
 use super::fastest::{Grid, Shares};
 use super::given::smooth;
 use super::path::Path;
-use super::{At, JOINTS_MAX, Limits, Row8, Use, motion_of, stretch_within};
+use robot_model::JOINTS_MAX;
+
+use super::{At, Limits, Row8, Use, motion_of, stretch_within};
 use crate::motion::Motion;
 
 /// Rounds of lowering limits, and those without a shorter motion after which there are no more.
@@ -44,7 +46,7 @@ const FULL: f64 = 1.0 + 1e-6;
 /// Where a rest at each corner takes less time than the roundings, which is so for small ones, the corners are not rounded.
 /// Near-optimal: on a line the duration is the optimum if there is a cruise, in corners it is above it by some per cent.
 #[must_use]
-pub fn along<const N: usize>(path: &Path, limits: &Limits) -> Option<Motion<N>> {
+pub fn along(path: &Path, limits: &Limits) -> Option<Motion> {
     let rounded = knots(path, limits)?;
     let duration_s = |knots: &[At]| knots.last().map_or(0.0, |at| at.t_s);
     let rests = path.resting().and_then(|path| knots(&path, limits));
@@ -52,7 +54,7 @@ pub fn along<const N: usize>(path: &Path, limits: &Limits) -> Option<Motion<N>> 
         Some(rests) if duration_s(&rests) < duration_s(&rounded) => rests,
         _ => rounded,
     };
-    Some(motion_of(&best))
+    Some(motion_of(&best, limits.n))
 }
 
 /// Knots of all parts of a path, stretched in time so that the cubics between them keep the limits.

@@ -29,10 +29,8 @@ pub use path::{Path, PathError};
 pub use straight::{Straight, straight};
 
 use crate::motion::{Knot, Motion};
-use robot_model::{JointVec, RobotModel};
+use robot_model::{JOINTS_MAX, JointVec, RobotModel};
 
-/// Most joints of an arm.
-pub const JOINTS_MAX: usize = 8;
 /// One number per joint; zero from the last joint on.
 pub(crate) type Row8 = [f64; JOINTS_MAX];
 
@@ -61,7 +59,7 @@ impl Limits {
 
     /// A share of those of an arm, above 0 and at most 1. Accelerations are those that a plan may use.
     #[must_use]
-    pub fn of_arm<const N: usize>(arm: &RobotModel<N>, share: f64) -> Option<Self> {
+    pub fn of_arm(arm: &RobotModel, share: f64) -> Option<Self> {
         let of = |f: fn(&robot_model::JointLimits) -> f64| arm.limit(f);
         let v = of(|l| l.v_max_rad_s) * share;
         let a = of(|l| l.a_max_rad_s2) * share;
@@ -153,8 +151,8 @@ pub(crate) fn stretch_within(knots: &mut [At], limits: &Limits) {
     }
 }
 
-pub(crate) fn motion_of<const N: usize>(knots: &[At]) -> Motion<N> {
-    let row = |row: &Row8| JointVec::from_fn(|j, _| row[j]);
+pub(crate) fn motion_of(knots: &[At], n: usize) -> Motion {
+    let row = |row: &Row8| JointVec::from_slice(&row[..n]);
     let knots = knots.iter().map(|at| Knot { t_s: at.t_s, q_rad: row(&at.q), qd_rad_s: row(&at.qd) });
     Motion { knots: knots.collect(), events: Vec::new() }
 }

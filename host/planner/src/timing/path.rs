@@ -9,10 +9,10 @@
 //! so r is continuous up to its second derivative, ends on both lines, and is farthest from the corner in its middle, by
 //! `3/16 δ |u₂ - u₁|`.
 
-use robot_model::JointVec;
 use robot_model::collision::Travel;
+use robot_model::{JOINTS_MAX, JointVec};
 
-use super::{JOINTS_MAX, Row8, padded};
+use super::{Row8, padded};
 
 /// Points nearer than this to the one before are one with it, rad.
 const SAME_RAD: f64 = 1e-6;
@@ -217,13 +217,13 @@ impl Path {
     }
 }
 
-impl<const N: usize> Travel<N> for Path {
-    fn at(&self, s: f64) -> JointVec<N> {
+impl Travel for Path {
+    fn at(&self, s: f64) -> JointVec {
         let q = self.at(s, false).q;
-        JointVec::from_fn(|k, _| q[k])
+        JointVec::from_slice(&q[..self.n])
     }
 
-    fn path_length(&self, s0: f64, s1: f64) -> JointVec<N> {
+    fn path_length(&self, s0: f64, s1: f64) -> JointVec {
         let mut way = [0.0; JOINTS_MAX];
         let first = self.pieces.partition_point(|piece| piece.s1 <= s0);
         for piece in self.pieces[first..].iter().take_while(|piece| piece.s0 < s1) {
@@ -237,7 +237,7 @@ impl<const N: usize> Travel<N> for Path {
                     };
             }
         }
-        JointVec::from_fn(|k, _| way[k])
+        JointVec::from_slice(&way[..self.n])
     }
 }
 

@@ -4,7 +4,9 @@
 //! `v = min v_j / |d_j|`, likewise for acceleration and jerk. All joints start, cruise and stop together, so the motion stays on
 //! the line. Where limits of different joints bind, a motion off the line can be shorter.
 
-use super::{At, JOINTS_MAX, Limits, motion_of, padded, stretch_within};
+use robot_model::JOINTS_MAX;
+
+use super::{At, Limits, motion_of, padded, stretch_within};
 use crate::motion::Motion;
 
 /// Times of a rest-to-rest motion with bounded speed, acceleration and jerk.
@@ -91,7 +93,7 @@ impl Straight {
 /// Motion on the straight line from `from` to `to` (rad), at rest at both ends; `None` where they are the same or a number is not
 /// finite.
 #[must_use]
-pub fn straight<const N: usize>(from: &[f64], to: &[f64], limits: &Limits) -> Option<Motion<N>> {
+pub fn straight(from: &[f64], to: &[f64], limits: &Limits) -> Option<Motion> {
     let (from, to) = (padded(from), padded(to));
     let mut way = [0.0; JOINTS_MAX];
     for k in 0..limits.n {
@@ -121,5 +123,5 @@ pub fn straight<const N: usize>(from: &[f64], to: &[f64], limits: &Limits) -> Op
     });
     let mut knots: Vec<At> = knots.collect();
     stretch_within(&mut knots, limits);
-    Some(motion_of(&knots))
+    Some(motion_of(&knots, limits.n))
 }

@@ -2,62 +2,61 @@
 //!
 //! Screws S and home poses M are read off once, at q = 0; after that no joint frame is used any more.
 
-use crate::throw::JOINTS;
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
-use robot_model::{JointVec, Pose, RobotModel};
+use robot_model::{JointVec, PerJoint, Pose, RobotModel};
 
 /// The arm as screws and home poses.
 #[derive(Debug, Clone)]
-pub struct Chain<const N: usize = JOINTS> {
+pub struct Chain {
     /// Direction of each axis and a point on it, world, at q = 0.
-    screws: [(Unit<Vector3<f64>>, Vector3<f64>); N],
+    screws: Vec<(Unit<Vector3<f64>>, Vector3<f64>)>,
     /// Joint frames at q = 0.
-    home: [Pose; N],
+    home: Vec<Pose>,
 }
 
 /// Displacements of the links from home: `x ↦ R x + d`.
-pub type Displacements<const N: usize = JOINTS> = [(Matrix3<f64>, Vector3<f64>); N];
+pub type Displacements = PerJoint<(Matrix3<f64>, Vector3<f64>)>;
 
-impl<const N: usize> Chain<N> {
+impl Chain {
     /// Reads screws and home poses.
     #[must_use]
-    pub fn new(arm: &RobotModel<N>) -> Self {
+    pub fn new(arm: &RobotModel) -> Self {
         let mut frame = Pose::identity();
-        let mut home = [Pose::identity(); N];
-        for (at, joint) in home.iter_mut().zip(arm.joints()) {
+        let mut home = Vec::with_capacity(arm.n());
+        for joint in arm.joints() {
             frame = frame * joint.x_pj;
-            *at = frame;
+            home.push(frame);
         }
-        let screws = home.map(|h| (Unit::new_normalize(Vector3::from(h.rot.column(2))), h.pos));
+        let screws =
+            home.iter().map(|h| (Unit::new_normalize(Vector3::from(h.rot.column(2))), h.pos)).collect();
         Self { screws, home }
     }
 
     /// Displacement of every link from home.
     #[must_use]
-    pub(crate) fn displacements(&self, q: &JointVec<N>) -> Displacements<N> {
-        let mut out = [(Matrix3::identity(), Vector3::zeros()); N];
+    pub(crate) fn displacements(&self, q: &JointVec) -> Displacements {
         let (mut r, mut d) = (Matrix3::identity(), Vector3::zeros());
-        for (j, (axis, point)) in self.screws.iter().enumerate() {
+        PerJoint::from_fn(self.screws.len(), |j| {
+            let (axis, point) = &self.screws[j];
             // e^{[S] q}: Rodrigues' rotation about a line.
             let turn = Rotation3::from_axis_angle(axis, q[j]).into_inner();
             let shift = point - turn * point;
             d += r * shift;
             r *= turn;
-            out[j] = (r, d);
-        }
-        out
+            (r, d)
+        })
     }
 
     /// Pose of link `i` (from 0), as its joint frame.
     #[must_use]
-    pub fn link(&self, displacements: &Displacements<N>, i: usize) -> Pose {
+    pub fn link(&self, displacements: &Displacements, i: usize) -> Pose {
         let (r, d) = &displacements[i];
         Pose::new(r * self.home[i].rot, r * self.home[i].pos + d)
     }
 
     /// Axis of joint `j` now: direction and a point on it.
     #[must_use]
-    pub fn axis(&self, displacements: &Displacements<N>, j: usize) -> (Vector3<f64>, Vector3<f64>) {
+    pub fn axis(&self, displacements: &Displacements, j: usize) -> (Vector3<f64>, Vector3<f64>) {
         let (r, d) = &displacements[j];
         let (axis, point) = &self.screws[j];
         (r * axis.into_inner(), r * point + d)

@@ -117,8 +117,8 @@ impl Watched {
     }
 
     /// Joints at a time of the plan.
-    fn see_joints<const N: usize>(&mut self, arm: &RobotModel<N>, plan: &PlanFile, t: f64) {
-        let s = motion::sample::<N>(plan, t);
+    fn see_joints(&mut self, arm: &RobotModel, plan: &PlanFile, t: f64) {
+        let s = motion::at(plan, t);
         for (j, joint) in arm.joints().iter().enumerate() {
             let l = &joint.limits;
             let name = || joint.name.clone();
@@ -130,13 +130,7 @@ impl Watched {
     }
 
     /// Boxes of the arm, where they are `placed`.
-    fn see_boxes<const N: usize>(
-        &mut self,
-        arm: &RobotModel<N>,
-        obstacles: &Obstacles<'_>,
-        placed: &[Pose],
-        t: f64,
-    ) {
+    fn see_boxes(&mut self, arm: &RobotModel, obstacles: &Obstacles<'_>, placed: &[Pose], t: f64) {
         let boxes = arm.collision().boxes();
         for &(a, b) in arm.collision().pairs() {
             let (a, b) = (usize::from(a), usize::from(b));
@@ -162,9 +156,9 @@ impl Watched {
     }
 
     /// The ball in the hand, at `p`.
-    fn see_held_ball<const N: usize>(
+    fn see_held_ball(
         &mut self,
-        arm: &RobotModel<N>,
+        arm: &RobotModel,
         obstacles: &Obstacles<'_>,
         placed: &[Pose],
         p: &Vector3<f64>,
@@ -172,7 +166,7 @@ impl Watched {
     ) {
         let radius_m = arm.gripper().ball_radius_m;
         obstacles.see_ball(p, radius_m, "held ball", t, &mut self.obstacle);
-        for (k, body) in arm.collision().boxes().iter().enumerate().filter(|(_, b)| b.link + 2 <= N) {
+        for (k, body) in arm.collision().boxes().iter().enumerate().filter(|(_, b)| b.link + 2 <= arm.n()) {
             let distance = point_distance_m(&placed[k], &body.half_m, p) - radius_m;
             self.near.see(-distance, t, || format!("held ball and \"{}\"", body.name));
         }
@@ -182,18 +176,18 @@ impl Watched {
 
 /// Checks a plan for an arm.
 #[must_use]
-pub fn check<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Report {
+pub fn check(arm: &RobotModel, plan: &PlanFile) -> Report {
     let chain = Chain::new(arm);
     let steps = (plan.end_time_s / STEP_S).ceil().max(1.0) as usize;
     let obstacles = Obstacles::new(plan);
     let boxes = arm.collision().boxes();
     let place = |t: f64| -> (Vec<Pose>, Pose) {
-        let d = chain.displacements(&motion::sample::<N>(plan, t).q);
+        let d = chain.displacements(&motion::at(plan, t).q);
         let placed = boxes
             .iter()
             .map(|b| b.link.checked_sub(1).map_or(b.x_lb, |i| chain.link(&d, i) * b.x_lb))
             .collect();
-        (placed, chain.link(&d, N - 1) * *arm.end_effector() * arm.gripper().x_eb)
+        (placed, chain.link(&d, arm.n() - 1) * *arm.end_effector() * arm.gripper().x_eb)
     };
     let mut watched = Watched::new();
     for step in 0..=steps {
@@ -219,7 +213,7 @@ pub fn check<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Report {
     findings.extend(flight_findings(plan, &watched, &flown));
     findings.extend(opening(arm.gripper().ball_radius_m, plan, &flown));
     findings.extend(delays(plan, &release));
-    let told = told::<N>(plan, [p, v], flown.landed.as_ref());
+    let told = told(plan, [p, v], flown.landed.as_ref());
     // The rest is computed from the release: where that is false, nothing more is learned.
     let lie = if told.ok { plan.false_claim(arm) } else { None };
     findings.push(told);
@@ -229,9 +223,9 @@ pub fn check<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Report {
 }
 
 /// The release and the landing that the file tells, against those of its motion: programs read them without the motion.
-fn told<const N: usize>(plan: &PlanFile, [p, v]: [Vector3<f64>; 2], landed: Option<&Met>) -> Finding {
+fn told(plan: &PlanFile, [p, v]: [Vector3<f64>; 2], landed: Option<&Met>) -> Finding {
     let (release, landing) = (&plan.release, &plan.landing);
-    let moved = motion::sample::<N>(plan, plan.release_time_s);
+    let moved = motion::at(plan, plan.release_time_s);
     let mut worst = Worst::new();
     let mut compare = |what: &str, at_s: f64, tolerance: f64, told: &[f64], found: &[f64]| {
         for (k, found) in found.iter().enumerate() {
@@ -242,15 +236,9 @@ fn told<const N: usize>(plan: &PlanFile, [p, v]: [Vector3<f64>; 2], landed: Opti
         }
     };
     let at_s = plan.release_time_s;
-    compare("angle at the release, joint", at_s, TOLD_TOLERANCE, &release.q_rad, moved.q.as_slice());
-    compare("speed at the release, joint", at_s, TOLD_TOLERANCE, &release.qd_rad_s, moved.qd.as_slice());
-    compare(
-        "acceleration at the release, joint",
-        at_s,
-        TOLD_TOLERANCE,
-        &release.qdd_rad_s2,
-        moved.qdd.as_slice(),
-    );
+    compare("angle at the release, joint", at_s, TOLD_TOLERANCE, &release.q_rad, &moved.q);
+    compare("speed at the release, joint", at_s, TOLD_TOLERANCE, &release.qd_rad_s, &moved.qd);
+    compare("acceleration at the release, joint", at_s, TOLD_TOLERANCE, &release.qdd_rad_s2, &moved.qdd);
     compare("ball at the release, axis", at_s, TOLD_TOLERANCE, &release.position_m, p.as_slice());
     compare(
         "velocity of the ball at the release, axis",
@@ -275,14 +263,9 @@ fn told<const N: usize>(plan: &PlanFile, [p, v]: [Vector3<f64>; 2], landed: Opti
 }
 
 /// Limits of the joints, joins of the segments, clearances of the arm, currents.
-fn motion_findings<const N: usize>(
-    arm: &RobotModel<N>,
-    chain: &Chain<N>,
-    plan: &PlanFile,
-    watched: &Watched,
-) -> Vec<Finding> {
+fn motion_findings(arm: &RobotModel, chain: &Chain, plan: &PlanFile, watched: &Watched) -> Vec<Finding> {
     let (mut jump, mut motor, mut supply) = (Worst::new(), Worst::new(), Worst::new());
-    segments_meet::<N>(plan, &mut jump);
+    segments_meet(plan, &mut jump);
     currents(arm, chain, plan, &mut motor, &mut supply);
     let (clearance_m, clear) = (plan.search.clearance_m, plan.claims("clearance of arm"));
     // The part of the limits that the plan says it uses.
@@ -368,31 +351,25 @@ fn near_finding(what: &str, near: &Worst, told: &str, least_m: f64, enforced: bo
     Finding { what: what.to_owned(), ok: -near.value > least_m, worst, at_s: Some(near.at_s), enforced }
 }
 
-fn segments_meet<const N: usize>(plan: &PlanFile, jump: &mut Worst) {
+fn segments_meet(plan: &PlanFile, jump: &mut Worst) {
     let eps = 1e-9;
     let last = plan.motion.knots.len().saturating_sub(1);
     for (j, name) in plan.motion.joints.iter().enumerate() {
         for knot in plan.motion.knots.get(1..last).unwrap_or_default() {
             let t = knot.t_s;
-            let (a, b) = (motion::sample::<N>(plan, t), motion::sample::<N>(plan, t + eps));
+            let (a, b) = (motion::at(plan, t), motion::at(plan, t + eps));
             let what = || name.clone();
             jump.see((a.q[j] - b.q[j]).abs() - 10.0 * eps, t, what);
             jump.see((a.qd[j] - b.qd[j]).abs() - 100.0 * eps, t, what);
             jump.see((a.qdd[j] - b.qdd[j]).abs() - 1e3 * eps, t, what);
         }
         for t in [0.0, plan.end_time_s] {
-            jump.see(motion::sample::<N>(plan, t).qd[j].abs(), t, || format!("{name} at rest"));
+            jump.see(motion::at(plan, t).qd[j].abs(), t, || format!("{name} at rest"));
         }
     }
 }
 
-fn currents<const N: usize>(
-    arm: &RobotModel<N>,
-    chain: &Chain<N>,
-    plan: &PlanFile,
-    motor: &mut Worst,
-    supply: &mut Worst,
-) {
+fn currents(arm: &RobotModel, chain: &Chain, plan: &PlanFile, motor: &mut Worst, supply: &mut Worst) {
     let Some(drives) = arm.drives() else { return };
     let keep_off = 3e-4;
     let samples = 200;
@@ -402,14 +379,14 @@ fn currents<const N: usize>(
         if (t - plan.release_time_s).abs() < keep_off {
             t = plan.release_time_s - keep_off;
         }
-        let s = motion::sample::<N>(plan, t);
+        let s = motion::at(plan, t);
         let tau = forces::torques(arm, chain, plan, t);
         let Some(amps) = forces::motor_currents(arm, &s.qd, &tau) else { return };
-        for j in 0..N {
+        for j in 0..arm.n() {
             motor.see(amps[j] / drives[j].current_max_a, t, || arm.joints()[j].name.clone());
         }
         for s in arm.supplies() {
-            let sum: f64 = (0..N).filter(|j| s.feeds[*j]).map(|j| amps[j]).sum();
+            let sum: f64 = (0..arm.n()).filter(|j| s.feeds[*j]).map(|j| amps[j]).sum();
             supply.see(sum / s.current_max_a, t, || s.name.clone());
         }
     }
@@ -453,8 +430,8 @@ struct Flown {
 }
 
 /// Flies the ball.
-fn flight<const N: usize>(
-    arm: &RobotModel<N>,
+fn flight(
+    arm: &RobotModel,
     plan: &PlanFile,
     place: &dyn Fn(f64) -> (Vec<Pose>, Pose),
     obstacles: &Obstacles<'_>,
@@ -473,7 +450,7 @@ fn flight<const N: usize>(
             let (placed, _) = place(t);
             for (k, body) in boxes.iter().enumerate() {
                 let distance = point_distance_m(&placed[k], &body.half_m, p) - radius_m;
-                let near = if body.link == N { &mut hand } else { &mut others };
+                let near = if body.link == arm.n() { &mut hand } else { &mut others };
                 near.see(-distance, t, || format!("\"{}\"", body.name));
             }
             // An obstacle that holds the target (a table, a bin) is met at the end of the flight.

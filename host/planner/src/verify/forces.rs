@@ -13,16 +13,11 @@ const DT: f64 = 1e-4;
 
 /// Torques in N·m at `t_s`, which must be farther than 2e-4 s from every joint of two segments.
 #[must_use]
-pub fn torques<const N: usize>(
-    arm: &RobotModel<N>,
-    chain: &Chain<N>,
-    plan: &PlanFile,
-    t_s: f64,
-) -> JointVec<N> {
-    let at = |t: f64| chain.displacements(&motion::sample::<N>(plan, t).q);
+pub fn torques(arm: &RobotModel, chain: &Chain, plan: &PlanFile, t_s: f64) -> JointVec {
+    let at = |t: f64| chain.displacements(&motion::at(plan, t).q);
     let (before, now, after) = (at(t_s - DT), at(t_s), at(t_s + DT));
     let gravity = Vector3::new(0.0, 0.0, -arm.world().gravity_m_s2);
-    let mut tau = JointVec::zeros();
+    let mut tau = JointVec::zeros(arm.n());
     for (i, link) in arm.links().iter().enumerate() {
         let inertia = &link.inertia;
         let place = |d| {
@@ -53,10 +48,10 @@ pub fn torques<const N: usize>(
     let mass_kg = arm.gripper().ball_mass_kg;
     if mass_kg > 0.0 && t_s <= plan.release_time_s {
         let at_m = (*arm.end_effector() * arm.gripper().x_eb).pos;
-        let place = |d| chain.link(d, N - 1).transform_point(&at_m);
+        let place = |d| chain.link(d, arm.n() - 1).transform_point(&at_m);
         let (p0, p1, p2) = (place(&before), place(&now), place(&after));
         let force = ((p2 - p1 * 2.0 + p0) / (DT * DT) - gravity) * mass_kg;
-        for j in 0..N {
+        for j in 0..arm.n() {
             let (axis, point) = chain.axis(&now, j);
             tau[j] += axis.dot(&(p1 - point).cross(&force));
         }
@@ -66,11 +61,9 @@ pub fn torques<const N: usize>(
 
 /// Motor currents in A by eq. (9), if the robot file describes drives.
 #[must_use]
-pub fn motor_currents<const N: usize>(
-    arm: &RobotModel<N>,
-    qd: &JointVec<N>,
-    tau: &JointVec<N>,
-) -> Option<[f64; N]> {
+pub fn motor_currents(arm: &RobotModel, qd: &JointVec, tau: &JointVec) -> Option<JointVec> {
     let drives = arm.drives()?;
-    Some(std::array::from_fn(|j| drives[j].k_b_a_s_rad * qd[j].abs() + drives[j].k_m_a_nm * tau[j].abs()))
+    Some(JointVec::from_fn(arm.n(), |j| {
+        drives[j].k_b_a_s_rad * qd[j].abs() + drives[j].k_m_a_nm * tau[j].abs()
+    }))
 }

@@ -29,26 +29,16 @@ fn cubic(a: &KnotInfo, b: &KnotInfo, j: usize, t_s: f64) -> [f64; 4] {
     })
 }
 
-/// The plan of an arm of six joints at `t_s`; see [`sample`].
-#[must_use]
-pub fn at(plan: &PlanFile, t_s: f64) -> Sample {
-    sample(plan, t_s)
-}
-
 /// The plan at `t_s`; at the joint of two segments the earlier one; held before and after.
 #[must_use]
-pub fn sample<const N: usize>(plan: &PlanFile, t_s: f64) -> Sample<N> {
-    let mut out = Sample {
-        q: JointVec::zeros(),
-        qd: JointVec::zeros(),
-        qdd: JointVec::zeros(),
-        jerk: JointVec::zeros(),
-    };
+pub fn at(plan: &PlanFile, t_s: f64) -> Sample {
+    let zero = JointVec::zeros(plan.motion.joints.len());
+    let mut out = Sample { q: zero, qd: zero, qdd: zero, jerk: zero };
     let outside = t_s < 0.0 || t_s > plan.end_time_s;
     let t = t_s.clamp(0.0, plan.end_time_s);
     let pieces = plan.motion.knots.windows(2);
     let Some([a, b]) = pieces.clone().find(|pair| t <= pair[1].t_s).or(pieces.last()) else { return out };
-    for j in 0..N.min(plan.motion.joints.len()) {
+    for j in 0..zero.len() {
         let [q, qd, qdd, jerk] = cubic(a, b, j, t);
         out.q[j] = q;
         if !outside {

@@ -2,7 +2,6 @@
 
 use nalgebra::{Matrix3, Vector3};
 use robot_model::collision::CollisionChecker;
-use robot_model::linalg::Cholesky;
 use robot_model::{JointVec, Pose, RobotModel};
 
 /// Starts of the search where there is no closed form.
@@ -37,12 +36,12 @@ pub enum NoGoal {
 ///
 /// # Errors
 /// [`NoGoal`].
-pub(super) fn poses<const N: usize>(
-    arm: &RobotModel<N>,
-    checker: &mut CollisionChecker<'_, N>,
-    from: &JointVec<N>,
+pub(super) fn poses(
+    arm: &RobotModel,
+    checker: &mut CollisionChecker<'_>,
+    from: &JointVec,
     goal: &Goal,
-) -> Result<Vec<JointVec<N>>, NoGoal> {
+) -> Result<Vec<JointVec>, NoGoal> {
     let mut found = match goal {
         Goal::Pose(pose) => match arm.ik_near(pose, from) {
             Ok(solutions) => solutions.iter().filter(|s| s.in_range).map(|s| s.q).collect(),
@@ -63,29 +62,25 @@ pub(super) fn poses<const N: usize>(
     }
     found.retain(|q| !checker.collides(&arm.fk(q)));
     let v = arm.limit(|l| l.v_max_rad_s);
-    let time = |q: &JointVec<N>| (q - from).abs().component_div(&v).amax();
+    let time = |q: &JointVec| (q - from).abs().component_div(&v).amax();
     found.sort_by(|a, b| time(a).total_cmp(&time(b)));
     found.dedup_by(|b, a| (*a - *b).amax() < SAME_RAD);
     if found.is_empty() { Err(NoGoal::Blocked) } else { Ok(found) }
 }
 
 /// Configurations that cover the joint ranges evenly.
-fn spread<const N: usize>(arm: &RobotModel<N>, k: usize) -> JointVec<N> {
+fn spread(arm: &RobotModel, k: usize) -> JointVec {
     const PRIMES: [u32; 8] = [2, 3, 5, 7, 11, 13, 17, 19];
     let (low, high) = (arm.q_min(), arm.q_max());
-    JointVec::from_fn(|j, _| {
+    JointVec::from_fn(low.len(), |j| {
         low[j] + (high[j] - low[j]) * robot_model::radical_inverse(k as u64 + 1, PRIMES[j % 8])
     })
 }
 
 /// From `q` with steps of least motion to a pose with the hand at `p`; angles stay in their ranges.
-fn at_point<const N: usize>(
-    arm: &RobotModel<N>,
-    p: &Vector3<f64>,
-    mut q: JointVec<N>,
-) -> Option<JointVec<N>> {
+fn at_point(arm: &RobotModel, p: &Vector3<f64>, mut q: JointVec) -> Option<JointVec> {
     let (low, high) = (arm.q_min(), arm.q_max());
-    let mut damping = 1e-6;
+    let mut damping = 1e-6_f64;
     for _ in 0..STEPS_MAX {
         let frames = arm.fk(&q);
         let hand = arm.ee(&frames).pos;
@@ -93,12 +88,12 @@ fn at_point<const N: usize>(
         if error.norm() <= POINT_TOL_M {
             return Some(q);
         }
-        let j = frames.jacobian(&hand).fixed_rows::<3>(0).into_owned();
-        let square: Matrix3<f64> = j * j.transpose();
+        let j = frames.jacobian(&hand);
+        let square: Matrix3<f64> = (0..arm.n()).map(|k| j.linear(k) * j.linear(k).transpose()).sum();
         loop {
-            let solved = Cholesky::new(&(square + Matrix3::identity() * damping))?;
-            let step = q + j.transpose() * solved.solve(&error);
-            let next = JointVec::from_fn(|i, _| step[i].clamp(low[i], high[i]));
+            let solved = (square + Matrix3::identity() * damping).cholesky()?.solve(&error);
+            let next =
+                JointVec::from_fn(arm.n(), |i| (q[i] + j.linear(i).dot(&solved)).clamp(low[i], high[i]));
             if (p - arm.ee_at(&next).pos).norm_squared() < error.norm_squared() {
                 q = next;
                 damping = (0.1 * damping).max(1e-12);

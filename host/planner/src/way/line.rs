@@ -64,10 +64,10 @@ pub struct LineError {
 ///
 /// # Errors
 /// [`LineError`].
-pub(super) fn path<const N: usize>(
-    arm: &RobotModel<N>,
-    checker: &mut CollisionChecker<'_, N>,
-    from: &JointVec<N>,
+pub(super) fn path(
+    arm: &RobotModel,
+    checker: &mut CollisionChecker<'_>,
+    from: &JointVec,
     goal: &Goal,
 ) -> Result<Option<Path>, LineError> {
     let begin = arm.ee_at(from);
@@ -114,7 +114,7 @@ pub(super) fn path<const N: usize>(
     match checker.check_motion(&path, 0.0, path.length(), TOLERANCE_M) {
         MotionVerdict::Free { .. } => Ok(Some(path)),
         MotionVerdict::Contact { s, clearance } => {
-            let q = JointVec::from_column_slice(&path.angles(s));
+            let q = JointVec::from_slice(&path.angles(s));
             let at = arm.ee_at(&q).pos;
             let bodies = [clearance.a, clearance.b].map(|body| name(arm, checker.scene(), body));
             let after_m = (at - begin.pos).norm();

@@ -44,17 +44,17 @@ const BLEND_MIN_RAD: f64 = 0.01;
 
 /// How an arm goes from one rest to another.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Travel<const N: usize> {
+pub struct Travel {
     /// Share of the robot's speeds, accelerations and jerks, above 0 and at most 1.
     pub share: f64,
     /// Seed of the search.
     pub seed: u64,
     /// Least and largest angles of corners, rad; the joint ranges with a margin if `None`. Between two corners each joint moves one way
     /// only, so the whole way is inside if both ends are.
-    pub range: Option<(JointVec<N>, JointVec<N>)>,
+    pub range: Option<(JointVec, JointVec)>,
 }
 
-impl<const N: usize> Default for Travel<N> {
+impl Default for Travel {
     fn default() -> Self {
         Self { share: 0.3, seed: 1, range: None }
     }
@@ -86,13 +86,13 @@ pub enum WayError {
 ///
 /// # Errors
 /// [`WayError`].
-pub fn way<const N: usize>(
-    arm: &RobotModel<N>,
+pub fn way(
+    arm: &RobotModel,
     scene: &Scene,
-    travel: &Travel<N>,
-    from: &JointVec<N>,
-    to: &JointVec<N>,
-) -> Result<Option<Motion<N>>, WayError> {
+    travel: &Travel,
+    from: &JointVec,
+    to: &JointVec,
+) -> Result<Option<Motion>, WayError> {
     let limits = limits(arm, travel.share)?;
     if (from - to).amax() < THERE_RAD {
         return Ok(None);
@@ -114,13 +114,13 @@ pub fn way<const N: usize>(
 ///
 /// # Errors
 /// [`WayError`].
-pub fn way_to<const N: usize>(
-    arm: &RobotModel<N>,
+pub fn way_to(
+    arm: &RobotModel,
     scene: &Scene,
-    travel: &Travel<N>,
-    from: &JointVec<N>,
+    travel: &Travel,
+    from: &JointVec,
     goal: &Goal,
-) -> Result<Option<Motion<N>>, WayError> {
+) -> Result<Option<Motion>, WayError> {
     let limits = limits(arm, travel.share)?;
     let mut checker = CollisionChecker::new(arm, scene);
     require_free(arm, &mut checker, from, true)?;
@@ -134,7 +134,7 @@ pub fn way_to<const N: usize>(
             return Ok(straight(from.as_slice(), q.as_slice(), &limits));
         }
     }
-    let mut shortest: Option<Motion<N>> = None;
+    let mut shortest: Option<Motion> = None;
     let mut failed = WayError::NoWay { tries: 0 };
     for q in poses.iter().take(goal::POSES_MAX) {
         match way(arm, scene, travel, from, q) {
@@ -154,13 +154,13 @@ pub fn way_to<const N: usize>(
 ///
 /// # Errors
 /// [`WayError::Line`] with the place where the line breaks.
-pub fn straight_to<const N: usize>(
-    arm: &RobotModel<N>,
+pub fn straight_to(
+    arm: &RobotModel,
     scene: &Scene,
-    travel: &Travel<N>,
-    from: &JointVec<N>,
+    travel: &Travel,
+    from: &JointVec,
     goal: &Goal,
-) -> Result<Option<Motion<N>>, WayError> {
+) -> Result<Option<Motion>, WayError> {
     let limits = limits(arm, travel.share)?;
     let mut checker = CollisionChecker::new(arm, scene);
     require_free(arm, &mut checker, from, true)?;
@@ -168,16 +168,16 @@ pub fn straight_to<const N: usize>(
     Ok(along(&path, &limits))
 }
 
-fn limits<const N: usize>(arm: &RobotModel<N>, share: f64) -> Result<Limits, WayError> {
+fn limits(arm: &RobotModel, share: f64) -> Result<Limits, WayError> {
     let fits = share > 0.0 && share <= 1.0;
     fits.then(|| Limits::of_arm(arm, share)).flatten().ok_or(WayError::Share { share })
 }
 
 /// Refuses a pose that is outside the ranges or touches something.
-fn require_free<const N: usize>(
-    arm: &RobotModel<N>,
-    checker: &mut CollisionChecker<'_, N>,
-    q: &JointVec<N>,
+fn require_free(
+    arm: &RobotModel,
+    checker: &mut CollisionChecker<'_>,
+    q: &JointVec,
     at_start: bool,
 ) -> Result<(), WayError> {
     let outside =
@@ -202,7 +202,7 @@ fn require_free<const N: usize>(
 }
 
 /// Name of a body for people.
-fn name<const N: usize>(arm: &RobotModel<N>, scene: &Scene, body: Body) -> String {
+fn name(arm: &RobotModel, scene: &Scene, body: Body) -> String {
     match body {
         Body::Box(index) => {
             arm.collision().boxes().get(index).map_or_else(|| "?".to_owned(), |b| b.name.clone())
@@ -215,21 +215,13 @@ fn name<const N: usize>(arm: &RobotModel<N>, scene: &Scene, body: Body) -> Strin
     }
 }
 
-fn is_free_line<const N: usize>(
-    checker: &mut CollisionChecker<'_, N>,
-    from: &JointVec<N>,
-    to: &JointVec<N>,
-) -> bool {
+fn is_free_line(checker: &mut CollisionChecker<'_>, from: &JointVec, to: &JointVec) -> bool {
     let line = StraightMove { from: *from, to: *to };
     checker.check_motion(&line, 0.0, 1.0, TOLERANCE_M).is_free()
 }
 
 /// The motion along the corners, each rounded as much as is proven free; `None` where two of them are one place.
-fn rounded<const N: usize>(
-    checker: &mut CollisionChecker<'_, N>,
-    corners: &[JointVec<N>],
-    limits: &Limits,
-) -> Option<Motion<N>> {
+fn rounded(checker: &mut CollisionChecker<'_>, corners: &[JointVec], limits: &Limits) -> Option<Motion> {
     let points: Vec<&[f64]> = corners.iter().map(JointVec::as_slice).collect();
     let mut blends = vec![BLEND_RAD; points.len()];
     loop {

@@ -17,28 +17,28 @@ pub(super) const SAMPLES_MAX: usize = 4_000;
 const CUTS: usize = 120;
 
 /// Joint space with what is free in it.
-pub(super) struct Space<'a, const N: usize> {
-    pub(super) checker: CollisionChecker<'a, N>,
+pub(super) struct Space<'a> {
+    pub(super) checker: CollisionChecker<'a>,
     rng: SplitMix64,
     /// Least and largest angles of corners.
-    range: (JointVec<N>, JointVec<N>),
+    range: (JointVec, JointVec),
 }
 
 /// Poses with the index of the one each was reached from.
-struct Tree<const N: usize> {
-    nodes: Vec<(JointVec<N>, usize)>,
+struct Tree {
+    nodes: Vec<(JointVec, usize)>,
 }
 
-impl<const N: usize> Tree<N> {
-    fn nearest(&self, q: &JointVec<N>) -> usize {
-        let distance = |node: &(JointVec<N>, usize)| (node.0 - q).norm_squared();
+impl Tree {
+    fn nearest(&self, q: &JointVec) -> usize {
+        let distance = |node: &(JointVec, usize)| (node.0 - q).norm_squared();
         let by_distance =
             |a: &usize, b: &usize| distance(&self.nodes[*a]).total_cmp(&distance(&self.nodes[*b]));
         (0..self.nodes.len()).min_by(by_distance).unwrap_or(0)
     }
 
     /// From the root to `index`.
-    fn branch(&self, mut index: usize) -> Vec<JointVec<N>> {
+    fn branch(&self, mut index: usize) -> Vec<JointVec> {
         let mut branch = vec![self.nodes[index].0];
         while index != 0 {
             index = self.nodes[index].1;
@@ -49,30 +49,30 @@ impl<const N: usize> Tree<N> {
     }
 }
 
-impl<'a, const N: usize> Space<'a, N> {
-    pub(super) fn new(arm: &'a RobotModel<N>, scene: &'a Scene, travel: &Travel<N>) -> Self {
-        let margin = JointVec::repeat(MARGIN_RAD);
+impl<'a> Space<'a> {
+    pub(super) fn new(arm: &'a RobotModel, scene: &'a Scene, travel: &Travel) -> Self {
+        let margin = JointVec::repeat(arm.n(), MARGIN_RAD);
         let range = travel.range.unwrap_or((arm.q_min() + margin, arm.q_max() - margin));
         Self { checker: CollisionChecker::new(arm, scene), rng: SplitMix64::new(travel.seed), range }
     }
 
-    pub(super) fn is_free(&mut self, from: &JointVec<N>, to: &JointVec<N>) -> bool {
+    pub(super) fn is_free(&mut self, from: &JointVec, to: &JointVec) -> bool {
         is_free_line(&mut self.checker, from, to)
     }
 
     /// Corners of a free path from `from` to `to`, both included, shortened; `None` if none was found.
-    pub(super) fn corners(&mut self, from: &JointVec<N>, to: &JointVec<N>) -> Option<Vec<JointVec<N>>> {
+    pub(super) fn corners(&mut self, from: &JointVec, to: &JointVec) -> Option<Vec<JointVec>> {
         let path = self.connect(from, to)?;
         Some(self.shorten(path))
     }
 
-    fn sample(&mut self) -> JointVec<N> {
+    fn sample(&mut self) -> JointVec {
         let (low, high) = self.range;
-        JointVec::from_fn(|j, _| low[j] + (high[j] - low[j]) * self.rng.unit())
+        JointVec::from_fn(low.len(), |j| low[j] + (high[j] - low[j]) * self.rng.unit())
     }
 
     /// One step of `tree` towards `goal`; the index of the new node.
-    fn extend(&mut self, tree: &mut Tree<N>, goal: &JointVec<N>) -> Option<usize> {
+    fn extend(&mut self, tree: &mut Tree, goal: &JointVec) -> Option<usize> {
         let near = tree.nearest(goal);
         let from = tree.nodes[near].0;
         let way = goal - from;
@@ -85,7 +85,7 @@ impl<'a, const N: usize> Space<'a, N> {
         Some(tree.nodes.len() - 1)
     }
 
-    fn connect(&mut self, from: &JointVec<N>, to: &JointVec<N>) -> Option<Vec<JointVec<N>>> {
+    fn connect(&mut self, from: &JointVec, to: &JointVec) -> Option<Vec<JointVec>> {
         let mut trees = [Tree { nodes: vec![(*from, 0)] }, Tree { nodes: vec![(*to, 0)] }];
         for round in 0..SAMPLES_MAX {
             let (a, b) = (round % 2, 1 - round % 2);
@@ -111,7 +111,7 @@ impl<'a, const N: usize> Space<'a, N> {
     }
 
     /// Replaces parts of the path by straight lines.
-    fn shorten(&mut self, mut path: Vec<JointVec<N>>) -> Vec<JointVec<N>> {
+    fn shorten(&mut self, mut path: Vec<JointVec>) -> Vec<JointVec> {
         for _ in 0..CUTS {
             if path.len() <= 2 {
                 break;
@@ -123,8 +123,8 @@ impl<'a, const N: usize> Space<'a, N> {
                 continue;
             }
             let whole =
-                |path: &[JointVec<N>]| path.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum::<f64>();
-            let mut shorter: Vec<JointVec<N>> = path[..=i].to_vec();
+                |path: &[JointVec]| path.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum::<f64>();
+            let mut shorter: Vec<JointVec> = path[..=i].to_vec();
             shorter.extend([from, to]);
             shorter.extend_from_slice(&path[k + 1..]);
             shorter.dedup_by(|b, a| (*a - *b).amax() < 1e-9);
@@ -136,7 +136,7 @@ impl<'a, const N: usize> Space<'a, N> {
     }
 
     /// A corner or a point on an edge, with the index of the edge.
-    fn place(&mut self, path: &[JointVec<N>]) -> (usize, JointVec<N>) {
+    fn place(&mut self, path: &[JointVec]) -> (usize, JointVec) {
         let edges = path.len() - 1;
         let edge = (self.rng.unit() * edges as f64) as usize % edges;
         let at = match 1.5 * self.rng.unit() - 0.25 {

@@ -15,17 +15,14 @@ use planner::catch::task::{Allowed, Decline, Mode, Settings, Start};
 use planner::flight::FlightModel;
 use planner::plan::rng::SplitMix64;
 use robot_model::collision::{CollisionChecker, Scene};
-use robot_model::{AnyRobot, Pose, RobotModel};
+use robot_model::{Pose, RobotModel};
 
 pub(crate) const WAIT_DEG: [f64; 6] = [-4.0, -40.0, -173.0, -3.0, -88.0, 0.0];
 /// Directions per time of the slow search.
 const DIRECTIONS: usize = 400;
 
-fn model() -> RobotModel<6> {
-    match AnyRobot::load("powercube6").unwrap() {
-        AnyRobot::Six(model) => *model,
-        other => panic!("{} joints", other.joints()),
-    }
+fn model() -> RobotModel {
+    RobotModel::load("powercube6").unwrap()
 }
 
 fn base() -> Pose {
@@ -114,7 +111,7 @@ pub(crate) fn exhaustive(
                 let into_cup = ball.v_m_s + axis * settings.relative_m_s;
                 let hand = Hand::at(arm, limits, &q);
                 let rates = match mode {
-                    Mode::Hold => [Some(Joints::zeros()), None],
+                    Mode::Hold => [Some(Joints::zeros(6)), None],
                     Mode::Matched => [hand.rates(&with_ball), hand.rates(&into_cup)],
                 };
                 rates.into_iter().flatten().any(|qd| {

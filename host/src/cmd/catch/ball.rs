@@ -3,7 +3,7 @@
 use hil_sim::court::CourtOptions;
 use nalgebra::Vector3;
 use operator::rally::trial::{Outcome, Pair};
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 use super::super::print_json;
 use super::super::rally::{as_json, as_text, court, ended};
@@ -63,15 +63,14 @@ pub(super) fn trial(args: &Args, ball: &[f64; 6]) -> Result<Trial, ExpectedError
 }
 
 /// The catcher of the court becomes this robot.
-fn place_robot(court: &mut CourtOptions<6>, robot: &str) -> Result<(), ExpectedError> {
-    match AnyRobot::load(robot).map_err(|e| ExpectedError::bad_input(&e))? {
-        AnyRobot::Six(model) => {
-            court.arms[1].model = *model;
-            Ok(())
-        }
-        other => Err(ExpectedError::bad_input(&format!(
+fn place_robot(court: &mut CourtOptions, robot: &str) -> Result<(), ExpectedError> {
+    let model = RobotModel::load(robot).map_err(|e| ExpectedError::bad_input(&e))?;
+    if model.n() != 6 {
+        return Err(ExpectedError::bad_input(&format!(
             "robot \"{robot}\" cannot catch balls: it has {} joints instead of six\n  next: `--robot powercube6`, or `--disc` for a disc",
-            other.joints()
-        ))),
+            model.n()
+        )));
     }
+    court.arms[1].model = model;
+    Ok(())
 }

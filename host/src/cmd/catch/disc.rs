@@ -9,7 +9,7 @@ use planner::disc::intercept::{self, Decline, Plan, Settings};
 use planner::disc::motion::{At, MotionLaw};
 use planner::disc::paper::{self, Reading, Run, Throw};
 use planner::disc::witness::{self, Gripper, Rule, Verdict};
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 use serde_json::{Value, json};
 
 use super::super::print_json;
@@ -84,7 +84,7 @@ pub(super) struct Looked {
 /// # Errors
 /// The robot is refused, or a value makes no sense. No catch is no error.
 pub(super) fn look(args: &Args) -> Result<Looked, ExpectedError> {
-    let robot = AnyRobot::load(args.robot.as_deref().unwrap_or("pincher4"))
+    let robot = RobotModel::load(args.robot.as_deref().unwrap_or("pincher4"))
         .map_err(|e| ExpectedError::bad_input(&e))?;
     let arm = arm(&robot)?;
     let throw = throw(args)?;
@@ -138,16 +138,16 @@ impl Looked {
     }
 }
 
-fn arm(robot: &AnyRobot) -> Result<DiscArm, ExpectedError> {
+fn arm(robot: &RobotModel) -> Result<DiscArm, ExpectedError> {
     let refused = |why: String| {
         ExpectedError::bad_input(&format!(
             "robot \"{}\" cannot catch discs: {why}\n  next: `--robot pincher4`, or a file like it",
             robot.name()
         ))
     };
-    match robot {
-        AnyRobot::Four(model) => DiscArm::new((**model).clone()).map_err(|e| refused(e.to_string())),
-        other => Err(refused(format!("it has {} joints instead of four", other.joints()))),
+    match robot.n() {
+        4 => DiscArm::new(robot.clone()).map_err(|e| refused(e.to_string())),
+        n => Err(refused(format!("it has {n} joints instead of four"))),
     }
 }
 
@@ -263,7 +263,7 @@ fn as_text(arm: &DiscArm, throw: &Throw, rule: Option<&(Run, Verdict)>, plan: Op
 fn as_json(arm: &DiscArm, throw: &Throw, rule: Option<&(Run, Verdict)>, plan: Option<&Planned>) -> Value {
     json!({
         "throw": {"start_m": throw.start_m.as_slice(), "velocity_m_s": throw.velocity_m_s.as_slice()},
-        "speed_allowed_rad_s": arm.model.limit(|l| l.v_max_rad_s).as_slice(),
+        "speed_allowed_rad_s": arm.model.limit(|l| l.v_max_rad_s)[..],
         "rule": rule.map(|(run, verdict)| json!({
             "in_reach_step": run.in_reach, "captured_step": run.captured,
             "speed_demanded_rad_s": run.speed_demanded_rad_s().as_slice(),
@@ -337,7 +337,7 @@ mod tests {
 
     #[test]
     fn the_text_tells_the_steps_of_the_paper_and_what_the_gripper_has() {
-        let arm = arm(&AnyRobot::load("pincher4").unwrap()).unwrap();
+        let arm = arm(&RobotModel::load("pincher4").unwrap()).unwrap();
         let rule = by_rule(&arm, &Throw::flat());
         let text = as_text(&arm, &Throw::flat(), Some(&rule), None);
         assert!(text.contains("captured at step 35"), "{text}");

@@ -124,8 +124,8 @@ fn trace(trial: &Trial, jerk: bool) -> Value {
     json!({
         "t_s": column(&|moment| json!(moment.t_s - outcome.planned_s.0)),
         "ball_m": column(&|moment| json!(moment.ball_m.as_slice())),
-        "mouth_m": column(&|moment| json!(arm.mouth(&moment.q[1], &Joints::zeros()).0.as_slice())),
-        "q_rad": column(&|moment| json!(moment.q[1].as_slice())),
+        "mouth_m": column(&|moment| json!(arm.mouth(&moment.q[1], &Joints::zeros(6)).0.as_slice())),
+        "q_rad": column(&|moment| json!(moment.q[1][..])),
     })
 }
 

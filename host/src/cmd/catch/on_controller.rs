@@ -7,7 +7,7 @@ use planner::disc::arm::DiscArm;
 use planner::disc::flight::Path;
 use planner::disc::intercept::Plan;
 use planner::disc::witness::{Rule, Verdict};
-use robot_model::AnyRobot;
+use robot_model::{JointVec, RobotModel};
 use serde_json::{Value, json};
 
 use super::witness_words::{list, seen_json};
@@ -22,7 +22,7 @@ const LOST_JOINT: usize = 1;
 /// # Errors
 /// The robot has no drives, the controller refuses the motion, or a trouble is none of a disc.
 pub(super) fn run(
-    robot: &AnyRobot,
+    robot: &RobotModel,
     arm: &DiscArm,
     path: &Path,
     plan: &Plan,
@@ -118,8 +118,9 @@ pub(super) fn as_text(arm: &DiscArm, run: &Judged, planned: &Verdict) -> String 
         tracking.tip_m.0 * 1e3,
         tracking.tip_m.1 * 1e3
     );
-    let use_of =
-        |most: &planner::disc::Joints, limit: &planner::disc::Joints| most.component_div(limit).max() * 100.0;
+    let use_of = |most: &planner::disc::Joints, limit: &JointVec| {
+        JointVec::from(*most).component_div(limit).max() * 100.0
+    };
     out += &format!(
         "  largest use: {:.0} % of speed, {:.0} % of acceleration (means over 40 ms)\n",
         use_of(&run.speed_rad_s, &arm.model.limit(|l| l.v_max_rad_s)),

@@ -41,7 +41,7 @@ pub(crate) fn searched(limits: &Limits, form: FormName) -> Limits {
 
 /// Grid of the paper form over the reach of an arm [default resolution: 1.3].
 pub(crate) fn paper_grid(arm: &Arm, resolution: Option<f64>) -> PaperOptions {
-    let base_z_m = arm.fk(&Axes::zeros()).origin(0).z;
+    let base_z_m = arm.fk(&Axes::zeros(6)).origin(0).z;
     PaperOptions::covering(reach_m(arm), base_z_m, arm.world().floor_z_m, resolution.unwrap_or(1.3))
 }
 

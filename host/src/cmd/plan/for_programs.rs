@@ -8,9 +8,9 @@ use super::shards::{self, Made};
 use super::sweep;
 use crate::cmd::words;
 use crate::error::ExpectedError;
+use planner::follow::limits::AXES;
 use planner::follow::plan::FollowPlan;
 use planner::plan::file::PlanFile;
-use robot_model::{AnyRobot, for_any_robot};
 
 /// The plan that `cubectl plan throw` makes of these words, as [`Planned`] has it. `stop`, once set, ends the search after the
 /// start under way, with what was found by then.
@@ -21,19 +21,15 @@ use robot_model::{AnyRobot, for_any_robot};
 pub fn plan(words: &[String], stop: &AtomicBool) -> Result<Planned<PlanFile>, ExpectedError> {
     let args = one_target(words)?;
     let robot = crate::cmd::robot(&args.search.options.robot)?;
-    if let AnyRobot::Six(arm) = &robot
-        && args.follow.apply_to(arm)
-    {
+    if robot.n() == AXES && args.follow.apply_to(&robot) {
         return Err(ExpectedError::bad_input(
             &"this throw would follow the flight of the ball, which is another kind of plan\n  next: call `plan_follow`, or add \
                   the option --no-follow",
         ));
     }
     args.require_ordinary()?;
-    for_any_robot!(&robot, arm => {
-        let starts = args.search.options.starts(arm);
-        args.search.plan_from(arm, &starts, args.target, (args.seed, args.fast), Watcher::Program(stop))
-    })
+    let starts = args.search.options.starts(&robot);
+    args.search.plan_from(&robot, &starts, args.target, (args.seed, args.fast), Watcher::Program(stop))
 }
 
 /// The plan that `cubectl plan throw` makes of these words for a throw that follows the flight of the ball.
@@ -42,7 +38,7 @@ pub fn plan(words: &[String], stop: &AtomicBool) -> Result<Planned<PlanFile>, Ex
 /// As [`plan`]; and the robot has not six joints, or throws in the ordinary way and `--follow` is not among the words.
 pub fn follow(words: &[String]) -> Result<FollowPlan, ExpectedError> {
     let args = one_target(words)?;
-    let arm = crate::cmd::arm(&args.search.options.robot)?;
+    let arm = crate::cmd::six_axes(&args.search.options.robot)?;
     if !args.follow.apply_to(&arm) {
         return Err(ExpectedError::bad_input(&format!(
             "robot \"{}\" throws in the ordinary way unless told otherwise\n  next: add the option --follow",

@@ -226,7 +226,7 @@ impl PlanOptions {
 
     /// Throws to start from: those that come with the program.
     #[must_use]
-    pub fn starts<const N: usize>(&self, arm: &RobotModel<N>) -> Starts<N> {
+    pub fn starts(&self, arm: &RobotModel) -> Starts {
         let index = seeds::built_in(arm);
         let sources = vec![format!("{} built-in throws", index.records().len())];
         Starts { index, sources }
@@ -235,9 +235,9 @@ impl PlanOptions {
 
 /// Throws to start from.
 #[derive(Debug)]
-pub struct Starts<const N: usize> {
+pub struct Starts {
     /// The throws.
-    pub index: Index<N>,
+    pub index: Index,
     /// Where the throws come from, for people.
     pub sources: Vec<String>,
 }

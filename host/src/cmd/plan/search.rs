@@ -18,7 +18,7 @@ use planner::plan::problem::{Weights, short};
 use planner::plan::release_delays::ReleaseNodes;
 use planner::plan::statistics::{Noise, Region};
 use planner::plan::{Arm, Budget, Goal, NoThrow, Obstruction, Options, Watch};
-use planner::request::{self, Answer, Plans, Refusal, Request, Wanted};
+use planner::request::{self, Answer, Refusal, Request, Wanted};
 use planner::store::Index;
 use robot_model::RobotModel;
 
@@ -173,7 +173,7 @@ impl SearchOptions {
     /// # Errors
     /// If input is refused or no throw reaches the target.
     pub fn plan(&self, target: [f64; 3], seed: u64, fast: bool) -> Result<Planned, ExpectedError> {
-        let arm = crate::cmd::arm(&self.options.robot)?;
+        let arm = crate::cmd::robot(&self.options.robot)?;
         let Planned { plan, took, note } = self.plan_for(&arm, target, seed, fast)?;
         Ok(Planned { plan: (arm, plan), took, note })
     }
@@ -182,16 +182,13 @@ impl SearchOptions {
     ///
     /// # Errors
     /// If input is refused or no throw reaches the target.
-    pub fn plan_for<const N: usize>(
+    pub fn plan_for(
         &self,
-        arm: &RobotModel<N>,
+        arm: &RobotModel,
         target: [f64; 3],
         seed: u64,
         fast: bool,
-    ) -> Result<Planned<PlanFile>, ExpectedError>
-    where
-        RobotModel<N>: Plans<N>,
-    {
+    ) -> Result<Planned<PlanFile>, ExpectedError> {
         let starts = self.options.starts(arm);
         let planned = self.plan_from(arm, &starts, target, (seed, fast), Watcher::Terminal)?;
         if let Some(note) = planned.note {
@@ -204,17 +201,14 @@ impl SearchOptions {
     ///
     /// # Errors
     /// If input is refused or no throw reaches the target.
-    pub fn plan_from<const N: usize>(
+    pub fn plan_from(
         &self,
-        arm: &RobotModel<N>,
-        starts: &Starts<N>,
+        arm: &RobotModel,
+        starts: &Starts,
         target: [f64; 3],
         (seed, fast): (u64, bool),
         watcher: Watcher<'_>,
-    ) -> Result<Planned<PlanFile>, ExpectedError>
-    where
-        RobotModel<N>: Plans<N>,
-    {
+    ) -> Result<Planned<PlanFile>, ExpectedError> {
         let Solved { mut plan, note, took, .. } =
             self.solve(arm, &starts.index, target, (seed, fast), watcher, None)?;
         plan.search.stored.clone_from(&starts.sources);
@@ -263,18 +257,15 @@ impl SearchOptions {
     ///
     /// # Errors
     /// If input is refused or no throw reaches the target.
-    pub(super) fn solve<const N: usize>(
+    pub(super) fn solve(
         &self,
-        arm: &RobotModel<N>,
-        index: &Index<N>,
+        arm: &RobotModel,
+        index: &Index,
         target: [f64; 3],
         (seed, fast): (u64, bool),
         watcher: Watcher<'_>,
         draws: Option<Draws>,
-    ) -> Result<Solved, ExpectedError>
-    where
-        RobotModel<N>: Plans<N>,
-    {
+    ) -> Result<Solved, ExpectedError> {
         self.require_sound()?;
         let (region, noise) = (self.region()?, self.noise()?);
         let goal = self.goal(noise, region)?;
@@ -305,7 +296,7 @@ impl SearchOptions {
             quick: fast.then_some(FAST_TRIES),
             budget,
         };
-        let plan = || arm.plan(index, &request, &wanted, watch);
+        let plan = || request.plan(arm, index, &wanted, watch);
         let planned = watched(watch, &budget, watcher, plan);
         let request::Planned {
             answer: Answer { given_up, best, took },

@@ -23,7 +23,6 @@ use planner::parallel::try_each;
 use planner::plan::Watch;
 use planner::plan::file::PlanFile;
 use planner::plan::rng::SplitMix64;
-use planner::request::Plans;
 use planner::store::robot_fingerprint;
 use robot_model::RobotModel;
 
@@ -69,8 +68,8 @@ impl Targets {
 }
 
 #[derive(Debug)]
-pub(super) struct Sweep<'a, const N: usize> {
-    pub(super) arm: &'a RobotModel<N>,
+pub(super) struct Sweep<'a> {
+    pub(super) arm: &'a RobotModel,
     pub(super) search: &'a SearchOptions,
     pub(super) seed: u64,
     pub(super) fast: bool,
@@ -96,10 +95,7 @@ pub(super) fn table_error(error: TableError) -> ExpectedError {
     }
 }
 
-impl<const N: usize> Sweep<'_, N>
-where
-    RobotModel<N>: Plans<N>,
-{
+impl Sweep<'_> {
     /// Makes those of the shards that are not there yet.
     ///
     /// # Errors
@@ -163,7 +159,7 @@ where
     }
 
     /// Everything that the rows follow from, by name.
-    fn study(&self, shards: u32, starts: &Starts<N>) -> Result<Study, ExpectedError> {
+    fn study(&self, shards: u32, starts: &Starts) -> Result<Study, ExpectedError> {
         let mut crc = crc32fast::Hasher::new();
         starts.index.records().iter().for_each(|record| crc.update(&record.to_bytes()));
         let words = [
@@ -189,7 +185,7 @@ where
         folder: &Folder,
         shard: Shard,
         source: &mut Option<(u64, Rows)>,
-        starts: &Starts<N>,
+        starts: &Starts,
         watch: &Watch,
         done: &AtomicU64,
     ) -> Result<bool, ExpectedError> {
@@ -199,7 +195,7 @@ where
             _ => self.targets.rows_from(own.start).map_err(table_error)?,
         };
         let stopped = || watch.stop.load(Ordering::Relaxed);
-        let made = folder.make(shard, &columns(N), |rows| {
+        let made = folder.make(shard, &columns(self.arm.n()), |rows| {
             let batch: Vec<(u64, TargetRow)> = rows
                 .clone()
                 .zip(targets.by_ref())
@@ -235,7 +231,7 @@ where
         &self,
         number: u64,
         target: &TargetRow,
-        starts: &Starts<N>,
+        starts: &Starts,
         watch: &Watch,
     ) -> Result<Vec<String>, ExpectedError> {
         let draws = (self.draws > 0)
@@ -257,10 +253,10 @@ where
                 (outcome, of_plan(&plan, landings), note.unwrap_or_default().to_owned())
             }
             Err(e) if [exit::NO_THROW, exit::BAD_INPUT].contains(&e.code) => {
-                ("refused", none(N), e.message.lines().next().unwrap_or_default().to_owned())
+                ("refused", none(self.arm.n()), e.message.lines().next().unwrap_or_default().to_owned())
             }
             // A search that was stopped; the row is dropped.
-            Err(e) if e.code == exit::INTERRUPTED => ("refused", none(N), "stopped".to_owned()),
+            Err(e) if e.code == exit::INTERRUPTED => ("refused", none(self.arm.n()), "stopped".to_owned()),
             Err(e) => return Err(e),
         };
         Ok(head.chain([outcome.to_owned()]).chain(numbers).chain([note]).collect())

@@ -10,7 +10,6 @@ use crate::cmd::meaning::{Deed, Given};
 use crate::error::ExpectedError;
 use crate::tables::shard::{SHARDS_MAX, Shard};
 use crate::tables::targets::TargetList;
-use robot_model::for_any_robot;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -137,5 +136,5 @@ pub(super) fn make_shards(args: &Args, watcher: Watcher<'_>) -> Result<Made, Exp
     };
     let robot = crate::cmd::robot(&args.search.options.robot)?;
     let (search, seed, fast, draws) = (&args.search, args.seed, args.fast, args.draws);
-    for_any_robot!(&robot, arm => Sweep { arm, search, seed, fast, draws, targets }.make(out, &asked, watcher))
+    Sweep { arm: &robot, search, seed, fast, draws, targets }.make(out, &asked, watcher)
 }

@@ -7,8 +7,8 @@ use crate::cmd::meaning::Deed;
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::plan as plan_report;
-use planner::request::Plans;
-use robot_model::{AnyRobot, RobotModel, for_any_robot};
+use planner::follow::limits::AXES;
+use robot_model::RobotModel;
 
 /// Runs the verb.
 ///
@@ -20,13 +20,11 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     let name = &args.search.options.robot;
     let robot = crate::cmd::robot(name)?;
-    if let AnyRobot::Six(arm) = &robot
-        && args.follow.apply_to(arm)
-    {
-        return follow::run(args, arm);
+    if robot.n() == AXES && args.follow.apply_to(&robot) {
+        return follow::run(args, &robot);
     }
     args.require_ordinary()?;
-    for_any_robot!(&robot, arm => run_for(arm, args))
+    run_for(&robot, args)
 }
 
 impl Args {
@@ -37,10 +35,7 @@ impl Args {
     }
 }
 
-fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), ExpectedError>
-where
-    RobotModel<N>: Plans<N>,
-{
+fn run_for(arm: &RobotModel, args: &Args) -> Result<(), ExpectedError> {
     let Planned { plan, took, .. } = args.search.plan_for(arm, args.target, args.seed, args.fast)?;
     if let Some(path) = &args.out {
         plan.write(path).map_err(|e| ExpectedError::new(exit::OUTPUT, e.to_string()))?;

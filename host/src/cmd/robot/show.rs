@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use robot_model::{JointVec, RobotModel, for_any_robot};
+use robot_model::{JointVec, RobotModel};
 
 use crate::error::ExpectedError;
 use crate::report::robot;
@@ -30,28 +30,26 @@ pub struct Args {
 /// If the robot file is refused, the pose has another number of joints, or the picture cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let robot = super::super::robot(&args.robot)?;
-    let picture = for_any_robot!(&robot, arm => {
-        let pose = pose(arm, args.pose_deg.as_deref())?;
-        for (joint, q) in arm.joints().iter().zip(pose.iter()) {
-            if !(joint.limits.q_min_rad..=joint.limits.q_max_rad).contains(q) {
-                console::line!("note: {:.1}° is outside the range of joint {}", q.to_degrees(), joint.name);
-            }
+    let pose = pose(&robot, args.pose_deg.as_deref())?;
+    for (joint, q) in robot.joints().iter().zip(pose.iter()) {
+        if !(joint.limits.q_min_rad..=joint.limits.q_max_rad).contains(q) {
+            console::line!("note: {:.1}° is outside the range of joint {}", q.to_degrees(), joint.name);
         }
-        robot::picture(arm, &pose)
-    });
-    super::write(&args.out, &picture, args.force)?;
+    }
+    super::write(&args.out, &robot::picture(&robot, &pose), args.force)?;
     console::line!("{}: {} at zero and in a pose", args.out.display(), robot.name());
     Ok(())
 }
 
-fn pose<const N: usize>(arm: &RobotModel<N>, pose_deg: Option<&[f64]>) -> Result<JointVec<N>, ExpectedError> {
+fn pose(arm: &RobotModel, pose_deg: Option<&[f64]>) -> Result<JointVec, ExpectedError> {
     let Some(given) = pose_deg else { return Ok((arm.q_min() + arm.q_max()) * 0.5) };
-    if given.len() != N || given.iter().any(|q| !q.is_finite()) {
+    let n = arm.n();
+    if given.len() != n || given.iter().any(|q| !q.is_finite()) {
         return Err(ExpectedError::bad_input(&format!(
-            "--pose-deg gives {} angles; {} has {N} joints\n  next: give {N} numbers in degrees, separated by commas",
+            "--pose-deg gives {} angles; {} has {n} joints\n  next: give {n} numbers in degrees, separated by commas",
             given.len(),
             arm.name()
         )));
     }
-    Ok(JointVec::from_fn(|k, _| given[k].to_radians()))
+    Ok(JointVec::from_fn(n, |k| given[k].to_radians()))
 }

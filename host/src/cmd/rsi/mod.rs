@@ -68,7 +68,7 @@ pub fn robot_on(bus: &BusArgs) -> Result<Option<(RsiSpec, KrcScenario, Arm)>, Ex
     if let Some(robot) = &bus.cell.robot {
         described.robot.clone_from(robot);
     }
-    let arm = super::arm(&described.robot)?;
+    let arm = super::six_axes(&described.robot)?;
     Ok(Some((spec.clone(), described, arm)))
 }
 

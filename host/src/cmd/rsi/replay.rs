@@ -29,7 +29,7 @@ fn run(folder: &Path) -> Result<(Replayed, Station), ExpectedError> {
         parse(&text).map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", log.display())))?;
     let described =
         KrcScenario::load(&folder.join(DESCRIPTION)).map_err(|error| ExpectedError::bad_input(&error))?;
-    let arm = crate::cmd::arm(&described.robot)?;
+    let arm = crate::cmd::six_axes(&described.robot)?;
     let plan_file = folder.join("plan.json");
     let plan = if plan_file.is_file() {
         let plan = FollowPlan::read(&plan_file)

@@ -32,7 +32,6 @@ use operator::port::OnBus;
 use operator::way::Travel;
 use planner::plan::Arm;
 use planner::plan::file::PlanFile;
-use planner::request::Plans;
 use planner::verify;
 use tuner::gains::gains_file::GainsFile;
 
@@ -201,7 +200,7 @@ fn planned(args: &Args, target_m: Option<[f64; 3]>, seed: u64) -> Result<Planned
     };
     let began = WallTime::now();
     let plan = PlanFile::read(path).map_err(|error| ExpectedError::bad_input(&error))?;
-    let arm = crate::cmd::arm(&args.search.options.robot)?;
+    let arm = crate::cmd::robot(&args.search.options.robot)?;
     plan.require_robot(path, &arm).map_err(|error| ExpectedError::bad_input(&error))?;
     Ok(Planned { plan: (arm, plan), took: began.elapsed(), note: None })
 }
@@ -209,7 +208,7 @@ fn planned(args: &Args, target_m: Option<[f64; 3]>, seed: u64) -> Result<Planned
 /// Checks the plan by other means than the planner's. A ball that would touch the arm misses, also where the plan's form allows
 /// it, so that must be asked for.
 fn preflight(arm: &Arm, plan: &PlanFile) -> Result<(), ExpectedError> {
-    let report = arm.check(plan);
+    let report = verify::check(arm, plan);
     if report.ok() {
         let touch = report.findings.iter().find(|f| !f.ok && f.what.starts_with(verify::RELEASED_BALL));
         return match touch.filter(|_| !plan.search.touch_allowed) {
@@ -293,7 +292,7 @@ pub(super) fn diagnosis(session: &mut Session, arm: &Arm, counts: impl Fn(&str) 
     session.switch_controller_off();
     // Answers to it may still be under way.
     session.sleep_until(session.now() + ANSWERS_MAX).ok()?;
-    let (modules, findings) = examine_modules(session, &Wanted::of_arm(arm)).ok()?;
+    let (modules, findings) = examine_modules(session, &Wanted::of_robot(arm)).ok()?;
     let problems = findings.iter().filter(|f| f.level == Level::Problem && counts(f.check));
     let shown = if modules.is_empty() { 1 } else { usize::MAX };
     let list: Vec<String> =

@@ -211,7 +211,7 @@ pub fn simulate(words: &[String], plan: &FollowPlan) -> Result<Simulated, Expect
         return Err(ExpectedError::bad_input(&"--bus is for the program: run `cubectl throw`"));
     }
     require_meaning(&args)?;
-    let arm = crate::cmd::arm(&args.search.options.robot)?;
+    let arm = crate::cmd::six_axes(&args.search.options.robot)?;
     let (truth, described) = believed(&args)?;
     plan.require_true(Path::new(IN_MEMORY), &arm).map_err(|error| ExpectedError::bad_input(&error))?;
     let plan = opened(&args, &arm, &described, plan)?;

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant as WallTime;
 
 use can_link::BusSpec;
-use robot_model::AnyRobot;
+use planner::follow::limits::AXES;
 use toml_reader::{DESCRIPTION_MAX_BYTES, read_text};
 
 use self::drives::Drives;
@@ -132,10 +132,8 @@ enum Prepared {
 /// # Errors
 /// No throw, a plan that does not fit, the bus, the controller, the disk, or Ctrl-C. The exit code tells them apart.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    let led = match super::robot(&args.search.options.robot)? {
-        AnyRobot::Six(arm) if is_industrial(&arm) => Some(arm),
-        _ => None,
-    };
+    let arm = super::robot(&args.search.options.robot)?;
+    let led = (arm.n() == AXES && is_industrial(&arm)).then_some(arm);
     match &led {
         Some(_) => led::require_meaning(args)?,
         None => args.given.require_meaning(&args.deeds(&[Deed::OnCan]))?,
@@ -143,7 +141,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let consent = Consent::on(&args.bus, args.yes)?;
     let begun = WallTime::now();
     let prepared = match led {
-        Some(arm) => Prepared::Led(Box::new(led::prepare(args, *arm)?)),
+        Some(arm) => Prepared::Led(Box::new(led::prepare(args, arm)?)),
         None => Prepared::Drives(Box::new(drives::prepare(args)?)),
     };
     let folder = Folder::create(args.out.as_deref())?;

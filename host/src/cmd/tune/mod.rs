@@ -11,7 +11,7 @@ use can_link::BusSpec;
 use indicatif::ProgressBar;
 use protocol::cyphal::id::NodeId;
 use rayon::prelude::*;
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 use toml_reader::{DESCRIPTION_MAX_BYTES, read_text};
 
 use crate::error::ExpectedError;
@@ -19,7 +19,7 @@ use crate::exit;
 pub(in crate::cmd) use apply::InForce;
 use apply::{ApplyError, OnBus, put};
 use operator::bus::key_file::KeyArgs;
-use operator::bus::settings::crc32_of_any;
+use operator::bus::settings::crc32_of;
 use operator::bus::{BusArgs, Session};
 use planner::plan::file::PlanFile;
 use trial::built_in;
@@ -230,7 +230,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     match link {
         Some(mut link) if args.apply => {
-            let robot_crc32 = crc32_of_any(&work.robot).unwrap_or(0);
+            let robot_crc32 = crc32_of(&work.robot);
             link.apply(&before, &before.with(&file, robot_crc32)?, &args.backup)?;
             Ok(link.session.finish()?)
         }
@@ -258,7 +258,7 @@ pub fn gains(words: &[String]) -> Result<GainsFile, ExpectedError> {
 
 /// What is designed for.
 struct Work {
-    robot: AnyRobot,
+    robot: RobotModel,
     machine: Machine,
     motion: ReferenceProfile,
     demand: Demand,
@@ -286,7 +286,7 @@ impl Work {
         let (motion, trial) = match &args.plan {
             Some(path) => {
                 let plan = PlanFile::read(path).map_err(|e| ExpectedError::bad_input(&e))?;
-                let arm = super::arm(&source)?;
+                let arm = super::robot(&source)?;
                 plan.require_robot(path, &arm).map_err(|e| ExpectedError::bad_input(&e))?;
                 (trial::demands(&plan), trial::of_plan(&plan))
             }

@@ -3,10 +3,10 @@
 use std::fmt::Write as _;
 
 use firmware::settings::Settings;
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 use super::apply::InForce;
-use operator::bus::settings::crc32_of_any;
+use operator::bus::settings::crc32_of;
 use planner::plan::file::PlanFile;
 use tuner::gains::gains_file::{GainsFile, JointGains};
 use tuner::gains::lqr;
@@ -33,7 +33,7 @@ pub(super) fn demands(plan: &PlanFile) -> ReferenceProfile {
             motion.accelerations().filter(|((t_s, _), _)| (*t_s < plan.release_time_s - 1e-9) == early);
         side.map(|((_, from), (_, to))| from[j].abs().max(to[j].abs())).fold(0.0, f64::max)
     };
-    let phases = (0..plan.motion.joints.len().min(JOINTS)).map(|j| {
+    let phases = (0..plan.motion.joints.len()).map(|j| {
         vec![
             PhaseInput { duration_s: Some(plan.release_time_s), reference_max_rad_s2: largest(j, true) },
             PhaseInput { duration_s: None, reference_max_rad_s2: largest(j, false) },
@@ -45,10 +45,11 @@ pub(super) fn demands(plan: &PlanFile) -> ReferenceProfile {
 /// The throw of a plan.
 pub(super) fn of_plan(plan: &PlanFile) -> TrialMotion {
     let motion: planner::motion::Motion = plan.motion.to_motion();
+    let at = |numbers: &[f64], j: usize| numbers.get(j).copied().unwrap_or(0.0);
     let knots = motion
         .knots
         .iter()
-        .map(|knot| (knot.t_s, std::array::from_fn(|j| (knot.q_rad[j], knot.qd_rad_s[j]))));
+        .map(|knot| (knot.t_s, std::array::from_fn(|j| (at(&knot.q_rad, j), at(&knot.qd_rad_s, j)))));
     TrialMotion {
         knots: knots.collect(),
         release_s: Some(plan.release_time_s),
@@ -57,15 +58,13 @@ pub(super) fn of_plan(plan: &PlanFile) -> TrialMotion {
 }
 
 /// Without a plan: every joint swings through the middle of its range and uses `share` of its acceleration.
-pub(super) fn of_share(robot: &AnyRobot, share: f64) -> TrialMotion {
+pub(super) fn of_share(robot: &RobotModel, share: f64) -> TrialMotion {
     let (ha, hb) = HA_HB_S;
     let mut through = [(0.0, 0.0); JOINTS];
-    if let AnyRobot::Six(model) = robot {
-        for (state, joint) in through.iter_mut().zip(model.joints()) {
-            let limits = &joint.limits;
-            let v = (0.5 * share * limits.a_control_max_rad_s2 * hb).min(0.9 * limits.v_max_rad_s);
-            *state = (0.5 * (limits.q_min_rad + limits.q_max_rad), v);
-        }
+    for (state, joint) in through.iter_mut().zip(robot.joints()) {
+        let limits = &joint.limits;
+        let v = (0.5 * share * limits.a_control_max_rad_s2 * hb).min(0.9 * limits.v_max_rad_s);
+        *state = (0.5 * (limits.q_min_rad + limits.q_max_rad), v);
     }
     let rest = |way: f64| through.map(|(q, v)| (q + 2.0 / 3.0 * v * way, 0.0));
     let knots = vec![(0.0, rest(-ha)), (ha, through), (ha + hb, rest(hb))];
@@ -108,15 +107,15 @@ fn yardsticks(after: &InForce, file: &GainsFile) -> Vec<(&'static str, InForce)>
 /// # Errors
 /// In words, why there is nothing to compare.
 pub(super) fn compare(
-    robot: &AnyRobot,
+    robot: &RobotModel,
     before: &InForce,
     file: &GainsFile,
     motion: &TrialMotion,
 ) -> Result<String, String> {
-    if !matches!(robot, AnyRobot::Six(_)) {
+    if robot.n() != JOINTS {
         return Err("the firmware's built-in settings are for an arm of six joints".to_owned());
     }
-    let after = before.with(file, crc32_of_any(robot).unwrap_or(0)).map_err(|e| e.to_string())?;
+    let after = before.with(file, crc32_of(robot)).map_err(|e| e.to_string())?;
     let mut text = format!(
         "on the simulated cell (seed {SEED}), every joint {OFFSET_RAD} rad beside its start | on its start\n\
          gains                period ms  below {} rad after s, joint 1 to 6     after 0.35 s mrad  release mrad, mrad/s  \
@@ -187,7 +186,7 @@ mod tests {
 
     #[test]
     fn motion_without_a_plan_uses_its_share_of_the_acceleration_and_begins_and_ends_at_rest() {
-        let robot = AnyRobot::load("powercube6").unwrap();
+        let robot = RobotModel::load("powercube6").unwrap();
         let motion = of_share(&robot, 0.5);
         assert!(motion.knots[0].1.iter().chain(&motion.knots[2].1).all(|(_, v)| *v == 0.0));
         // Joint 1 brakes with half of 10.4 rad/s2: 2 v / hb.
@@ -197,7 +196,7 @@ mod tests {
 
     #[test]
     fn certified_gains_hold_in_the_simulated_cell_with_the_firmware_at_either_period() {
-        let robot = AnyRobot::load("powercube6").unwrap();
+        let robot = RobotModel::load("powercube6").unwrap();
         let machine = Machine::from_robot(&robot).unwrap();
         let motion = ReferenceProfile::with_share(&machine, 0.5);
         for period_s in [0.017, 0.003] {

@@ -227,8 +227,8 @@ impl RunReport<'_> {
 
     /// Measured joint angles: reference less the interpolated error, which is straighter than the angle.
     fn q_at(&self, t_s: f64) -> Joints {
-        let reference = self.plan.motion.to_motion::<6>().at(t_s).q;
-        Joints::from_fn(|j, _| {
+        let reference = self.plan.motion.to_motion().at(t_s).q;
+        Joints::from_fn(reference.len(), |j| {
             let samples = &self.analysis.joints[j].samples;
             let last = samples.last().map_or(reference[j], |s| s.q_rad);
             let error = interpolate(samples, t_s, |s| s.t_s, |s| s.error_rad);

@@ -6,7 +6,6 @@ use super::RunReport;
 use operator::analysis::collect::Reading;
 use operator::analysis::tracking::JointTracking;
 use operator::analysis::{AFTER_S, BEFORE_S, POSITION_BOUND_RAD, SPEED_BOUND_RAD_S, TRANSIENT_S};
-use planner::throw::JOINTS;
 
 impl RunReport<'_> {
     pub(super) fn tracking(&self, page: &mut Page) {
@@ -85,9 +84,10 @@ impl RunReport<'_> {
             &rows,
         );
         page.html("<p></p>");
-        page.charts(&(0..JOINTS).map(|j| self.error_chart(j)).collect::<Vec<_>>());
+        page.charts(&(0..self.analysis.joints.len()).map(|j| self.error_chart(j)).collect::<Vec<_>>());
         self.control(page);
-        let motions: Vec<Chart> = (0..JOINTS).flat_map(|j| self.motion_charts(j)).collect();
+        let motions: Vec<Chart> =
+            (0..self.analysis.joints.len()).flat_map(|j| self.motion_charts(j)).collect();
         page.folded("References against measurements, each joint", &motions);
     }
 
@@ -137,7 +137,7 @@ impl RunReport<'_> {
             })
             .collect();
         page.charts(&charts);
-        let motion = self.plan.motion.to_motion::<JOINTS>();
+        let motion = self.plan.motion.to_motion();
         let times = || (0..=400).map(|i| self.plan.end_time_s * f64::from(i) / 400.0);
         let of_reference = |title: &str, y_label: &str, value: &dyn Fn(f64, usize) -> f64| {
             let curves = joints.iter().enumerate().map(|(j, joint)| {

@@ -1,7 +1,7 @@
 //! Gains for a robot at a period: those that come with the program, or a design made on the way.
 
 use firmware::settings::Settings;
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 use crate::gains::design::{Design, DesignError, Tuned, tune};
 use crate::gains::gains_file::{FORMAT, GainsFile};
@@ -106,7 +106,7 @@ pub enum NoGains {
 ///
 /// # Errors
 /// [`NoGains`].
-pub fn gains_for(robot: &AnyRobot, period_us: u32) -> Result<(GainsFile, GainsFrom), NoGains> {
+pub fn gains_for(robot: &RobotModel, period_us: u32) -> Result<(GainsFile, GainsFrom), NoGains> {
     let (_, text) = BUILT_IN
         .iter()
         .find(|(us, _)| *us == period_us)
@@ -152,8 +152,8 @@ fn is_for(gains: &GainsFile, machine: &Machine) -> bool {
 mod tests {
     use super::*;
 
-    fn powercube6() -> AnyRobot {
-        AnyRobot::load("powercube6").unwrap()
+    fn powercube6() -> RobotModel {
+        RobotModel::load("powercube6").unwrap()
     }
 
     #[test]
@@ -190,7 +190,7 @@ mod tests {
             text.replace("control_acceleration_max_rad_s2 = 10.4", "control_acceleration_max_rad_s2 = 8.0");
         let (built_in, _) = gains_for(&powercube6(), 3_000).unwrap();
         for (text, a_max) in [(renamed, 10.4), (slower, 8.0)] {
-            let robot = AnyRobot::from_toml("my_arm.toml", &text).unwrap();
+            let robot = RobotModel::from_toml("my_arm.toml", &text).unwrap();
             for us in PERIODS_US {
                 let (gains, from) = gains_for(&robot, us).unwrap();
                 assert_eq!(from, GainsFrom::Designed);
@@ -205,7 +205,7 @@ mod tests {
 
     #[test]
     fn a_robot_without_drives_is_refused_with_the_next_step() {
-        let error = gains_for(&AnyRobot::load("kr16_2").unwrap(), 3_000).unwrap_err();
+        let error = gains_for(&RobotModel::load("kr16_2").unwrap(), 3_000).unwrap_err();
         assert!(matches!(error, NoGains::Machine(_)) && error.to_string().contains("next: "), "{error}");
     }
 }

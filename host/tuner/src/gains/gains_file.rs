@@ -242,7 +242,7 @@ impl GainsFile {
     ///
     /// # Errors
     /// [`GainsFileError::OtherMachine`] for the first number that differs.
-    pub fn check_robot<const N: usize>(&self, model: &RobotModel<N>) -> Result<(), GainsFileError> {
+    pub fn check_robot(&self, model: &RobotModel) -> Result<(), GainsFileError> {
         for tuned in &self.joint {
             let joint = tuned.number;
             let Some(limits) = joint.checked_sub(1).and_then(|i| model.joints().get(i)) else {

@@ -3,7 +3,7 @@
 use super::plant::Plant;
 use super::problem::{JointInput, PhaseInput};
 use crate::model::{DriveLag, Estimator};
-use robot_model::{AnyRobot, RobotModel, for_any_robot};
+use robot_model::RobotModel;
 
 /// What gain design needs of a machine.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,19 +42,11 @@ pub enum MachineError {
 }
 
 impl Machine {
-    /// From a robot model of any number of joints.
-    ///
-    /// # Errors
-    /// [`MachineError::NoDriveLoop`].
-    pub fn from_robot(robot: &AnyRobot) -> Result<Self, MachineError> {
-        for_any_robot!(robot, model => Self::from_model(model))
-    }
-
     /// From a robot model.
     ///
     /// # Errors
     /// [`MachineError::NoDriveLoop`].
-    pub fn from_model<const N: usize>(model: &RobotModel<N>) -> Result<Self, MachineError> {
+    pub fn from_robot(model: &RobotModel) -> Result<Self, MachineError> {
         let robot = model.name().to_owned();
         let Some(drive) = model.drive_loop() else { return Err(MachineError::NoDriveLoop { robot }) };
         let joints = model
@@ -182,7 +174,7 @@ mod tests {
 
     #[test]
     fn built_in_arm_gives_the_data_of_the_paper() {
-        let machine = Machine::from_robot(&AnyRobot::load("powercube6").unwrap()).unwrap();
+        let machine = Machine::from_robot(&RobotModel::load("powercube6").unwrap()).unwrap();
         let a: Vec<f64> = machine.joints.iter().map(|j| j.acceleration_max_rad_s2).collect();
         assert_eq!(a, [10.4, 10.4, 10.4, 10.4, 16.6, 22.3]);
         assert_eq!(machine.joints[0].drive, DriveLag::POWERCUBE);
@@ -190,7 +182,7 @@ mod tests {
 
     #[test]
     fn plan_for_another_robot_is_refused() {
-        let machine = Machine::from_robot(&AnyRobot::load("powercube6").unwrap()).unwrap();
+        let machine = Machine::from_robot(&RobotModel::load("powercube6").unwrap()).unwrap();
         let demand = Demand::with_period(0.017);
         let mut motion = ReferenceProfile::with_share(&machine, 0.5);
         assert_eq!(inputs(&machine, &motion, &demand).unwrap().len(), 6);

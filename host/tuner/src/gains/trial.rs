@@ -21,7 +21,7 @@ use hil_sim::world::{Observer, World};
 use hil_sim::{Cell, CellOptions};
 use protocol::cyphal::crc::Crc64;
 use protocol::{Duration, Frame, Instant, JointIndex};
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 use robot_model::cubic::Cubic;
 
 use super::saturated::Gains;
@@ -210,7 +210,7 @@ const HOST: Peer = Peer::new(42);
 /// # Errors
 /// [`TrialError`].
 pub fn run(
-    robot: &AnyRobot,
+    robot: &RobotModel,
     settings: &Settings,
     motion: &TrialMotion,
     offset_rad: f64,
@@ -291,7 +291,7 @@ mod tests {
         // The release lies between two commands.
         let motion = TrialMotion { knots, release_s: Some(0.6), target_m: None };
         let settings = settings(&[[-185.5, -23.07, -0.4546]; JOINTS], 0.017, Estimator::PLAIN);
-        let robot = AnyRobot::load("powercube6").unwrap();
+        let robot = RobotModel::load("powercube6").unwrap();
         let found = run(&robot, &settings, &motion, 0.05, 1).unwrap();
         assert!(found.release.0 > 1e-6 && found.release.0 < 5e-3, "{found:?}");
         assert!(found.release.1 > 1e-6 && found.release.1 < 0.1, "{found:?}");

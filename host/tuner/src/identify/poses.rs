@@ -52,9 +52,9 @@ impl Sweep {
 
 /// Where the holding currents of a joint are measured.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Loading<const N: usize> {
+pub struct Loading {
     /// Pose of all joints from which the measured one is turned.
-    pub pose: JointVec<N>,
+    pub pose: JointVec,
     /// Joints to be brought there, one after the other.
     pub order: Vec<usize>,
     /// Positions of the measured joint, rad.
@@ -62,19 +62,19 @@ pub struct Loading<const N: usize> {
 }
 
 /// Free ways of a robot.
-pub struct Ways<'m, const N: usize> {
-    model: &'m RobotModel<N>,
-    checker: CollisionChecker<'m, N>,
+pub struct Ways<'m> {
+    model: &'m RobotModel,
+    checker: CollisionChecker<'m>,
 }
 
-impl<'m, const N: usize> Ways<'m, N> {
+impl<'m> Ways<'m> {
     /// For a robot in a scene without anything but its floor.
-    pub fn new(model: &'m RobotModel<N>, scene: &'m Scene) -> Self {
+    pub fn new(model: &'m RobotModel, scene: &'m Scene) -> Self {
         Self { model, checker: CollisionChecker::new(model, scene) }
     }
 
     /// Whether turning `joint` from its place in `from` to `to_rad` is proven free.
-    fn is_free(&mut self, from: &JointVec<N>, joint: usize, to_rad: f64) -> bool {
+    fn is_free(&mut self, from: &JointVec, joint: usize, to_rad: f64) -> bool {
         let mut to = *from;
         to[joint] = to_rad;
         self.checker.check_motion(&StraightMove { from: *from, to }, 0.0, 1.0, TOLERANCE_M).is_free()
@@ -82,7 +82,7 @@ impl<'m, const N: usize> Ways<'m, N> {
 
     /// How far `joint` may turn while the others stand: within the soft limits and free of collisions, with
     /// margins to both. Nothing but its place if that is outside already.
-    pub fn sweep(&mut self, q: &JointVec<N>, joint: usize) -> Sweep {
+    pub fn sweep(&mut self, q: &JointVec, joint: usize) -> Sweep {
         let limits = &self.model.joints()[joint].limits;
         let here = q[joint];
         let mut end = |limit: f64| {
@@ -106,7 +106,7 @@ impl<'m, const N: usize> Ways<'m, N> {
     }
 
     /// Loads of `joint` over `sweep`: (position rad, torque N m).
-    fn loads(&self, q: &JointVec<N>, joint: usize, sweep: &Sweep) -> Vec<(f64, f64)> {
+    fn loads(&self, q: &JointVec, joint: usize, sweep: &Sweep) -> Vec<(f64, f64)> {
         let mut q = *q;
         (0..GRID)
             .map(|i| {
@@ -117,7 +117,7 @@ impl<'m, const N: usize> Ways<'m, N> {
     }
 
     /// Mean |load| of `joint` over `sweep`, N m.
-    pub fn mean_load_nm(&self, q: &JointVec<N>, joint: usize, sweep: &Sweep) -> f64 {
+    pub fn mean_load_nm(&self, q: &JointVec, joint: usize, sweep: &Sweep) -> f64 {
         // Midpoint rule: the ends count as little as they do for a joint that passes at a steady speed.
         let mut q = *q;
         let torques = (0..MEAN_POINTS).map(|i| {
@@ -129,7 +129,7 @@ impl<'m, const N: usize> Ways<'m, N> {
 
     /// Poses that load `joint` differently, reached from `q` one joint at a time; with the largest load that was
     /// found at all, N m. No pose if gravity does not load the joint.
-    pub fn loading(&mut self, q: &JointVec<N>, joint: usize) -> (Option<Loading<N>>, f64) {
+    pub fn loading(&mut self, q: &JointVec, joint: usize) -> (Option<Loading>, f64) {
         let here = self.sweep(q, joint);
         let span = |loads: &[(f64, f64)]| {
             let (low, high) = ends(loads);
@@ -143,10 +143,10 @@ impl<'m, const N: usize> Ways<'m, N> {
             low_rad: limits[joint].0 + LIMIT_MARGIN_RAD,
             high_rad: limits[joint].1 - LIMIT_MARGIN_RAD,
         };
-        let mut candidates: Vec<(f64, JointVec<N>)> = Vec::new();
+        let mut candidates: Vec<(f64, JointVec)> = Vec::new();
         let (mut largest_nm, mut most) = (0.0f64, own);
         for _ in 0..CANDIDATES {
-            let pose = JointVec::<N>::from_fn(|i, _| {
+            let pose = JointVec::from_fn(q.len(), |i| {
                 let (low, high) = limits[i];
                 if i == joint { q[i] } else { low + 0.3 + (high - low - 0.6) * samples.unit() }
             });
@@ -182,8 +182,8 @@ impl<'m, const N: usize> Ways<'m, N> {
 
     /// An order in which the joints can go from `from` to `to` one by one, `joint` staying; `None` if neither
     /// outwards nor inwards is free.
-    fn order(&mut self, from: &JointVec<N>, to: &JointVec<N>, joint: usize) -> Option<Vec<usize>> {
-        let outwards: Vec<usize> = (0..N).filter(|i| *i != joint).collect();
+    fn order(&mut self, from: &JointVec, to: &JointVec, joint: usize) -> Option<Vec<usize>> {
+        let outwards: Vec<usize> = (0..from.len()).filter(|i| *i != joint).collect();
         let inwards: Vec<usize> = outwards.iter().rev().copied().collect();
         [inwards, outwards].into_iter().find(|order| {
             let mut q = *from;
@@ -196,7 +196,7 @@ impl<'m, const N: usize> Ways<'m, N> {
     }
 
     /// Positions whose loads are spread evenly, none of them small.
-    fn holds(&self, pose: &JointVec<N>, joint: usize, sweep: &Sweep) -> Vec<f64> {
+    fn holds(&self, pose: &JointVec, joint: usize, sweep: &Sweep) -> Vec<f64> {
         let inside = Sweep { low_rad: sweep.low_rad + APPROACH_RAD, high_rad: sweep.high_rad - APPROACH_RAD };
         let loads = self.loads(pose, joint, &inside);
         let (low, high) = ends(&loads);
@@ -221,17 +221,14 @@ fn ends(loads: &[(f64, f64)]) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use robot_model::AnyRobot;
+    use robot_model::RobotModel;
 
-    fn arm() -> Box<RobotModel<6>> {
-        match AnyRobot::load("powercube6").unwrap() {
-            AnyRobot::Six(model) => model,
-            other => panic!("{} has six joints", other.name()),
-        }
+    fn arm() -> RobotModel {
+        RobotModel::load("powercube6").unwrap()
     }
 
-    fn upright() -> JointVec<6> {
-        JointVec::<6>::from_column_slice(&[0.1, -1.47, -1.47, 0.1, 0.1, 0.1])
+    fn upright() -> JointVec {
+        JointVec::from_slice(&[0.1, -1.47, -1.47, 0.1, 0.1, 0.1])
     }
 
     #[test]

@@ -6,8 +6,8 @@ use nalgebra::Vector3;
 
 use crate::boxes::{Obb, Proximity};
 use crate::kinematics::Frames;
-use crate::linalg::JointVec;
 use crate::model::RobotModel;
+use crate::per_joint::JointVec;
 use crate::pose::Pose;
 
 /// What is around the arm besides its own base and the floor, and what it holds.
@@ -67,18 +67,18 @@ pub(super) struct Pair {
 
 /// Tests configurations of one robot in one scene; holds the placed boxes, so that nothing is allocated per test.
 #[derive(Debug, Clone)]
-pub struct CollisionChecker<'m, const N: usize> {
-    pub(super) model: &'m RobotModel<N>,
+pub struct CollisionChecker<'m> {
+    pub(super) model: &'m RobotModel,
     pub(super) scene: &'m Scene,
     pub(super) pairs: Vec<Pair>,
     placed: Vec<Obb>,
     ball: Vector3<f64>,
 }
 
-impl<'m, const N: usize> CollisionChecker<'m, N> {
+impl<'m> CollisionChecker<'m> {
     /// Checker for a robot in a scene.
     #[must_use]
-    pub fn new(model: &'m RobotModel<N>, scene: &'m Scene) -> Self {
+    pub fn new(model: &'m RobotModel, scene: &'m Scene) -> Self {
         let collision = model.collision();
         let placed = collision.boxes().iter().map(|b| Obb::new(b.x_lb, b.half_m)).collect();
         Self { model, scene, pairs: all_pairs(model, scene), placed, ball: Vector3::zeros() }
@@ -91,7 +91,7 @@ impl<'m, const N: usize> CollisionChecker<'m, N> {
     }
 
     /// Places all boxes for a configuration; the base stays where it is.
-    pub(super) fn place(&mut self, frames: &Frames<N>) {
+    pub(super) fn place(&mut self, frames: &Frames) {
         for (placed, body) in self.placed.iter_mut().zip(self.model.collision().boxes()) {
             if let Some(i) = body.link.checked_sub(1) {
                 placed.pose = frames.x_w[i] * body.x_lb;
@@ -101,12 +101,12 @@ impl<'m, const N: usize> CollisionChecker<'m, N> {
     }
 
     /// Whether any tested pair of bodies overlaps or touches.
-    pub fn collides(&mut self, frames: &Frames<N>) -> bool {
+    pub fn collides(&mut self, frames: &Frames) -> bool {
         self.first_contact(frames).is_some()
     }
 
     /// The first pair that overlaps or touches, in the order of the pairs.
-    pub fn first_contact(&mut self, frames: &Frames<N>) -> Option<(Body, Body)> {
+    pub fn first_contact(&mut self, frames: &Frames) -> Option<(Body, Body)> {
         self.place(frames);
         self.pairs.iter().find(|pair| self.touch(pair)).map(|pair| (pair.a, pair.b))
     }
@@ -114,7 +114,7 @@ impl<'m, const N: usize> CollisionChecker<'m, N> {
     /// The nearest tested pair with its exact distance.
     ///
     /// Infinite distance if nothing is tested (a robot without boxes).
-    pub fn clearance(&mut self, frames: &Frames<N>) -> Clearance {
+    pub fn clearance(&mut self, frames: &Frames) -> Clearance {
         self.nearest_pair(frames).map_or_else(Clearance::none, |(pair, near)| Clearance {
             distance_m: near.distance_m,
             a: pair.a,
@@ -126,12 +126,12 @@ impl<'m, const N: usize> CollisionChecker<'m, N> {
     ///
     /// The derivative is that of the nearest pair at its nearest points; where two pairs are equally near, or two
     /// features of a pair, it jumps.
-    pub fn clearance_gradient(&mut self, frames: &Frames<N>) -> (Clearance, JointVec<N>) {
+    pub fn clearance_gradient(&mut self, frames: &Frames) -> (Clearance, JointVec) {
         let Some((pair, near)) = self.nearest_pair(frames) else {
-            return (Clearance::none(), JointVec::zeros());
+            return (Clearance::none(), JointVec::zeros(self.model.n()));
         };
         let clearance = Clearance { distance_m: near.distance_m, a: pair.a, b: pair.b };
-        let gradient = JointVec::from_fn(|k, _| {
+        let gradient = JointVec::from_fn(self.model.n(), |k| {
             // Both bodies hang behind joint k or neither does: it does not change their distance.
             let moves_a = k < pair.link_a;
             let moves_b = k < pair.link_b;
@@ -145,7 +145,7 @@ impl<'m, const N: usize> CollisionChecker<'m, N> {
         (clearance, gradient)
     }
 
-    fn nearest_pair(&mut self, frames: &Frames<N>) -> Option<(Pair, Proximity)> {
+    fn nearest_pair(&mut self, frames: &Frames) -> Option<(Pair, Proximity)> {
         self.place(frames);
         let mut nearest: Option<(Pair, Proximity)> = None;
         let mut so_far = f64::INFINITY;
@@ -173,7 +173,7 @@ impl<'m, const N: usize> CollisionChecker<'m, N> {
     /// The box of the arm nearest to a ball in flight with its centre at `center_w`.
     ///
     /// All boxes count, base and hand too: after the release the ball must stay clear of the hand as well.
-    pub fn ball_clearance(&mut self, frames: &Frames<N>, center_w: &Vector3<f64>) -> Clearance {
+    pub fn ball_clearance(&mut self, frames: &Frames, center_w: &Vector3<f64>) -> Clearance {
         self.place(frames);
         let radius_m = self.model.gripper().ball_radius_m;
         let mut nearest = Clearance::none();
@@ -260,7 +260,8 @@ impl fmt::Display for BodyName<'_> {
 
 /// Arm against itself by the robot's rule; floor; moving links against obstacles; held ball against everything but
 /// the last two links, which hold it or are too near to be told from it.
-fn all_pairs<const N: usize>(model: &RobotModel<N>, scene: &Scene) -> Vec<Pair> {
+fn all_pairs(model: &RobotModel, scene: &Scene) -> Vec<Pair> {
+    let n = model.n();
     let collision = model.collision();
     let boxes = collision.boxes();
     let of_boxes = collision.pairs().iter().map(|&(a, b)| {
@@ -282,17 +283,17 @@ fn all_pairs<const N: usize>(model: &RobotModel<N>, scene: &Scene) -> Vec<Pair> 
             });
             pairs.extend(with_obstacles);
         }
-        if scene.ball_held && body.link + 1 < N {
-            pairs.push(Pair { a: Body::Box(k), b: Body::Ball, link_a: body.link, link_b: N });
+        if scene.ball_held && body.link + 1 < n {
+            pairs.push(Pair { a: Body::Box(k), b: Body::Ball, link_a: body.link, link_b: n });
         }
     }
     if scene.ball_held {
-        pairs.push(Pair { a: Body::Floor, b: Body::Ball, link_a: 0, link_b: N });
+        pairs.push(Pair { a: Body::Floor, b: Body::Ball, link_a: 0, link_b: n });
         let with_obstacles = (0..scene.obstacles.len()).map(|o| Pair {
             a: Body::Obstacle(o),
             b: Body::Ball,
             link_a: 0,
-            link_b: N,
+            link_b: n,
         });
         pairs.extend(with_obstacles);
     }
@@ -300,12 +301,12 @@ fn all_pairs<const N: usize>(model: &RobotModel<N>, scene: &Scene) -> Vec<Pair> 
 }
 
 /// The pose of a box of the arm in the world, for drawing.
-impl<const N: usize> RobotModel<N> {
+impl RobotModel {
     /// All boxes of the arm in the world for a configuration, in the order of the robot's list.
     ///
     /// Allocates; for reports and pictures.
     #[must_use]
-    pub fn boxes_at(&self, frames: &Frames<N>) -> Vec<Obb> {
+    pub fn boxes_at(&self, frames: &Frames) -> Vec<Obb> {
         let place = |link: usize| if link == 0 { Pose::identity() } else { frames.x_w[link - 1] };
         self.collision().boxes().iter().map(|b| Obb::new(place(b.link) * b.x_lb, b.half_m)).collect()
     }

@@ -9,35 +9,35 @@
 use nalgebra::Vector3;
 
 use super::checker::{Body, Clearance, CollisionChecker, Pair};
-use crate::linalg::JointVec;
+use crate::per_joint::JointVec;
 
 /// A motion as the collision checker needs it.
 ///
 /// `s` is any parameter (usually the time in s). For [`Travel::path_length`] joints that move monotonically over an
 /// interval, as in the two-segment cubics of the throwing paper, simply take the difference of the ends.
-pub trait Travel<const N: usize> {
+pub trait Travel {
     /// Configuration at `s`.
-    fn at(&self, s: f64) -> JointVec<N>;
+    fn at(&self, s: f64) -> JointVec;
 
     /// Upper bound of the way each joint goes between `s0` and `s1 ≥ s0`, in rad.
-    fn path_length(&self, s0: f64, s1: f64) -> JointVec<N>;
+    fn path_length(&self, s0: f64, s1: f64) -> JointVec;
 }
 
 /// A straight line in joint space: `from` at s = 0, `to` at s = 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct StraightMove<const N: usize> {
+pub struct StraightMove {
     /// Configuration at s = 0, in rad.
-    pub from: JointVec<N>,
+    pub from: JointVec,
     /// Configuration at s = 1, in rad.
-    pub to: JointVec<N>,
+    pub to: JointVec,
 }
 
-impl<const N: usize> Travel<N> for StraightMove<N> {
-    fn at(&self, s: f64) -> JointVec<N> {
+impl Travel for StraightMove {
+    fn at(&self, s: f64) -> JointVec {
         self.from + (self.to - self.from) * s
     }
 
-    fn path_length(&self, s0: f64, s1: f64) -> JointVec<N> {
+    fn path_length(&self, s0: f64, s1: f64) -> JointVec {
         (self.to - self.from).abs() * (s1 - s0)
     }
 }
@@ -79,14 +79,14 @@ struct Interval {
     pairs_from: usize,
 }
 
-impl<const N: usize> CollisionChecker<'_, N> {
+impl CollisionChecker<'_> {
     /// Checks the motion from `s0` to `s1`: everything that [`CollisionChecker::collides`] tests, at every instant.
     ///
     /// Intervals in which bodies move towards each other by less than `tolerance_m` and still are not proven free
     /// count as contact; 0.1 mm is a good tolerance. A motion that is not finite anywhere is a contact there.
     pub fn check_motion(
         &mut self,
-        motion: &impl Travel<N>,
+        motion: &impl Travel,
         s0: f64,
         s1: f64,
         tolerance_m: f64,
@@ -150,7 +150,7 @@ impl<const N: usize> CollisionChecker<'_, N> {
     /// bounds its speed per unit of `s`. Tolerance and outcome as in [`CollisionChecker::check_motion`].
     pub fn check_flight(
         &mut self,
-        motion: &impl Travel<N>,
+        motion: &impl Travel,
         ball_at: impl Fn(f64) -> Vector3<f64>,
         ball_speed_max: f64,
         (s0, s1): (f64, f64),
@@ -166,7 +166,7 @@ impl<const N: usize> CollisionChecker<'_, N> {
             let frames = self.model.fk(&motion.at(s));
             let clearance = self.ball_clearance(&frames, &ball_at(s));
             evaluations += 1;
-            let swung_m = (1..=N).map(|link| self.swept(link, 0, &travel)).fold(0.0, f64::max);
+            let swung_m = (1..=self.model.n()).map(|link| self.swept(link, 0, &travel)).fold(0.0, f64::max);
             if clearance.distance_m > flown_m + swung_m {
                 continue;
             }
@@ -187,7 +187,7 @@ impl<const N: usize> CollisionChecker<'_, N> {
     }
 
     /// How far a pair can have approached after the joints have travelled this much.
-    fn approach(&self, pair: &Pair, travel: &JointVec<N>) -> f64 {
+    fn approach(&self, pair: &Pair, travel: &JointVec) -> f64 {
         let (from, to) = (pair.link_a.min(pair.link_b), pair.link_a.max(pair.link_b));
         if pair.b == Body::Ball {
             let collision = self.model.collision();
@@ -198,7 +198,7 @@ impl<const N: usize> CollisionChecker<'_, N> {
     }
 
     /// Farthest way of a point of link `to` seen from link `from`: only the joints between them count.
-    fn swept(&self, to: usize, from: usize, travel: &JointVec<N>) -> f64 {
+    fn swept(&self, to: usize, from: usize, travel: &JointVec) -> f64 {
         let collision = self.model.collision();
         (from..to).map(|k| collision.swing_m(k, to) * travel[k]).sum()
     }

@@ -1,15 +1,15 @@
 //! Mass matrix, forward dynamics and energies.
 
-use nalgebra::{Matrix3, SMatrix, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
 use crate::kinematics::turned_rot;
-use crate::linalg::Cholesky;
-use crate::linalg::JointVec;
+use crate::linalg::{Cholesky, SquareMatrix};
 use crate::mat3;
 use crate::model::{LinkInertia, RobotModel};
+use crate::per_joint::{JointVec, PerJoint};
 
 /// Links from one on to the hand, as if welded: mass, first moment and inertia about the origin of the first joint frame.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Composite {
     m: f64,
     h: Vector3<f64>,
@@ -33,16 +33,17 @@ impl Composite {
     }
 }
 
-impl<const N: usize> RobotModel<N> {
+impl RobotModel {
     /// Mass matrix `M(q)` in kg·m²: symmetric and positive definite for every model that the loader accepts.
     ///
     /// Composite-rigid-body algorithm (Featherstone 2008, section 6.2).
     #[must_use]
-    pub fn mass_matrix(&self, q: &JointVec<N>) -> SMatrix<f64, N, N> {
-        let rot: [Matrix3<f64>; N] = std::array::from_fn(|i| turned_rot(&self.joints[i].x_pj.rot, q[i]));
-        let mut composite: [Composite; N] = std::array::from_fn(|i| Composite::of(&self.links[i].inertia));
-        let mut mass = SMatrix::<f64, N, N>::zeros();
-        for i in (0..N).rev() {
+    pub fn mass_matrix(&self, q: &JointVec) -> SquareMatrix {
+        let n = self.n();
+        let rot = PerJoint::from_fn(n, |i| turned_rot(&self.joints[i].x_pj.rot, q[i]));
+        let mut composite = PerJoint::from_fn(n, |i| Composite::of(&self.links[i].inertia));
+        let mut mass = SquareMatrix::zeros(n);
+        for i in (0..n).rev() {
             let c = composite[i];
             if i > 0 {
                 composite[i - 1].add(&c, &rot[i], &self.joints[i].x_pj.pos);
@@ -66,24 +67,24 @@ impl<const N: usize> RobotModel<N> {
     ///
     /// Friction and motors are not included. Not finite if the arguments are not.
     #[must_use]
-    pub fn forward_dynamics(&self, q: &JointVec<N>, qd: &JointVec<N>, tau: &JointVec<N>) -> JointVec<N> {
+    pub fn forward_dynamics(&self, q: &JointVec, qd: &JointVec, tau: &JointVec) -> JointVec {
         let free = tau - self.bias_torques(q, qd);
         match Cholesky::new(&self.mass_matrix(q)) {
             Some(mass) => mass.solve(&free),
             // Masses are positive, so only angles that are not numbers come here.
-            None => JointVec::repeat(f64::NAN),
+            None => JointVec::repeat(self.n(), f64::NAN),
         }
     }
 
     /// Kinetic energy in J.
     #[must_use]
-    pub fn kinetic_energy_j(&self, q: &JointVec<N>, qd: &JointVec<N>) -> f64 {
-        0.5 * qd.dot(&(self.mass_matrix(q) * qd))
+    pub fn kinetic_energy_j(&self, q: &JointVec, qd: &JointVec) -> f64 {
+        0.5 * qd.dot(&(&self.mass_matrix(q) * qd))
     }
 
     /// Potential energy of the links in J; zero for a link whose centre of mass is at the height of the world origin.
     #[must_use]
-    pub fn potential_energy_j(&self, q: &JointVec<N>) -> f64 {
+    pub fn potential_energy_j(&self, q: &JointVec) -> f64 {
         let frames = self.fk(q);
         let moment: f64 = self
             .links

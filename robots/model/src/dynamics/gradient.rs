@@ -5,35 +5,34 @@
 //! Source: S. Singh, R. P. Russo, P. M. Wensing, "Efficient Analytical Derivatives of Rigid-Body Dynamics Using
 //! Spatial Vector Algebra", IEEE RA-L 7(2), 2022, eq. (15) to (20), for a chain of revolute joints.
 
-use nalgebra::SMatrix;
-
 use super::spatial::{Coriolis, ForceVector, Inertia, MotionVector};
 use crate::kinematics::Frames;
-use crate::linalg::JointVec;
+use crate::linalg::SquareMatrix;
 use crate::model::RobotModel;
+use crate::per_joint::{JOINTS_MAX, JointVec};
 
 /// Torque with its derivatives; entry `(i, j)` of a matrix is the derivative of `τ_i` by joint `j`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct InverseDynamicsGradient<const N: usize> {
+#[derive(Clone, Copy)]
+pub struct InverseDynamicsGradient {
     /// `τ(q, q̇, q̈)` in N·m.
-    pub tau: JointVec<N>,
+    pub tau: JointVec,
     /// `∂τ/∂q` in N·m/rad.
-    pub by_q: SMatrix<f64, N, N>,
+    pub by_q: SquareMatrix,
     /// `∂τ/∂q̇` in N·m·s/rad.
-    pub by_qd: SMatrix<f64, N, N>,
+    pub by_qd: SquareMatrix,
     /// `∂τ/∂q̈ = M(q)`, the mass matrix, in kg·m².
-    pub by_qdd: SMatrix<f64, N, N>,
+    pub by_qdd: SquareMatrix,
 }
 
-impl<const N: usize> RobotModel<N> {
+impl RobotModel {
     /// Inverse dynamics and its derivatives in the state `(q, qd)` at the acceleration `qdd` (rad, s).
     #[must_use]
     pub fn inverse_dynamics_gradient(
         &self,
-        q: &JointVec<N>,
-        qd: &JointVec<N>,
-        qdd: &JointVec<N>,
-    ) -> InverseDynamicsGradient<N> {
+        q: &JointVec,
+        qd: &JointVec,
+        qdd: &JointVec,
+    ) -> InverseDynamicsGradient {
         self.inverse_dynamics_gradient_at(&self.fk(q), qd, qdd)
     }
 
@@ -41,22 +40,23 @@ impl<const N: usize> RobotModel<N> {
     #[must_use]
     pub fn inverse_dynamics_gradient_at(
         &self,
-        frames: &Frames<N>,
-        qd: &JointVec<N>,
-        qdd: &JointVec<N>,
-    ) -> InverseDynamicsGradient<N> {
+        frames: &Frames,
+        qd: &JointVec,
+        qdd: &JointVec,
+    ) -> InverseDynamicsGradient {
+        let n = self.n();
         // Notation of the source: S joint screws, Ψ̇ and Ψ̈ their rates as seen from the link before.
-        let mut s = [MotionVector::zero(); N];
-        let mut psi_d = [MotionVector::zero(); N];
-        let mut psi_dd = [MotionVector::zero(); N];
-        let mut inertia = [Inertia::zero(); N];
-        let mut coriolis = [Coriolis::zero(); N];
-        let mut force = [ForceVector::zero(); N];
+        let mut s = [MotionVector::zero(); JOINTS_MAX];
+        let mut psi_d = [MotionVector::zero(); JOINTS_MAX];
+        let mut psi_dd = [MotionVector::zero(); JOINTS_MAX];
+        let mut inertia = [Inertia::zero(); JOINTS_MAX];
+        let mut coriolis = [Coriolis::zero(); JOINTS_MAX];
+        let mut force = [ForceVector::zero(); JOINTS_MAX];
 
         let mut v = MotionVector::zero();
         let mut a = MotionVector::zero();
         a.v.z = self.world.gravity_m_s2;
-        for i in 0..N {
+        for i in 0..n {
             s[i] = MotionVector::joint_axis(frames, i);
             psi_d[i] = v.cross(&s[i]);
             psi_dd[i] = a.cross(&s[i]).plus(&v.cross(&psi_d[i]), 1.0);
@@ -69,13 +69,13 @@ impl<const N: usize> RobotModel<N> {
         }
 
         let mut out = InverseDynamicsGradient {
-            tau: JointVec::zeros(),
-            by_q: SMatrix::zeros(),
-            by_qd: SMatrix::zeros(),
-            by_qdd: SMatrix::zeros(),
+            tau: JointVec::zeros(n),
+            by_q: SquareMatrix::zeros(n),
+            by_qd: SquareMatrix::zeros(n),
+            by_qdd: SquareMatrix::zeros(n),
         };
-        for i in (0..N).rev() {
-            if i + 1 < N {
+        for i in (0..n).rev() {
+            if i + 1 < n {
                 inertia[i] = inertia[i].plus(&inertia[i + 1]);
                 coriolis[i] = coriolis[i].plus(&coriolis[i + 1]);
                 force[i] = force[i].plus(&force[i + 1]);

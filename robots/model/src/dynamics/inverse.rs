@@ -3,9 +3,9 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::kinematics::turned_rot;
-use crate::linalg::JointVec;
 use crate::mat3;
 use crate::model::{LinkInertia, RobotModel};
+use crate::per_joint::{JOINTS_MAX, JointVec};
 
 /// Force and moment about the origin of a joint frame.
 #[derive(Clone, Copy)]
@@ -14,15 +14,15 @@ struct Wrench {
     moment: Vector3<f64>,
 }
 
-impl<const N: usize> RobotModel<N> {
+impl RobotModel {
     /// Joint torques in N·m that produce `qdd` in state `(q, qd)`: `τ = M q̈ + C q̇ + g`.
     ///
     /// Angles in rad, rates in rad/s and rad/s². Gravity as in the robot file; the hand is empty ([`RobotModel::holding_ball`]).
     /// Source: Luh, Walker, Paul 1980; Craig, "Introduction to Robotics", section 6.5.
     #[must_use]
-    pub fn inverse_dynamics(&self, q: &JointVec<N>, qd: &JointVec<N>, qdd: &JointVec<N>) -> JointVec<N> {
-        let mut rot = [Matrix3::zeros(); N];
-        let mut on_link = [Wrench { force: Vector3::zeros(), moment: Vector3::zeros() }; N];
+    pub fn inverse_dynamics(&self, q: &JointVec, qd: &JointVec, qdd: &JointVec) -> JointVec {
+        let mut rot = [Matrix3::zeros(); JOINTS_MAX];
+        let mut on_link = [Wrench { force: Vector3::zeros(), moment: Vector3::zeros() }; JOINTS_MAX];
 
         // Outward: angular velocity ω, angular acceleration α and acceleration a of each joint frame, in itself. The
         // matrix W = [α×] + [ω×][ω×] gives the acceleration W p of a point p of the link against the frame's origin.
@@ -31,7 +31,7 @@ impl<const N: usize> RobotModel<N> {
         let mut w_mat = Matrix3::zeros();
         // An upward acceleration of the base stands for gravity.
         let mut a = Vector3::new(0.0, 0.0, self.world.gravity_m_s2);
-        for i in 0..N {
+        for i in 0..self.n() {
             let joint = &self.joints[i];
             let r = turned_rot(&joint.x_pj.rot, q[i]);
             let a_origin = a + mat3::mul_v(&w_mat, &joint.x_pj.pos);
@@ -53,11 +53,11 @@ impl<const N: usize> RobotModel<N> {
 
     /// Joint torques in N·m that hold the arm at rest in `q`: `g(q)`.
     #[must_use]
-    pub fn gravity_torques(&self, q: &JointVec<N>) -> JointVec<N> {
-        let mut rot = [Matrix3::zeros(); N];
-        let mut on_link = [Wrench { force: Vector3::zeros(), moment: Vector3::zeros() }; N];
+    pub fn gravity_torques(&self, q: &JointVec) -> JointVec {
+        let mut rot = [Matrix3::zeros(); JOINTS_MAX];
+        let mut on_link = [Wrench { force: Vector3::zeros(), moment: Vector3::zeros() }; JOINTS_MAX];
         let mut a = Vector3::new(0.0, 0.0, self.world.gravity_m_s2);
-        for i in 0..N {
+        for i in 0..self.n() {
             rot[i] = turned_rot(&self.joints[i].x_pj.rot, q[i]);
             a = mat3::tr_mul_v(&rot[i], &a);
             let inertia = &self.links[i].inertia;
@@ -69,14 +69,14 @@ impl<const N: usize> RobotModel<N> {
 
     /// Torques that act at zero joint acceleration: `C(q, q̇) q̇ + g(q)`, in N·m.
     #[must_use]
-    pub fn bias_torques(&self, q: &JointVec<N>, qd: &JointVec<N>) -> JointVec<N> {
-        self.inverse_dynamics(q, qd, &JointVec::zeros())
+    pub fn bias_torques(&self, q: &JointVec, qd: &JointVec) -> JointVec {
+        self.inverse_dynamics(q, qd, &JointVec::zeros(self.n()))
     }
 
     /// Inward: sums the wrenches towards the base and takes the part about each axis.
-    fn project(&self, rot: &[Matrix3<f64>; N], mut on_link: [Wrench; N]) -> JointVec<N> {
-        let mut tau = JointVec::zeros();
-        for i in (0..N).rev() {
+    fn project(&self, rot: &[Matrix3<f64>; JOINTS_MAX], mut on_link: [Wrench; JOINTS_MAX]) -> JointVec {
+        let mut tau = JointVec::zeros(self.n());
+        for i in (0..self.n()).rev() {
             let own = on_link[i];
             tau[i] = own.moment.z;
             if i > 0 {

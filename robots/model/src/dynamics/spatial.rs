@@ -32,7 +32,7 @@ impl MotionVector {
 
     /// Screw of joint `i` (index from 0).
     #[inline]
-    pub(super) fn joint_axis<const N: usize>(frames: &Frames<N>, i: usize) -> Self {
+    pub(super) fn joint_axis(frames: &Frames, i: usize) -> Self {
         let z = frames.axis(i);
         Self { w: z, v: mat3::cross(&frames.origin(i), &z) }
     }

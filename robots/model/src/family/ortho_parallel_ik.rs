@@ -9,8 +9,8 @@ use nalgebra::Matrix3;
 use super::ortho_parallel::OrthoParallel;
 use super::planar::{Complex, EDGE_SLACK, ON_AXIS, TwoLinks};
 use crate::ik_solution::{Branch, IkSolutions};
-use crate::linalg::JointVec;
 use crate::mat3;
+use crate::per_joint::JointVec;
 use crate::pose::Pose;
 
 /// A wrist with a smaller sine of its middle angle is straight: joints 4 and 6 turn about one line.
@@ -20,8 +20,8 @@ impl OrthoParallel {
     /// All solutions for the pose of the last joint frame in the world; free angles are taken from `q_ref`.
     ///
     /// Angles are in (-3π, 3π), not yet placed in the joint ranges.
-    pub(crate) fn solve<const N: usize>(&self, x_wn: &Pose, q_ref: &JointVec<N>) -> IkSolutions<N> {
-        let mut out = IkSolutions::none();
+    pub(crate) fn solve(&self, x_wn: &Pose, q_ref: &JointVec) -> IkSolutions {
+        let mut out = IkSolutions::none(6);
         let r_fn = mat3::tr_mul(&self.x_wf.rot, &x_wn.rot);
         let centre = self.x_wf.inverse_transform_point(&x_wn.transform_point(&self.wrist_centre_n));
 
@@ -54,15 +54,15 @@ impl OrthoParallel {
 
     /// Joints 2 and 3 for one shoulder; `target` is the wrist centre seen from axis 2, as z + i x.
     #[expect(clippy::too_many_arguments, reason = "one step of one solution, split for reading")]
-    fn solve_elbows<const N: usize>(
+    fn solve_elbows(
         &self,
-        out: &mut IkSolutions<N>,
+        out: &mut IkSolutions,
         back: bool,
         turn1: Complex,
         free1: bool,
         target: Complex,
         r_fn: &Matrix3<f64>,
-        q_ref: &JointVec<N>,
+        q_ref: &JointVec,
     ) {
         let links = TwoLinks { upper_m: self.c2_m, fore_m: self.k_m };
         out.reach_margin_m[usize::from(back)] = links.margin_m(target);
@@ -83,14 +83,14 @@ impl OrthoParallel {
     }
 
     /// Joints 4 to 6 from the rotation left for them, `Rz(u) Ry(v) Rz(w)`.
-    fn solve_wrists<const N: usize>(
+    fn solve_wrists(
         &self,
-        out: &mut IkSolutions<N>,
+        out: &mut IkSolutions,
         (back, negative): (bool, bool),
         [q1, q2, q3]: [f64; 3],
         arm_free: bool,
         m: &Matrix3<f64>,
-        q_ref: &JointVec<N>,
+        q_ref: &JointVec,
     ) {
         let side = Complex::new(m[(0, 2)], m[(1, 2)]);
         let sin_v = side.norm();
@@ -109,9 +109,11 @@ impl OrthoParallel {
             let q4 = u - self.wrist_zero4_rad;
             let q5 = -v - self.wrist_zero5_rad;
             let q6 = w - self.wrist_zero6_rad;
-            let mut q = JointVec::<N>::zeros();
-            q.copy_from_slice(&[q1, q2, q3, q4, q5, q6]);
-            out.set(Branch::new(back, negative, flipped), q, arm_free || straight);
+            out.set(
+                Branch::new(back, negative, flipped),
+                [q1, q2, q3, q4, q5, q6].into(),
+                arm_free || straight,
+            );
         }
     }
 

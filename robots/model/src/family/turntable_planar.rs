@@ -10,7 +10,7 @@ use super::lines::{LENGTH_TOL_M, Line, plane_frame};
 use super::planar::{Complex, ON_AXIS, TwoLinks};
 use crate::error::FamilyMismatch;
 use crate::ik_solution::{Branch, IkSolutions};
-use crate::linalg::JointVec;
+use crate::per_joint::JointVec;
 use crate::pose::Pose;
 
 /// A pose off the arm's plane by more than this (m, or the sine of an angle) is out of reach.
@@ -129,8 +129,8 @@ impl TurntablePlanar {
     }
 
     /// Solutions for the pose of the last joint frame in the world; both elbows.
-    pub(crate) fn solve<const N: usize>(&self, x_wn: &Pose, q_ref: &JointVec<N>) -> IkSolutions<N> {
-        let mut out = IkSolutions::none();
+    pub(crate) fn solve(&self, x_wn: &Pose, q_ref: &JointVec) -> IkSolutions {
+        let mut out = IkSolutions::none(4);
         // The rotation must be Rz(q1) Ry(pitch) K.
         let turned = self.x_wf.rot.tr_mul(&x_wn.rot) * self.r_f4_zero.transpose();
         let side = Complex::new(turned[(1, 1)], -turned[(0, 1)]);
@@ -156,9 +156,7 @@ impl TurntablePlanar {
             let q2 = self.sign2 * (bend.upper.angle() - self.upper_zero_rad);
             let q3 = self.sign3 * (bend.elbow_rad - self.fore_zero_rad + self.upper_zero_rad);
             let q4 = self.sign4 * (pitch - self.sign2 * q2 - self.sign3 * q3);
-            let mut q = JointVec::<N>::zeros();
-            q.copy_from_slice(&[turn1.angle(), q2, q3, q4]);
-            out.set(Branch::new(back, negative, false), q, free);
+            out.set(Branch::new(back, negative, false), [turn1.angle(), q2, q3, q4].into(), free);
         }
         out
     }

@@ -3,27 +3,24 @@
 use nalgebra::{Matrix3, Vector3};
 use toml_reader::{Problem as DocumentProblem, Value};
 
-use super::{Section, exactly};
+use super::Section;
 use crate::boxes::BodyBox;
 use crate::error::{LoadError, Problem};
 use crate::model::{Link, LinkInertia};
 use crate::pose::Pose;
 
 /// The links, and all boxes (base = link 0) in joint frames.
-pub(super) fn read<const N: usize>(
-    root: &Section<'_>,
-    x_jl: &[Pose; N],
-) -> Result<([Link; N], Vec<BodyBox>), LoadError> {
+pub(super) fn read(root: &Section<'_>, x_jl: &[Pose]) -> Result<(Vec<Link>, Vec<BodyBox>), LoadError> {
     let mut boxes = Vec::new();
     if let Some(base) = root.optional("base", Value::section)? {
         read_boxes(&base, 0, &Pose::identity(), &mut boxes)?;
         base.finish()?;
     }
     let sections = root.sections("link")?;
-    if sections.len() != N {
-        return Err(root.error("link", Problem::LinkCount { joints: N, links: sections.len() }));
+    if sections.len() != x_jl.len() {
+        return Err(root.error("link", Problem::LinkCount { joints: x_jl.len(), links: sections.len() }));
     }
-    let mut links: Vec<Link> = Vec::with_capacity(N);
+    let mut links: Vec<Link> = Vec::with_capacity(sections.len());
     for (i, section) in sections.iter().enumerate() {
         let name = section.required("name", Value::text)?.to_owned();
         if links.iter().any(|l| l.name == name) {
@@ -34,7 +31,7 @@ pub(super) fn read<const N: usize>(
         section.finish()?;
         links.push(Link { name, inertia, x_jl: x_jl[i] });
     }
-    Ok((exactly(links), boxes))
+    Ok((links, boxes))
 }
 
 /// Most boxes of a robot. The pairs to test grow with the square; real arms have one to three boxes per link.

@@ -12,11 +12,11 @@ use crate::error::{LoadError, Problem};
 use crate::pose::Pose;
 
 /// Frames of all joints.
-pub(super) struct JointFrames<const N: usize> {
+pub(super) struct JointFrames {
     /// Joint frame in the joint frame before, at q = 0.
-    pub(super) x_pj: [Pose; N],
+    pub(super) x_pj: Vec<Pose>,
     /// The file's link frame in the joint frame.
-    pub(super) x_jl: [Pose; N],
+    pub(super) x_jl: Vec<Pose>,
 }
 
 #[derive(Clone, Copy)]
@@ -29,20 +29,17 @@ enum Convention {
     FixedAxis,
 }
 
-pub(super) fn read<const N: usize>(
-    root: &Section<'_>,
-    joints: &[Section<'_>],
-) -> Result<JointFrames<N>, LoadError> {
+pub(super) fn read(root: &Section<'_>, joints: &[Section<'_>]) -> Result<JointFrames, LoadError> {
     const CONVENTIONS: [(&str, Convention); 3] = [
         ("modified_dh", Convention::ModifiedDh),
         ("standard_dh", Convention::StandardDh),
         ("fixed_axis", Convention::FixedAxis),
     ];
     let convention = root.required("frame_convention", |v| v.word(&CONVENTIONS))?;
-    let mut frames = JointFrames { x_pj: [Pose::identity(); N], x_jl: [Pose::identity(); N] };
+    let mut frames = JointFrames { x_pj: Vec::new(), x_jl: Vec::new() };
     // The file's frame of the link before, in the joint frame before.
     let mut x_before = Pose::identity();
-    for (i, joint) in joints.iter().enumerate().take(N) {
+    for joint in joints {
         let section = joint.required("frame", Value::section)?;
         let (x_lj, x_jl) = match convention {
             Convention::ModifiedDh => {
@@ -59,8 +56,8 @@ pub(super) fn read<const N: usize>(
             }
         };
         section.finish()?;
-        frames.x_pj[i] = x_before * x_lj;
-        frames.x_jl[i] = x_jl;
+        frames.x_pj.push(x_before * x_lj);
+        frames.x_jl.push(x_jl);
         x_before = x_jl;
     }
     Ok(frames)

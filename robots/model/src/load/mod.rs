@@ -8,6 +8,7 @@ mod frames;
 
 pub(crate) use frames::turn_z_to;
 
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 use nalgebra::Matrix3;
@@ -17,6 +18,7 @@ use crate::boxes::{CollisionModel, PairRule};
 use crate::error::{LoadError, Problem};
 use crate::family::{Family, FamilyName};
 use crate::model::{Drive, DriveLoop, Gripper, Joint, JointLimits, RobotModel, Supply, World};
+use crate::per_joint::PerJoint;
 use crate::pose::Pose;
 
 /// A table of a robot file.
@@ -65,22 +67,30 @@ pub fn text_of(name_or_path: &str) -> Result<(String, String), LoadError> {
     }
 }
 
-/// Number of joints a robot text describes, without checking the rest.
-pub(crate) fn joint_count(file: &str, text: &str) -> Result<usize, LoadError> {
-    let source = Source { file, text };
-    let document = source.parse()?;
-    let root: Section<'_> = source.root(&document);
-    Ok(root.sections("joint")?.len())
-}
+/// Numbers of joints that are read: those that throws are tested with.
+const JOINTS: RangeInclusive<usize> = 4..=7;
 
-impl<const N: usize> RobotModel<N> {
+impl RobotModel {
     /// Reads a built-in robot by name, or a robot file by path.
     ///
     /// # Errors
-    /// [`LoadError`] names file, line, key and reason; a robot with another number of joints than `N` is one.
+    /// [`LoadError`] names file, line, key and reason; fewer than four joints or more than seven are one.
     pub fn load(name_or_path: &str) -> Result<Self, LoadError> {
         let (file, text) = text_of(name_or_path)?;
         Self::from_toml(&file, &text)
+    }
+
+    /// As [`RobotModel::load`], for what works with `joints` joints only: an industrial robot of six axes, a court, a disc arm.
+    ///
+    /// # Errors
+    /// As [`RobotModel::load`], and [`Problem::JointCount`].
+    pub fn load_with_joints(name_or_path: &str, joints: usize) -> Result<Self, LoadError> {
+        let model = Self::load(name_or_path)?;
+        if model.n() == joints {
+            return Ok(model);
+        }
+        let problem = Problem::JointCount { needed: joints, found: model.n() };
+        Err(LoadError { key: "joint".to_owned(), ..LoadError::of_file(name_or_path, problem) })
     }
 
     /// Reads a robot from TOML text; `file` is only used in error messages.
@@ -94,7 +104,7 @@ impl<const N: usize> RobotModel<N> {
     }
 }
 
-fn read_model<const N: usize>(root: &Section<'_>) -> Result<RobotModel<N>, LoadError> {
+fn read_model(root: &Section<'_>) -> Result<RobotModel, LoadError> {
     root.schema("schema", SCHEMA_VERSION)?;
     let name = root.required("name", Value::text)?.to_owned();
     let description = root.or("description", "", Value::text)?.to_owned();
@@ -104,18 +114,20 @@ fn read_model<const N: usize>(root: &Section<'_>) -> Result<RobotModel<N>, LoadE
     if joint_sections.is_empty() {
         return Err(root.error("joint", DocumentProblem::Missing));
     }
-    if joint_sections.len() != N {
-        return Err(root.error("joint", Problem::JointCount { expected: N, found: joint_sections.len() }));
+    let n = joint_sections.len();
+    if !JOINTS.contains(&n) {
+        let (min, max) = (*JOINTS.start() as f64, *JOINTS.end() as f64);
+        return Err(root.error("joint", DocumentProblem::OutOfRange { value: n as f64, min, max }));
     }
-    let frames = frames::read::<N>(root, &joint_sections)?;
-    let joints = read_joints::<N>(&joint_sections, &frames.x_pj)?;
+    let frames = frames::read(root, &joint_sections)?;
+    let joints = read_joints(&joint_sections, &frames.x_pj)?;
     let x_le = match root.optional("end_effector", Value::section)? {
         Some(section) => frames::read_pose(&section)?,
         None => Pose::identity(),
     };
-    let x_ne = frames.x_jl[N - 1] * x_le;
+    let x_ne = frames.x_jl[n - 1] * x_le;
 
-    let drives = read_drives::<N>(&joint_sections)?;
+    let drives = read_drives(&joint_sections)?;
     let supplies = read_supplies(root, &joints, drives.is_some())?;
     for section in &joint_sections {
         section.finish()?;
@@ -125,8 +137,8 @@ fn read_model<const N: usize>(root: &Section<'_>) -> Result<RobotModel<N>, LoadE
     let fingers =
         root.optional("fingers", Value::section)?.map(|s| fingers::read(&s, &gripper)).transpose()?;
 
-    let (links, boxes) = bodies::read::<N>(root, &frames.x_jl)?;
-    let rule = read_pair_rule(&root.required("collision", Value::section)?, N)?;
+    let (links, boxes) = bodies::read(root, &frames.x_jl)?;
+    let rule = read_pair_rule(&root.required("collision", Value::section)?, n)?;
     let ball_n = x_ne.transform_point(&gripper.x_eb.pos);
     let collision = CollisionModel::new(boxes, rule, &frames.x_pj, &ball_n);
 
@@ -160,8 +172,8 @@ fn read_world(section: &Section<'_>) -> Result<World, LoadError> {
     Ok(world)
 }
 
-fn read_joints<const N: usize>(sections: &[Section<'_>], x_pj: &[Pose; N]) -> Result<[Joint; N], LoadError> {
-    let mut joints: Vec<Joint> = Vec::with_capacity(N);
+fn read_joints(sections: &[Section<'_>], x_pj: &[Pose]) -> Result<Vec<Joint>, LoadError> {
+    let mut joints: Vec<Joint> = Vec::with_capacity(sections.len());
     for (section, x_pj) in sections.iter().zip(x_pj) {
         let name = section.required("name", Value::text)?.to_owned();
         if joints.iter().any(|j| j.name == name) {
@@ -169,7 +181,7 @@ fn read_joints<const N: usize>(sections: &[Section<'_>], x_pj: &[Pose; N]) -> Re
         }
         joints.push(Joint { name, x_pj: *x_pj, limits: read_limits(section)? });
     }
-    Ok(exactly(joints))
+    Ok(joints)
 }
 
 fn read_limits(section: &Section<'_>) -> Result<JointLimits, LoadError> {
@@ -214,7 +226,7 @@ const BALL_MASS_MAX_KG: f64 = 5.0;
 /// Ten turns a second.
 const SPEED_MAX_DEG_S: f64 = 3600.0;
 
-fn read_drives<const N: usize>(sections: &[Section<'_>]) -> Result<Option<[Drive; N]>, LoadError> {
+fn read_drives(sections: &[Section<'_>]) -> Result<Option<Vec<Drive>>, LoadError> {
     let mut drives: Vec<Drive> = Vec::new();
     let mut bare = None;
     for section in sections {
@@ -245,22 +257,18 @@ fn read_drives<const N: usize>(sections: &[Section<'_>]) -> Result<Option<[Drive
                 .error("drive", Problem::DriveMissing(section.required("name", Value::text)?.to_owned())))
         }
         Some(_) => Ok(None),
-        None => Ok(Some(exactly(drives))),
+        None => Ok(Some(drives)),
     }
 }
 
-fn read_supplies<const N: usize>(
-    root: &Section<'_>,
-    joints: &[Joint; N],
-    with_drives: bool,
-) -> Result<Vec<Supply<N>>, LoadError> {
-    let mut supplies: Vec<Supply<N>> = Vec::new();
+fn read_supplies(root: &Section<'_>, joints: &[Joint], with_drives: bool) -> Result<Vec<Supply>, LoadError> {
+    let mut supplies: Vec<Supply> = Vec::new();
     for section in root.sections("supply")? {
         let name = section.required("name", Value::text)?.to_owned();
         if supplies.iter().any(|s| s.name == name) {
             return Err(section.error("name", Problem::Duplicate(name)));
         }
-        let mut feeds = [false; N];
+        let mut feeds = PerJoint::<bool>::default_of(joints.len());
         for item in section.required("joints", Value::items)? {
             let joint = item.text()?;
             let index = joints
@@ -280,7 +288,7 @@ fn read_supplies<const N: usize>(
         section.finish()?;
         supplies.push(Supply { name, voltage_v, current_max_a, feeds });
     }
-    let unfed = (0..N).find(|k| !supplies.iter().any(|s| s.feeds[*k]));
+    let unfed = (0..joints.len()).find(|k| !supplies.iter().any(|s| s.feeds[*k]));
     match unfed {
         Some(k) if with_drives => {
             Err(root.error("supply", Problem::JointWithoutSupply(joints[k].name.clone())))
@@ -328,9 +336,4 @@ fn read_pair_rule(section: &Section<'_>, joints: usize) -> Result<PairRule, Load
     };
     section.finish()?;
     Ok(rule)
-}
-
-/// A vector whose length has been checked, as an array.
-fn exactly<T: std::fmt::Debug, const N: usize>(items: Vec<T>) -> [T; N] {
-    items.try_into().expect("one item was pushed per joint, and the number of joints was checked")
 }

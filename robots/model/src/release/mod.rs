@@ -26,8 +26,8 @@ use nalgebra::{Matrix3, Vector3};
 pub use held_ball::{BallMotion, HeldBall};
 
 use crate::fingers::Fingers;
-use crate::linalg::JointVec;
 use crate::model::RobotModel;
+use crate::per_joint::JointVec;
 
 /// Motion of the hand at one instant, in the world.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,14 +44,14 @@ pub struct HandMotion {
     pub w_rad_s: Vector3<f64>,
 }
 
-impl<const N: usize> RobotModel<N> {
+impl RobotModel {
     /// Motion of the hand at joint angles (rad) and speeds (rad/s).
     #[must_use]
-    pub fn hand_motion(&self, q_rad: &JointVec<N>, qd_rad_s: &JointVec<N>) -> HandMotion {
+    pub fn hand_motion(&self, q_rad: &JointVec, qd_rad_s: &JointVec) -> HandMotion {
         let frames = self.fk(q_rad);
         let x_wr = self.ball(&frames);
         let (mut v_m_s, mut w_rad_s) = (Vector3::zeros(), Vector3::zeros());
-        for i in 0..N {
+        for i in 0..self.n() {
             w_rad_s += frames.axis(i) * qd_rad_s[i];
             v_m_s += frames.axis(i).cross(&(x_wr.pos - frames.origin(i))) * qd_rad_s[i];
         }
@@ -242,9 +242,9 @@ mod tests {
 
     #[test]
     fn the_motion_of_the_hand_is_the_difference_of_its_places() {
-        let arm = RobotModel::<6>::load("powercube6").unwrap();
-        let q = JointVec::<6>::new(0.3, -1.0, 0.8, 0.2, 0.9, -0.4);
-        let qd = JointVec::<6>::new(0.5, -0.7, 1.1, 0.3, -0.9, 2.0);
+        let arm = RobotModel::load("powercube6").unwrap();
+        let q = JointVec::from([0.3, -1.0, 0.8, 0.2, 0.9, -0.4]);
+        let qd = JointVec::from([0.5, -0.7, 1.1, 0.3, -0.9, 2.0]);
         let h = 1e-6;
         let (before, now, after) = (
             arm.hand_motion(&(q - qd * h), &qd),

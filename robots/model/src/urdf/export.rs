@@ -11,7 +11,7 @@ use crate::pose::Pose;
 /// Effort written where the robot file knows no torque limit: URDF wants a number, and zero would mean "no motor".
 const EFFORT_UNKNOWN_NM: f64 = 1e4;
 
-impl<const N: usize> RobotModel<N> {
+impl RobotModel {
     /// The robot as URDF text: links with inertials, box visuals and collisions, revolute joints with limits, and the
     /// frames `ee` (end effector) and `release` (ball) as massless links at the end.
     ///
@@ -45,7 +45,7 @@ impl<const N: usize> RobotModel<N> {
             )?;
             self.write_link(out, &link_name(i), i + 1, Some(&self.links[i].inertia))?;
         }
-        let last = link_name(N - 1);
+        let last = link_name(self.n() - 1);
         write_fixed(out, "ee", &last, &self.x_ne)?;
         write_fixed(out, "release", "ee", &self.gripper.x_eb)?;
         writeln!(out, "</robot>")

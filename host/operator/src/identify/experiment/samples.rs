@@ -59,7 +59,7 @@ impl Tap for LogTap {
     }
 }
 
-impl<const N: usize> Experiment<'_, N> {
+impl Experiment<'_> {
     /// Reads the current while standing, several times, A.
     fn readings(&mut self, count: usize) -> Result<Vec<f64>, ExperimentError> {
         let module = self.drives[self.joint].module();

@@ -201,7 +201,7 @@ pub fn plan(arm: &DiscArm, path: &Path, now: &[At; 4], settings: &Settings) -> R
     }
     found.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     let looked_at = found.len();
-    let range = (arm.model.q_min(), arm.model.q_max());
+    let range = (arm.model.q_min().array().into(), arm.model.q_max().array().into());
     let mut ways = 0;
     for candidate in &found {
         if ways >= WAYS_MAX {
@@ -269,7 +269,7 @@ fn refine_at(
     t_s: f64,
 ) -> Option<Plan> {
     let limits = limits(arm, settings);
-    let range = (arm.model.q_min(), arm.model.q_max());
+    let range = (arm.model.q_min().array().into(), arm.model.q_max().array().into());
     let state = path.at(t_s);
     let v = plan.reach.v;
     let mut best: Option<Plan> = None;
@@ -280,7 +280,7 @@ fn refine_at(
             && choice.elbow_negative == c.elbow_negative
             && choice.depth_m == c.depth_m
             && (choice.lateral_m - c.lateral_m).abs() < 0.06;
-        if !same || !arm.model.in_range(&q, 0.0) {
+        if !same || !arm.model.in_range(&q.into(), 0.0) {
             continue;
         }
         let choice = Choice { lead_s: c.lead_s, approach: Approach::Direct, ..choice };
@@ -305,8 +305,8 @@ fn refine_at(
 
 fn limits(arm: &DiscArm, settings: &Settings) -> [Limit; 4] {
     let s = settings.share * settings.limit_scale;
-    arm.model.joints().each_ref().map(|joint| {
-        let l = joint.limits;
+    std::array::from_fn(|k| {
+        let l = arm.model.joints()[k].limits;
         Limit { v: l.v_max_rad_s * s, a: l.a_max_rad_s2 * s, j: l.j_max_rad_s3 * s }
     })
 }
@@ -351,7 +351,9 @@ fn poses(arm: &DiscArm, state: &DiscState, t_s: f64, q_ref: &Joints) -> Vec<(Cho
                 let outwards = hand.dot(&terminal) > 0.0;
                 let aimed = if outwards { elevation } else { std::f64::consts::PI - elevation };
                 for (over_back, pose) in plane.aim(&terminal, aimed).into_iter().enumerate() {
-                    let Some(solutions) = pose.and_then(|pose| arm.model.ik_near(&pose, q_ref).ok()) else {
+                    let Some(solutions) =
+                        pose.and_then(|pose| arm.model.ik_near(&pose, &(*q_ref).into()).ok())
+                    else {
                         continue;
                     };
                     out.extend(solutions.iter().map(|s| {
@@ -365,7 +367,7 @@ fn poses(arm: &DiscArm, state: &DiscState, t_s: f64, q_ref: &Joints) -> Vec<(Cho
                             lead_s: 0.0,
                             approach: Approach::Direct,
                         };
-                        (choice, s.q)
+                        (choice, s.q.array().into())
                     }));
                 }
             }
@@ -443,7 +445,7 @@ fn candidates(
     let half_dwell = 0.5 * (settings.rule.dwell_s + 0.004);
     for (choice, q) in poses(arm, &state, t_s, &q_now) {
         tally.reached = true;
-        if !arm.model.in_range(&q, -0.01) {
+        if !arm.model.in_range(&q.into(), -0.01) {
             continue;
         }
         tally.in_range = true;

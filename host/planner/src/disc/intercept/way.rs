@@ -96,6 +96,6 @@ pub(super) fn stays_clear(arm: &DiscArm, motion: &DiscMotion) -> bool {
     let steps = ((motion.end_s() - motion.from_s) / 0.005).ceil() as u32;
     (0..=steps).all(|k| {
         let q = motion.q(motion.from_s + 0.005 * f64::from(k));
-        checker.clearance(&arm.model.fk(&q)).distance_m > 0.004
+        checker.clearance(&arm.model.fk(&q.into())).distance_m > 0.004
     })
 }

@@ -171,7 +171,7 @@ impl<'a> Excess<'a> {
                 out.push((outside + SPARE).max(0.0));
             }
         };
-        let at_rest = Axes::zeros();
+        let at_rest = Axes::zeros(AXES);
         test(&parts.start.rest(), &at_rest);
         test(&parts.stop.rest(), &at_rest);
         for state in &parts.window {

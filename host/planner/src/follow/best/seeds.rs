@@ -68,7 +68,7 @@ fn draw_some(
     let mut excess = Excess::new(setting, options.hand, &scenes);
     let (mut seeds, mut counts) = (Vec::new(), StageCounts::default());
     let reach = Reach::new(setting.arm);
-    let base = setting.arm.fk(&Axes::zeros()).origin(0);
+    let base = setting.arm.fk(&Axes::zeros(AXES)).origin(0);
     let reach_m = reach_m(setting);
     let floor_z_m = setting.arm.world().floor_z_m;
     for number in numbers {

@@ -408,7 +408,7 @@ impl<'a> Search<'a> {
 
     fn start_reachable(&self, edge: &Posture, clear: &Clear<'_>) -> Result<(), Stage> {
         let rest = Ramps::start(edge, self.ramps, &self.setting.limits).rest();
-        if !self.within_range(&rest, &Axes::zeros()) {
+        if !self.within_range(&rest, &Axes::zeros(AXES)) {
             return Err(Stage::StartRange);
         }
         if self.above_floor(&rest, clear) { Ok(()) } else { Err(Stage::StartFloor) }
@@ -416,7 +416,7 @@ impl<'a> Search<'a> {
 
     fn stop_reachable(&self, edge: &Posture, clear: &Clear<'_>) -> Result<(), Stage> {
         let rest = Ramps::stop(edge, self.ramps, &self.setting.limits).rest();
-        if !self.within_range(&rest, &Axes::zeros()) {
+        if !self.within_range(&rest, &Axes::zeros(AXES)) {
             return Err(Stage::StopRange);
         }
         if self.above_floor(&rest, clear) { Ok(()) } else { Err(Stage::StopFloor) }

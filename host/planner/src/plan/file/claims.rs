@@ -42,9 +42,10 @@ impl PlanFile {
     /// The same plan with everything that follows from its motion, its target, its air and its noise computed again, by the means
     /// that make plans. How it was searched and what it claims to have checked stay. `None`: no plan could be made of this motion.
     #[must_use]
-    pub fn computed_again<const N: usize>(&self, arm: &RobotModel<N>) -> Option<Self> {
+    pub fn computed_again(&self, arm: &RobotModel) -> Option<Self> {
         let problem = Problem::new(arm, self.target.position_m.into(), self.asked()).ok()?;
-        let list = |numbers: &[f64]| JointVec::from_fn(|j, _| numbers.get(j).copied().unwrap_or(f64::NAN));
+        let list =
+            |numbers: &[f64]| JointVec::from_fn(arm.n(), |j| numbers.get(j).copied().unwrap_or(f64::NAN));
         let mut throw = Throw {
             q_rad: list(&self.release.q_rad),
             qd_rad_s: list(&self.release.qd_rad_s),
@@ -108,7 +109,7 @@ impl PlanFile {
 
     /// The first thing that the file says otherwise than it is computed again.
     #[must_use]
-    pub fn false_claim<const N: usize>(&self, arm: &RobotModel<N>) -> Option<String> {
+    pub fn false_claim(&self, arm: &RobotModel) -> Option<String> {
         let Some(again) = self.computed_again(arm) else {
             return Some(
                 "no plan is made of this motion: its options are refused, or its ball does not come down"

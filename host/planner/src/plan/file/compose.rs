@@ -29,9 +29,9 @@ impl PlanFile {
     /// Returns `None` only if the ball of the throw never comes down on the plane of the target, or stays in the fingers
     /// when their release was asked for.
     #[must_use]
-    pub fn of<const N: usize>(
-        problem: &Problem<'_, N>,
-        best: &Best<N>,
+    pub fn of(
+        problem: &Problem<'_>,
+        best: &Best,
         robot_source: &str,
         seed: u64,
         noise: &Noise,
@@ -145,11 +145,11 @@ impl PlanFile {
     }
 }
 
-fn numbers<const N: usize>(joints: &JointVec<N>) -> Vec<f64> {
+fn numbers(joints: &JointVec) -> Vec<f64> {
     joints.iter().copied().collect()
 }
 
-fn opening_info<const N: usize>(problem: &Problem<'_, N>, landed: &Landing) -> Option<OpeningInfo> {
+fn opening_info(problem: &Problem<'_>, landed: &Landing) -> Option<OpeningInfo> {
     let opening = problem.options.opening.as_ref()?;
     let aim = &problem.aim;
     let approach = aim.approach(landed, 0.0);
@@ -178,7 +178,7 @@ fn goal_name(goal: &Goal) -> GoalName {
 }
 
 /// Shifts at the limits of the plan, or else at 10 and 25 ms.
-fn delay_shifts<const N: usize>(problem: &Problem<'_, N>, throw: &Throw<N>) -> Vec<DelayShift> {
+fn delay_shifts(problem: &Problem<'_>, throw: &Throw) -> Vec<DelayShift> {
     let on_time = landing_with_delay(problem, throw, 0.0);
     let shift = |delay_s: f64| -> Option<f64> {
         let early = landing_with_delay(problem, throw, -delay_s)? - on_time?;
@@ -198,9 +198,9 @@ fn rows_of(m: &Matrix4<f64>) -> [[f64; 4]; 4] {
     std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)]))
 }
 
-fn currents<const N: usize>(problem: &Problem<'_, N>, throw: &Throw<N>, margins: &Margins<N>) -> Currents {
+fn currents(problem: &Problem<'_>, throw: &Throw, margins: &Margins) -> Currents {
     let arm = problem.arm;
-    let mut motor_peak = [0.0_f64; N];
+    let mut motor_peak = JointVec::zeros(arm.n());
     let mut supply_peak = vec![0.0_f64; arm.supplies().len()];
     let mut known = false;
     for i in 0..=400 {
@@ -228,7 +228,7 @@ fn currents<const N: usize>(problem: &Problem<'_, N>, throw: &Throw<N>, margins:
     }
 }
 
-fn checks<const N: usize>(problem: &Problem<'_, N>) -> Vec<CheckInfo> {
+fn checks(problem: &Problem<'_>) -> Vec<CheckInfo> {
     let o = &problem.options;
     let check = |what: &str, enforced: bool, tolerance: &str| CheckInfo {
         what: what.to_owned(),

@@ -128,14 +128,14 @@ pub fn tagged_json(kind: Kind, plan: &impl Serialize) -> String {
 ///
 /// # Errors
 /// [`PlanFileError::OtherRobot`].
-pub fn require_robot<const N: usize>(
+pub fn require_robot(
     path: &Path,
     robot: &RobotId,
     joints: usize,
-    arm: &RobotModel<N>,
+    arm: &RobotModel,
 ) -> Result<(), PlanFileError> {
     let wanted = format!("{:016x}", robot_fingerprint(arm));
-    if robot.fingerprint == wanted && joints == N {
+    if robot.fingerprint == wanted && joints == arm.n() {
         return Ok(());
     }
     Err(PlanFileError::OtherRobot {
@@ -230,11 +230,7 @@ impl PlanFile {
     ///
     /// # Errors
     /// [`PlanFileError::OtherRobot`].
-    pub fn require_robot<const N: usize>(
-        &self,
-        path: &Path,
-        arm: &RobotModel<N>,
-    ) -> Result<(), PlanFileError> {
+    pub fn require_robot(&self, path: &Path, arm: &RobotModel) -> Result<(), PlanFileError> {
         require_robot(path, &self.robot, self.motion.joints.len(), arm)
     }
 
@@ -289,7 +285,7 @@ impl PlanFile {
         if (end_s - self.end_time_s).abs() > SAME_TIME_S {
             return Err(format!("its last knot is at {end_s} s, the motion ends at {} s", self.end_time_s));
         }
-        let opens_s = self.motion.to_motion::<0>().release_s();
+        let opens_s = self.motion.to_motion().release_s();
         if !opens_s.is_some_and(|t_s| (t_s - self.release_time_s).abs() <= SAME_TIME_S) {
             return Err(format!(
                 "its gripper opens at {} s, the release is at {} s",

@@ -49,8 +49,8 @@ pub struct EventInfo {
 
 impl MotionInfo {
     /// A motion as the file has it.
-    pub fn of<const N: usize>(joints: impl IntoIterator<Item = String>, motion: &Motion<N>) -> Self {
-        let list = |numbers: &JointVec<N>| numbers.iter().copied().collect();
+    pub fn of(joints: impl IntoIterator<Item = String>, motion: &Motion) -> Self {
+        let list = |numbers: &JointVec| numbers.iter().copied().collect();
         let knots = motion.knots.iter().map(|knot| KnotInfo {
             t_s: knot.t_s,
             q_rad: list(&knot.q_rad),
@@ -63,10 +63,11 @@ impl MotionInfo {
         }
     }
 
-    /// The motion of an arm of `N` joints; joints beyond those of the file stand at 0.
+    /// The motion.
     #[must_use]
-    pub fn to_motion<const N: usize>(&self) -> Motion<N> {
-        let joints = |list: &[f64]| JointVec::from_fn(|j, _| list.get(j).copied().unwrap_or(0.0));
+    pub fn to_motion(&self) -> Motion {
+        let joints =
+            |list: &[f64]| JointVec::from_fn(self.joints.len(), |j| list.get(j).copied().unwrap_or(0.0));
         let knots = self.knots.iter().map(|knot| Knot {
             t_s: knot.t_s,
             q_rad: joints(&knot.q_rad),

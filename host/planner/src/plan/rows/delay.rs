@@ -37,11 +37,11 @@ const WINDOW_SHARE: f64 = 0.98;
 const SIDES: [(usize, f64); 2] = [(0, 1.0), (1, -1.0)];
 
 /// `dL/dδ = 0`, `|L(δ) - L(0)| ≤ window` for late and early release, and a flight that comes through the plane in any case.
-pub(super) fn delay_rows<S: Sink<D>, const N: usize, const D: usize>(
-    problem: &Problem<'_, N>,
-    layout: &Layout<N>,
-    x: &Row<D>,
-    throw: &Throw<N>,
+pub(super) fn delay_rows<S: Sink>(
+    problem: &Problem<'_>,
+    layout: &Layout,
+    x: &Row,
+    throw: &Throw,
     sink: &mut S,
 ) {
     // Without nulling the paper's form has none of these rows.
@@ -56,7 +56,7 @@ pub(super) fn delay_rows<S: Sink<D>, const N: usize, const D: usize>(
         delayed.window_rows(sink);
     } else if problem.options.form == Form::Best {
         for (side, sign) in SIDES {
-            let id = Layout::<N>::NUMBERS.through + side;
+            let id = problem.numbers().through + side;
             if sink.wants(id) {
                 delayed.through_row(id, &Released::of(problem, throw, sign * JITTER_S), sink);
             }
@@ -64,19 +64,19 @@ pub(super) fn delay_rows<S: Sink<D>, const N: usize, const D: usize>(
     }
 }
 
-struct Delayed<'c, 'a, const N: usize> {
-    problem: &'c Problem<'a, N>,
-    layout: &'c Layout<N>,
-    throw: &'c Throw<N>,
+struct Delayed<'c, 'a> {
+    problem: &'c Problem<'a>,
+    layout: &'c Layout,
+    throw: &'c Throw,
     aim: Aim,
 }
 
-impl<const N: usize> Delayed<'_, '_, N> {
-    fn landed(&self, delay_s: f64) -> Option<Landed<N>> {
+impl Delayed<'_, '_> {
+    fn landed(&self, delay_s: f64) -> Option<Landed> {
         Landed::of(self.problem, &self.problem.flight, self.throw, &self.aim, delay_s)
     }
 
-    fn slope_rows<S: Sink<D>, const D: usize>(&self, sink: &mut S) {
+    fn slope_rows<S: Sink>(&self, sink: &mut S) {
         if !sink.wants_eq(SLOPE) && !sink.wants_eq(SLOPE + 1) {
             return;
         }
@@ -96,8 +96,8 @@ impl<const N: usize> Delayed<'_, '_, N> {
         }
     }
 
-    fn window_rows<S: Sink<D>, const D: usize>(&self, sink: &mut S) {
-        let (var, number) = (Layout::<N>::VARIABLES, Layout::<N>::NUMBERS);
+    fn window_rows<S: Sink>(&self, sink: &mut S) {
+        let (var, number) = (self.problem.variables(), self.problem.numbers());
         let (problem, layout, throw) = (self.problem, self.layout, self.throw);
         // Measured from where this throw lands, not from the target: whether it hits is another row's business, and a row
         // that mixes both is stiff wherever the throw still misses by metres.
@@ -147,12 +147,7 @@ impl<const N: usize> Delayed<'_, '_, N> {
     }
 
     /// The released ball comes through the plane; returns the value of the row.
-    fn through_row<S: Sink<D>, const D: usize>(
-        &self,
-        id: usize,
-        released: &Released<N>,
-        sink: &mut S,
-    ) -> f64 {
+    fn through_row<S: Sink>(&self, id: usize, released: &Released, sink: &mut S) -> f64 {
         let flight = &self.problem.flight;
         let value =
             released.through_m2_s2(flight, &self.aim) - THROUGH_SHARE * THROUGH_MIN_M_S * THROUGH_MIN_M_S;
@@ -169,45 +164,44 @@ mod tests {
 
     use super::super::describe;
     use super::*;
-    use crate::plan::layout::width;
+    use crate::plan::layout::Numbers;
     use crate::plan::options::Options;
     use crate::plan::paper::PaperParameters;
-    use crate::solve::Gradient;
+    use crate::solve::{Gradient, WIDTH};
     use crate::throw::Arm;
 
-    const WIDE: usize = width(6);
-    const FIRST: usize = Layout::<6>::NUMBERS.delay;
-    const COUNT: usize = Layout::<6>::NUMBERS.cut - FIRST;
+    const FIRST: usize = Numbers::of(6).delay;
+    const COUNT: usize = Numbers::of(6).cut - FIRST;
 
     /// Takes the inequalities of windows and flights.
     struct Rows {
         value: [Option<f64>; COUNT],
-        gradient: [Row<WIDE>; COUNT],
+        gradient: [Row; COUNT],
     }
 
-    impl Sink<WIDE> for Rows {
+    impl Sink for Rows {
         fn wants(&self, _: usize) -> bool {
             true
         }
         fn wants_eq(&self, _: usize) -> bool {
             false
         }
-        fn objective(&mut self, _: f64, _: impl FnOnce(&mut Gradient<'_, WIDE>)) {}
-        fn eq(&mut self, _: usize, _: f64, _: impl FnOnce(&mut Gradient<'_, WIDE>)) {}
-        fn ineq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_, WIDE>)) {
+        fn objective(&mut self, _: f64, _: impl FnOnce(&mut Gradient<'_>)) {}
+        fn eq(&mut self, _: usize, _: f64, _: impl FnOnce(&mut Gradient<'_>)) {}
+        fn ineq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
             self.value[id - FIRST] = Some(value);
             gradient(&mut Gradient { row: &mut self.gradient[id - FIRST], factor: 1.0 });
         }
     }
 
-    fn rows(problem: &Problem<'_, 6>, layout: &Layout<6>, x: &Row<WIDE>) -> Rows {
-        let mut rows = Rows { value: [None; COUNT], gradient: [[0.0; WIDE]; COUNT] };
+    fn rows(problem: &Problem<'_>, layout: &Layout, x: &Row) -> Rows {
+        let mut rows = Rows { value: [None; COUNT], gradient: [[0.0; WIDTH]; COUNT] };
         delay_rows(problem, layout, x, &layout.throw(x), &mut rows);
         rows
     }
 
     /// A throw with the target above the point of release, at the height in m that the ball reaches less `below_apex_m`.
-    fn to_the_apex(arm: &Arm, below_apex_m: f64) -> (Problem<'_, 6>, Throw<6>) {
+    fn to_the_apex(arm: &Arm, below_apex_m: f64) -> (Problem<'_>, Throw) {
         let h = PaperParameters::from_array([0.493, -0.465, 0.858, 0.583, -1.098, 0.586, 0.920, 0.06]);
         let first = Problem::new(arm, Vector3::new(1.0, 1.0, -1.0), Options::best()).expect("valid");
         let mut throw = h.throws(&first)[0].throw;
@@ -230,7 +224,7 @@ mod tests {
             let (problem, throw) = to_the_apex(&arm, below_apex_m);
             for shift in [None, Some([true; 3])] {
                 let layout = Layout::new(&problem, shift);
-                let x = layout.variables(&throw);
+                let x = layout.row(&throw);
                 let claimed = rows(&problem, &layout, &x);
                 for row in 0..COUNT {
                     // The wall where the way of a ball is not known has no gradient.
@@ -261,8 +255,8 @@ mod tests {
     fn rows_of_windows_and_flights_have_names_with_and_without_windows() {
         let arm = Arm::load("powercube6").expect("built in");
         let (mut problem, _) = to_the_apex(&arm, 0.1);
-        let number = Layout::<6>::NUMBERS;
-        let name = |problem: &Problem<'_, 6>, id: usize| describe(problem, id, &[]);
+        let number = problem.numbers();
+        let name = |problem: &Problem<'_>, id: usize| describe(problem, id, &[]);
         assert_eq!(
             name(&problem, number.delay + 3),
             "shift of the landing when the gripper opens 25 ms early"
@@ -285,7 +279,7 @@ mod tests {
         for below_apex_m in [0.1, 0.03, 0.01, 0.0, -0.01, -0.1] {
             let (problem, throw) = to_the_apex(&arm, below_apex_m);
             let layout = Layout::new(&problem, None);
-            let found = rows(&problem, &layout, &layout.variables(&throw));
+            let found = rows(&problem, &layout, &layout.row(&throw));
             for (k, window) in problem.options.delay_windows.iter().enumerate() {
                 for (side, sign) in [(0, 1.0), (1, -1.0)] {
                     let delay_s = sign * window.delay_s;

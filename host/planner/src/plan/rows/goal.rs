@@ -8,24 +8,19 @@ use crate::plan::spread::Spread;
 use crate::solve::{Row, Sink};
 
 /// Whether [`goal_rows`] adds anything.
-pub(crate) fn has_goal<const N: usize>(problem: &Problem<'_, N>, layout: &Layout<N>) -> bool {
+pub(crate) fn has_goal(problem: &Problem<'_>, layout: &Layout) -> bool {
     problem.options.goal != Goal::Effort && layout.shift.is_none()
 }
 
 /// Energy, spread or odds of the landing; nothing for the paper's objective, and none while the target itself moves.
-pub(crate) fn goal_rows<S: Sink<D>, const N: usize, const D: usize>(
-    problem: &Problem<'_, N>,
-    layout: &Layout<N>,
-    x: &Row<D>,
-    sink: &mut S,
-) {
+pub(crate) fn goal_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &Row, sink: &mut S) {
     if !has_goal(problem, layout) {
         return;
     }
     let goal = &problem.options.goal;
     let throw = layout.throw(x);
     let Some(noise) = goal.noise() else {
-        let Some(used) = energy::<N, D>(problem, layout, &throw) else {
+        let Some(used) = energy(problem, layout, &throw) else {
             sink.objective(f64::INFINITY, |_| {});
             return;
         };
@@ -52,34 +47,31 @@ mod tests {
     use nalgebra::Vector3;
 
     use super::*;
-    use crate::plan::layout::width;
     use crate::plan::paper::PaperParameters;
     use crate::plan::problem::Options;
     use crate::plan::statistics::{Noise, Region};
-    use crate::solve::Gradient;
+    use crate::solve::{Gradient, WIDTH};
     use crate::throw::{Arm, Joints};
-
-    const WIDE: usize = width(6);
 
     /// Takes the objective and nothing else.
     struct Objective {
         value: f64,
-        gradient: Row<WIDE>,
+        gradient: Row,
     }
 
-    impl Sink<WIDE> for Objective {
+    impl Sink for Objective {
         fn wants(&self, _: usize) -> bool {
             false
         }
         fn wants_eq(&self, _: usize) -> bool {
             false
         }
-        fn objective(&mut self, value: f64, gradient: impl FnOnce(&mut Gradient<'_, WIDE>)) {
+        fn objective(&mut self, value: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
             self.value += value;
             gradient(&mut Gradient { row: &mut self.gradient, factor: 1.0 });
         }
-        fn eq(&mut self, _: usize, _: f64, _: impl FnOnce(&mut Gradient<'_, WIDE>)) {}
-        fn ineq(&mut self, _: usize, _: f64, _: impl FnOnce(&mut Gradient<'_, WIDE>)) {}
+        fn eq(&mut self, _: usize, _: f64, _: impl FnOnce(&mut Gradient<'_>)) {}
+        fn ineq(&mut self, _: usize, _: f64, _: impl FnOnce(&mut Gradient<'_>)) {}
     }
 
     #[test]
@@ -98,10 +90,10 @@ mod tests {
             let problem = Problem::new(&arm, Vector3::new(1.0, 1.0, -1.0), options).expect("valid");
             let layout = Layout::new(&problem, None);
             let mut throw = h.throws(&problem)[0].throw;
-            throw.qdd_rad_s2 = Joints::from_column_slice(&[0.5, -1.0, 2.0, 0.3, -0.7, 1.1]);
-            let x = layout.variables(&throw);
-            let at = |x: &Row<WIDE>| {
-                let mut sink = Objective { value: 0.0, gradient: [0.0; WIDE] };
+            throw.qdd_rad_s2 = Joints::from_slice(&[0.5, -1.0, 2.0, 0.3, -0.7, 1.1]);
+            let x = layout.row(&throw);
+            let at = |x: &Row| {
+                let mut sink = Objective { value: 0.0, gradient: [0.0; WIDTH] };
                 goal_rows(&problem, &layout, x, &mut sink);
                 sink
             };

@@ -10,67 +10,61 @@ use super::current::release_current_rows;
 use super::opening::opening_rows;
 use crate::flight::aim::Aim;
 use crate::plan::cuts::{Cut, CutContext};
-use crate::plan::layout::{ACROSS, CUTS_MAX, LAUNCH, Layout, TURNING};
+use crate::plan::layout::{ACROSS, CUTS_MAX, LAUNCH, Layout, TURNING, Variables};
 use crate::plan::problem::Problem;
 use crate::solve::{Gradient, Row, Sink};
 use crate::throw::Throw;
 
 /// The hand at the release.
-struct Hand<'c, const N: usize> {
-    frames: &'c Frames<N>,
+struct Hand<'c> {
+    frames: &'c Frames,
     /// Axes of the release frame in the world.
     axes: [Vector3<f64>; 3],
     /// Twist of the ball by joint speeds, and what joint angles change of it.
-    jac: &'c Jacobian<N>,
-    by_q: &'c Jacobian<N>,
+    jac: &'c Jacobian,
+    by_q: &'c Jacobian,
     v: Vector3<f64>,
     w: Vector3<f64>,
 }
 
-fn linear<const N: usize>(m: &Jacobian<N>, k: usize) -> Vector3<f64> {
-    Vector3::new(m[(0, k)], m[(1, k)], m[(2, k)])
-}
-
-fn angular<const N: usize>(m: &Jacobian<N>, k: usize) -> Vector3<f64> {
-    Vector3::new(m[(3, k)], m[(4, k)], m[(5, k)])
-}
-
-impl<const N: usize> Hand<'_, N> {
+impl Hand<'_> {
     /// Adds `sign` times the gradient of a component of the velocity along an axis of the hand.
-    fn add_velocity_along<const D: usize>(&self, g: &mut Gradient<'_, D>, axis: &Vector3<f64>, sign: f64) {
-        let var = Layout::<N>::VARIABLES;
-        for k in 0..N {
+    fn add_velocity_along(&self, g: &mut Gradient<'_>, axis: &Vector3<f64>, sign: f64) {
+        let n = self.jac.n();
+        let var = Variables::of(n);
+        for k in 0..n {
             let turned = self.frames.axis(k).cross(axis).dot(&self.v);
-            g.add(var.q + k, sign * (turned + axis.dot(&linear(self.by_q, k))));
-            g.add(var.qd + k, sign * axis.dot(&linear(self.jac, k)));
+            g.add(var.q + k, sign * (turned + axis.dot(&self.by_q.linear(k))));
+            g.add(var.qd + k, sign * axis.dot(&self.jac.linear(k)));
         }
     }
 
     /// The same of the angular velocity.
-    fn add_spin_along<const D: usize>(&self, g: &mut Gradient<'_, D>, axis: &Vector3<f64>, sign: f64) {
-        let var = Layout::<N>::VARIABLES;
-        for k in 0..N {
+    fn add_spin_along(&self, g: &mut Gradient<'_>, axis: &Vector3<f64>, sign: f64) {
+        let n = self.jac.n();
+        let var = Variables::of(n);
+        for k in 0..n {
             let turned = self.frames.axis(k).cross(axis).dot(&self.w);
-            g.add(var.q + k, sign * (turned + axis.dot(&angular(self.by_q, k))));
-            g.add(var.qd + k, sign * axis.dot(&angular(self.jac, k)));
+            g.add(var.q + k, sign * (turned + axis.dot(&self.by_q.angular(k))));
+            g.add(var.qd + k, sign * axis.dot(&self.jac.angular(k)));
         }
     }
 }
 
 /// The arm and the ball at the release, for the rows at the release and for cuts.
-pub(super) struct AtRelease<const N: usize> {
-    pub(super) throw: Throw<N>,
-    frames: Frames<N>,
+pub(super) struct AtRelease {
+    pub(super) throw: Throw,
+    frames: Frames,
     ball: Pose,
-    jac: Jacobian<N>,
+    jac: Jacobian,
     /// What joint angles change of the twist.
-    by_q: Jacobian<N>,
+    by_q: Jacobian,
     v: Vector3<f64>,
     w: Vector3<f64>,
 }
 
-impl<const N: usize> AtRelease<N> {
-    pub(super) fn of(problem: &Problem<'_, N>, throw: &Throw<N>) -> Self {
+impl AtRelease {
+    pub(super) fn of(problem: &Problem<'_>, throw: &Throw) -> Self {
         let frames = problem.arm.fk(&throw.q_rad);
         let ball = problem.arm.ball(&frames);
         let jac = frames.jacobian(&ball.pos);
@@ -82,11 +76,11 @@ impl<const N: usize> AtRelease<N> {
 }
 
 /// The rows that need the arm's kinematics or dynamics at the release only.
-pub(super) fn release_rows<S: Sink<D>, const N: usize, const D: usize>(
-    problem: &Problem<'_, N>,
-    layout: &Layout<N>,
-    x: &Row<D>,
-    release: &AtRelease<N>,
+pub(super) fn release_rows<S: Sink>(
+    problem: &Problem<'_>,
+    layout: &Layout,
+    x: &Row,
+    release: &AtRelease,
     sink: &mut S,
 ) {
     let AtRelease { throw, frames, ball, jac, by_q, v, w } = release;
@@ -107,13 +101,8 @@ pub(super) fn release_rows<S: Sink<D>, const N: usize, const D: usize>(
 
 /// Launch: where the ball is after the time of flight, over that time. In vacuum it is the velocity in excess of the one that
 /// reaches the target.
-fn launch_rows<S: Sink<D>, const N: usize, const D: usize>(
-    layout: &Layout<N>,
-    aim: &Aim,
-    arriving: &Arriving<'_, N>,
-    sink: &mut S,
-) {
-    let var = Layout::<N>::VARIABLES;
+fn launch_rows<S: Sink>(layout: &Layout, aim: &Aim, arriving: &Arriving<'_>, sink: &mut S) {
+    let var = layout.variables();
     let Arriving { end, throw, by_q, jac } = arriving;
     let flight_s = throw.flight_s;
     let miss = (end.p - aim.point_at(flight_s)) / flight_s;
@@ -128,9 +117,9 @@ fn launch_rows<S: Sink<D>, const N: usize, const D: usize>(
         }
         let by_v0 = end.p_by_v0.row(i).transpose() / flight_s;
         sink.eq(LAUNCH + i, miss[i], |g| {
-            for k in 0..N {
-                let column = linear(jac, k);
-                g.add(var.q + k, column[i] / flight_s + by_v0.dot(&linear(by_q, k)));
+            for k in 0..jac.n() {
+                let column = jac.linear(k);
+                g.add(var.q + k, column[i] / flight_s + by_v0.dot(&by_q.linear(k)));
                 g.add(var.qd + k, by_v0.dot(&column));
             }
             g.add(var.f, (towards[i] - miss[i]) / flight_s);
@@ -144,12 +133,8 @@ fn launch_rows<S: Sink<D>, const N: usize, const D: usize>(
 }
 
 /// Throw along z of the release frame, and in the paper's form spin about it only.
-fn direction_rows<S: Sink<D>, const N: usize, const D: usize>(
-    problem: &Problem<'_, N>,
-    hand: &Hand<'_, N>,
-    sink: &mut S,
-) {
-    let number = Layout::<N>::NUMBERS;
+fn direction_rows<S: Sink>(problem: &Problem<'_>, hand: &Hand<'_>, sink: &mut S) {
+    let number = problem.numbers();
     let [x_rf, y_rf, z_rf] = &hand.axes;
     for (id, axis) in [(ACROSS, x_rf), (ACROSS + 1, y_rf)] {
         if sink.wants_eq(id) {
@@ -179,19 +164,19 @@ fn direction_rows<S: Sink<D>, const N: usize, const D: usize>(
 }
 
 /// Limits where a scan of the motion has found them broken.
-pub(super) fn cut_rows<S: Sink<D>, const N: usize, const D: usize>(
-    problem: &Problem<'_, N>,
-    layout: &Layout<N>,
+pub(super) fn cut_rows<S: Sink>(
+    problem: &Problem<'_>,
+    layout: &Layout,
     cuts: &[Cut],
-    release: &AtRelease<N>,
+    release: &AtRelease,
     sink: &mut S,
 ) {
     let AtRelease { throw, ball, jac, by_q, v, .. } = release;
     let context = CutContext { problem, throw, p0: ball.pos, v0: *v, jac, by_q };
     for (i, cut) in cuts.iter().enumerate().take(CUTS_MAX) {
-        let id = Layout::<N>::NUMBERS.cut + i;
+        let id = problem.numbers().cut + i;
         if sink.wants(id) {
-            let (value, gradient): (f64, Row<D>) = cut.evaluate(&context, layout);
+            let (value, gradient): (f64, Row) = cut.evaluate(&context, layout);
             sink.ineq(id, value, |g| {
                 for (i, c) in gradient.iter().enumerate().take(layout.n) {
                     g.add(i, *c);
@@ -202,14 +187,9 @@ pub(super) fn cut_rows<S: Sink<D>, const N: usize, const D: usize>(
 }
 
 /// Spherical bounds of the release point.
-fn point_rows<S: Sink<D>, const N: usize, const D: usize>(
-    problem: &Problem<'_, N>,
-    p: &Vector3<f64>,
-    jac: &Jacobian<N>,
-    sink: &mut S,
-) {
-    let var = Layout::<N>::VARIABLES;
-    let number = Layout::<N>::NUMBERS;
+fn point_rows<S: Sink>(problem: &Problem<'_>, p: &Vector3<f64>, jac: &Jacobian, sink: &mut S) {
+    let var = problem.variables();
+    let number = problem.numbers();
     let b = &problem.bounds;
     let d = p - problem.shoulder;
     let r = d.norm();
@@ -237,8 +217,8 @@ fn point_rows<S: Sink<D>, const N: usize, const D: usize>(
     for (id, value, by_p) in rows {
         if value < WINDOW && sink.wants(id) {
             sink.ineq(id, value, |g| {
-                for k in 0..N {
-                    g.add(var.q + k, by_p.x * jac[(0, k)] + by_p.y * jac[(1, k)] + by_p.z * jac[(2, k)]);
+                for k in 0..jac.n() {
+                    g.add(var.q + k, by_p.dot(&jac.linear(k)));
                 }
             });
         }
@@ -246,12 +226,8 @@ fn point_rows<S: Sink<D>, const N: usize, const D: usize>(
 }
 
 /// Window of arrival speed and steepness.
-fn arrival_rows<S: Sink<D>, const N: usize, const D: usize>(
-    problem: &Problem<'_, N>,
-    arriving: &Arriving<'_, N>,
-    sink: &mut S,
-) {
-    let number = Layout::<N>::NUMBERS;
+fn arrival_rows<S: Sink>(problem: &Problem<'_>, arriving: &Arriving<'_>, sink: &mut S) {
+    let number = problem.numbers();
     let arrival = &problem.options.arrival;
     let v = &arriving.end.v;
     let speed = v.norm();

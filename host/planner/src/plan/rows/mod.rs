@@ -52,9 +52,9 @@ use crate::solve::{Row, Sink, Task, When};
 const WINDOW: f64 = 0.8;
 
 /// A throw as a task of the local solver: the problem, its variables and the instants that are looked at.
-pub(crate) struct ThrowTask<'t, 'a, const N: usize> {
-    pub(crate) problem: &'t Problem<'a, N>,
-    pub(crate) layout: Layout<N>,
+pub(crate) struct ThrowTask<'t, 'a> {
+    pub(crate) problem: &'t Problem<'a>,
+    pub(crate) layout: Layout,
     pub(crate) cuts: &'t [Cut],
 }
 
@@ -72,7 +72,7 @@ pub(crate) enum Part {
     Motion,
 }
 
-impl<const N: usize> ThrowTask<'_, '_, N> {
+impl ThrowTask<'_, '_> {
     /// Whether some rows at the release are nonlinear in the speeds or accelerations of the joints.
     fn release_bends_with_speed(&self) -> bool {
         let options = &self.problem.options;
@@ -83,7 +83,7 @@ impl<const N: usize> ThrowTask<'_, '_, N> {
     }
 }
 
-impl<const N: usize, const D: usize> Task<D> for ThrowTask<'_, '_, N> {
+impl Task for ThrowTask<'_, '_> {
     type Part = Part;
 
     fn variables(&self) -> usize {
@@ -91,19 +91,20 @@ impl<const N: usize, const D: usize> Task<D> for ThrowTask<'_, '_, N> {
     }
 
     fn numbers(&self) -> (usize, usize) {
-        (EQUALITIES, Layout::<N>::NUMBERS.count)
+        (EQUALITIES, self.problem.numbers().count)
     }
 
     fn angles(&self) -> Range<usize> {
-        Layout::<N>::VARIABLES.q..Layout::<N>::VARIABLES.qd
+        let var = self.layout.variables();
+        var.q..var.qd
     }
 
-    fn is_motion(&self, x: &Row<D>) -> bool {
-        let var = Layout::<N>::VARIABLES;
+    fn is_motion(&self, x: &Row) -> bool {
+        let var = self.layout.variables();
         x[var.f] > 1e-3 && x[var.ha] > 1e-3 && x[var.hb] > 1e-3
     }
 
-    fn rows<S: Sink<D>>(&self, x: &Row<D>, sink: &mut S) {
+    fn rows<S: Sink>(&self, x: &Row, sink: &mut S) {
         let release = AtRelease::of(self.problem, &self.layout.throw(x));
         release_rows(self.problem, &self.layout, x, &release, sink);
         delay_rows(self.problem, &self.layout, x, &release.throw, sink);
@@ -120,7 +121,7 @@ impl<const N: usize, const D: usize> Task<D> for ThrowTask<'_, '_, N> {
             .chain([(Part::Release, When::WithMultipliers), (Part::Motion, When::WithMultipliers)])
     }
 
-    fn part_rows<S: Sink<D>>(&self, part: Part, x: &Row<D>, sink: &mut S) {
+    fn part_rows<S: Sink>(&self, part: Part, x: &Row, sink: &mut S) {
         let (problem, layout) = (self.problem, &self.layout);
         match part {
             Part::Spline => spline_rows(problem, layout, x, sink),
@@ -131,7 +132,7 @@ impl<const N: usize, const D: usize> Task<D> for ThrowTask<'_, '_, N> {
             Part::Motion => {
                 let throw = layout.throw(x);
                 delay_rows(problem, layout, x, &throw, sink);
-                let first = Layout::<N>::NUMBERS.cut;
+                let first = problem.numbers().cut;
                 if (0..self.cuts.len()).any(|i| sink.wants(first + i)) {
                     cut_rows(problem, layout, self.cuts, &AtRelease::of(problem, &throw), sink);
                 }
@@ -140,7 +141,7 @@ impl<const N: usize, const D: usize> Task<D> for ThrowTask<'_, '_, N> {
     }
 
     fn bends(&self, part: Part, k: usize) -> bool {
-        let var = Layout::<N>::VARIABLES;
+        let var = self.layout.variables();
         let of_state = k != var.ha && k != var.hb;
         match part {
             Part::Spline => k >= var.qd && k != var.f,
@@ -153,18 +154,18 @@ impl<const N: usize, const D: usize> Task<D> for ThrowTask<'_, '_, N> {
     fn twice(&self, part: Part, i: usize) -> bool {
         match part {
             // Linear in q: only its coupling is left, and it is not differenced along q.
-            Part::Spline => i >= Layout::<N>::VARIABLES.qd,
+            Part::Spline => i >= self.layout.variables().qd,
             Part::Goal => true,
-            Part::Release | Part::Motion => Task::<D>::bends(self, part, i),
+            Part::Release | Part::Motion => self.bends(part, i),
         }
     }
 }
 
 /// Name of an inequality for people.
-pub(crate) fn describe<const N: usize>(problem: &Problem<'_, N>, id: usize, cuts: &[Cut]) -> String {
-    let number = Layout::<N>::NUMBERS;
-    let joint = |i: usize| problem.arm.joints()[i % N].name.clone();
-    let end = |i: usize| if i < 2 * N { "start" } else { "stop" };
+pub(crate) fn describe(problem: &Problem<'_>, id: usize, cuts: &[Cut]) -> String {
+    let (n, number) = (problem.joints(), problem.numbers());
+    let joint = |i: usize| problem.arm.joints()[i % n].name.clone();
+    let end = |i: usize| if i < 2 * n { "start" } else { "stop" };
     if id < number.speed {
         let i = id - number.range;
         format!("range of {} at the {}", joint(i / 2), end(i))

@@ -4,7 +4,6 @@ use super::WINDOW;
 use super::arriving::Arriving;
 use crate::flight::Aim;
 use crate::plan::cuts::CLEARANCE_SCALE;
-use crate::plan::layout::Layout;
 use crate::plan::opening::nearest_to_rim;
 use crate::plan::problem::Problem;
 use crate::solve::Sink;
@@ -13,13 +12,8 @@ use crate::solve::Sink;
 const ANGLE_SCALE: f64 = 3.0;
 
 /// Angle against the normal, and distance from the rim.
-pub(super) fn opening_rows<S: Sink<D>, const N: usize, const D: usize>(
-    problem: &Problem<'_, N>,
-    aim: &Aim,
-    arriving: &Arriving<'_, N>,
-    sink: &mut S,
-) {
-    let number = Layout::<N>::NUMBERS;
+pub(super) fn opening_rows<S: Sink>(problem: &Problem<'_>, aim: &Aim, arriving: &Arriving<'_>, sink: &mut S) {
+    let number = problem.numbers();
     let Some(opening) = &problem.options.opening else { return };
     let flight_s = arriving.throw.flight_s;
     let v = &arriving.end.v;

@@ -14,14 +14,9 @@ const SHIFT_WEIGHT: f64 = 1e3;
 const SHIFT_COST_SHARE: f64 = 1e-3;
 
 /// Objective and the limits (2) to (6) of the spline: closed forms of the variables.
-pub(crate) fn spline_rows<S: Sink<D>, const N: usize, const D: usize>(
-    problem: &Problem<'_, N>,
-    layout: &Layout<N>,
-    x: &Row<D>,
-    sink: &mut S,
-) {
+pub(crate) fn spline_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &Row, sink: &mut S) {
     objective(problem, layout, x, sink);
-    for joint in 0..N {
+    for joint in 0..problem.joints() {
         range_rows(problem, layout, x, joint, sink);
         rate_rows(problem, layout, x, joint, sink);
     }
@@ -31,29 +26,24 @@ pub(crate) fn spline_rows<S: Sink<D>, const N: usize, const D: usize>(
     time_rows(problem, x, sink);
     if let Some((at, [_, _, true])) = layout.shift {
         let above_m = problem.target.z + x[at + 2] - problem.arm.world().floor_z_m;
-        if above_m < WINDOW && sink.wants(Layout::<N>::NUMBERS.target_floor) {
-            sink.ineq(Layout::<N>::NUMBERS.target_floor, above_m, |g| g.add(at + 2, 1.0));
+        if above_m < WINDOW && sink.wants(problem.numbers().target_floor) {
+            sink.ineq(problem.numbers().target_floor, above_m, |g| g.add(at + 2, 1.0));
         }
     }
 }
 
 /// Joint acceleration at the release, in rad/s²; zero where the layout has none.
-fn release_acceleration<const N: usize, const D: usize>(layout: &Layout<N>, x: &Row<D>, joint: usize) -> f64 {
-    if layout.qdd { x[Layout::<N>::VARIABLES.qdd + joint] } else { 0.0 }
+fn release_acceleration(layout: &Layout, x: &Row, joint: usize) -> f64 {
+    if layout.qdd { x[layout.variables().qdd + joint] } else { 0.0 }
 }
 
 /// The objective: q⃛ is constant in each phase, so its squared integral is 4 Σ(q̈h ∓ q̇)²/h³.
-fn objective<S: Sink<D>, const N: usize, const D: usize>(
-    problem: &Problem<'_, N>,
-    layout: &Layout<N>,
-    x: &Row<D>,
-    sink: &mut S,
-) {
-    let var = Layout::<N>::VARIABLES;
+fn objective<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &Row, sink: &mut S) {
+    let var = problem.variables();
     let w = &problem.options.weights;
     let (ha, hb) = (x[var.ha], x[var.hb]);
     let (mut sa, mut sb, mut sa_h, mut sb_h) = (0.0, 0.0, 0.0, 0.0);
-    for j in 0..N {
+    for j in 0..problem.joints() {
         let (qd, qdd) = (x[var.qd + j], release_acceleration(layout, x, j));
         let (ea, eb) = (qd - qdd * ha, qd + qdd * hb);
         sa += ea * ea;
@@ -76,7 +66,7 @@ fn objective<S: Sink<D>, const N: usize, const D: usize>(
     sink.objective(value, |g| {
         g.add(var.ha, share * (w.k_t - w.k_b * hb / (total * total) + k * (sa_h * ia - 3.0 * sa * ia / ha)));
         g.add(var.hb, share * (w.k_t + w.k_b * ha / (total * total) + k * (sb_h * ib - 3.0 * sb * ib / hb)));
-        for j in 0..N {
+        for j in 0..problem.joints() {
             let (qd, qdd) = (x[var.qd + j], release_acceleration(layout, x, j));
             let (ea, eb) = (qd - qdd * ha, qd + qdd * hb);
             g.add(var.qd + j, share * 2.0 * k * (ea * ia + eb * ib));
@@ -95,23 +85,18 @@ fn objective<S: Sink<D>, const N: usize, const D: usize>(
 }
 
 /// Both outer ends of a joint inside its range (2), (3).
-fn range_rows<S: Sink<D>, const N: usize, const D: usize>(
-    problem: &Problem<'_, N>,
-    layout: &Layout<N>,
-    x: &Row<D>,
-    j: usize,
-    sink: &mut S,
-) {
-    let var = Layout::<N>::VARIABLES;
-    let number = Layout::<N>::NUMBERS;
+fn range_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &Row, j: usize, sink: &mut S) {
+    let var = problem.variables();
+    let number = problem.numbers();
     let l = &problem.limits;
     let (ha, hb) = (x[var.ha], x[var.hb]);
     let (q, qd, qdd) = (x[var.q + j], x[var.qd + j], release_acceleration(layout, x, j));
     let start = q - qd * ha * (2.0 / 3.0) + qdd * ha * ha / 6.0;
     let stop = q + qd * hb * (2.0 / 3.0) + qdd * hb * hb / 6.0;
-    for (base, at, h_index, sign_h, h) in
-        [(number.range, start, var.ha, -1.0, ha), (number.range + 2 * N, stop, var.hb, 1.0, hb)]
-    {
+    for (base, at, h_index, sign_h, h) in [
+        (number.range, start, var.ha, -1.0, ha),
+        (number.range + 2 * problem.joints(), stop, var.hb, 1.0, hb),
+    ] {
         for (id, value, sign) in
             [(base + 2 * j, at - l.q_min[j], 1.0), (base + 2 * j + 1, l.q_max[j] - at, -1.0)]
         {
@@ -130,15 +115,9 @@ fn range_rows<S: Sink<D>, const N: usize, const D: usize>(
 }
 
 /// Speed (4), acceleration (5) and jerk (6) of a joint.
-fn rate_rows<S: Sink<D>, const N: usize, const D: usize>(
-    problem: &Problem<'_, N>,
-    layout: &Layout<N>,
-    x: &Row<D>,
-    j: usize,
-    sink: &mut S,
-) {
-    let var = Layout::<N>::VARIABLES;
-    let number = Layout::<N>::NUMBERS;
+fn rate_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &Row, j: usize, sink: &mut S) {
+    let var = problem.variables();
+    let number = problem.numbers();
     let l = &problem.limits;
     let (ha, hb) = (x[var.ha], x[var.hb]);
     let (qd, qdd) = (x[var.qd + j], release_acceleration(layout, x, j));
@@ -192,17 +171,12 @@ fn rate_rows<S: Sink<D>, const N: usize, const D: usize>(
 }
 
 /// With joint acceleration at the release, speed and position can peak inside a phase.
-fn extreme_rows<S: Sink<D>, const N: usize, const D: usize>(
-    problem: &Problem<'_, N>,
-    layout: &Layout<N>,
-    x: &Row<D>,
-    sink: &mut S,
-) {
-    let var = Layout::<N>::VARIABLES;
-    let number = Layout::<N>::NUMBERS;
+fn extreme_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &Row, sink: &mut S) {
+    let var = problem.variables();
+    let number = problem.numbers();
     let l = &problem.limits;
     let throw = layout.throw(x);
-    for j in 0..N {
+    for j in 0..problem.joints() {
         for (k, side) in [(0, -1.0), (1, 1.0)] {
             let h_index = if side < 0.0 { var.ha } else { var.hb };
             let (qd, qdd) = (throw.qd_rad_s[j], throw.qdd_rad_s2[j]);
@@ -211,7 +185,7 @@ fn extreme_rows<S: Sink<D>, const N: usize, const D: usize>(
                 let peak = qd * b.vel.0 + qdd * b.vel.1;
                 let sign = peak.signum();
                 let value = 1.0 - sign * peak / l.v[j];
-                let id = number.peak + N * k + j;
+                let id = number.peak + problem.joints() * k + j;
                 if value < WINDOW && sink.wants(id) {
                     // The phase of the peak is stationary, so only the direct dependence counts.
                     sink.ineq(id, value, |g| {
@@ -226,7 +200,7 @@ fn extreme_rows<S: Sink<D>, const N: usize, const D: usize>(
                 let at = throw.q_rad[j] + qd * b.pos.0 + qdd * b.pos.1;
                 let (lower, upper) = (at - l.q_min[j], l.q_max[j] - at);
                 let (value, sign) = if lower < upper { (lower, 1.0) } else { (upper, -1.0) };
-                let id = number.turn + N * k + j;
+                let id = number.turn + problem.joints() * k + j;
                 if value < WINDOW && sink.wants(id) {
                     sink.ineq(id, value, |g| {
                         g.add(var.q + j, sign);
@@ -241,9 +215,9 @@ fn extreme_rows<S: Sink<D>, const N: usize, const D: usize>(
 }
 
 /// Bounds of times, braking ratio and the shift of the target; all linear.
-fn time_rows<S: Sink<D>, const N: usize, const D: usize>(problem: &Problem<'_, N>, x: &Row<D>, sink: &mut S) {
-    let var = Layout::<N>::VARIABLES;
-    let number = Layout::<N>::NUMBERS;
+fn time_rows<S: Sink>(problem: &Problem<'_>, x: &Row, sink: &mut S) {
+    let var = problem.variables();
+    let number = problem.numbers();
     let b = &problem.bounds;
     let (ha, hb) = (x[var.ha], x[var.hb]);
     let total = ha + hb;
