@@ -45,7 +45,7 @@ fn one(robot: &RobotModel, joint: usize, seed: u64) -> Option<Run> {
     let mut session = BusArgs::default().open_cell(&cell, None).ok()?;
     let bounds = Bounds { current_share: 0.8, speed_share: 0.8, bit_rate_bit_s: 1e6 };
     let found =
-        identify(&mut session, robot, &JointExperiments { joint, bounds, level: LEVEL }, &mut |_, _| {})
+        identify(&mut session, robot, &Mounting::assumed(), &JointExperiments { joint, bounds, level: LEVEL }, &mut |_, _| {})
             .ok()?;
     let of = |constant: CurrentConstant| constant.k;
     Some(Run { k_b: found.k_b.ok().map(of), k_m: found.k_m.map(|k_m| k_m.ok().map(of)) })
