@@ -89,7 +89,7 @@ fn every_generation_and_transport_throws_at_a_tracked_target_and_the_bottle_is_h
         assert!(told.contains("0 late answers, 0 refused"), "{name}: {told}");
         // What the client concludes from the measured axes is what the ball did.
         let summary = json(&Path::new(&results).join("summary.json"));
-        let predicted = summary["text"].as_str().expect("text").to_owned();
+        let predicted = summary["outcome_text"].as_str().expect("text").to_owned();
         assert!(off_mm(&told) < 10.0, "{name}: {told}; {predicted}");
         // The recorded exchange gives the same answers again, and makes a report.
         let out = cubectl(&["replay", &results]);

@@ -18,6 +18,7 @@ mod rsi_identify;
 mod rsi_link;
 mod rsi_outcome;
 mod rsi_start;
+mod rsi_stops;
 mod rsi_throw;
 mod rsi_wire;
 mod stops;

@@ -6,14 +6,14 @@ use operator::bus::args::Cell;
 use operator::bus::period::settings_with_gains;
 use operator::bus::{BusArgs, Session};
 use operator::job::{
-    Answer, Extent, JobError, OnProgress, Order, Outcome, Progress, Question, Record, Step,
+    Answer, Extent, JobError, Judge, OnProgress, Order, Outcome, Program, Progress, Question, Record, Step,
     default_tolerance_m, perform,
 };
 use operator::port::{BallSeen, InProcess, OnBus, Operator};
 use operator::way::Travel;
-use planner::motion::Motion;
-use planner::plan::Arm;
+use planner::motion::{Knot, Motion};
 use planner::plan::file::PlanFile;
+use planner::plan::{Arm, Joints};
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, ExtendedId, Frame, Instant, JointIndex, ModuleId, StandardId};
 
@@ -186,6 +186,97 @@ fn a_stop_in_the_flight_keeps_the_arm_where_it_is_and_says_where_the_ball_went()
             assert!(landed < default_tolerance_m(&arm, &plan), "{what}: {landed}");
             let text = &thrown.record.verdict.text;
             assert!(text.contains("the ball left the hand"), "{text}");
+        }
+    }
+}
+
+/// A short motion from where the homed arm stands, with the judge of `cubectl run`.
+fn short_move(arm: &Arm, plan: &PlanFile, from_rad: &[f64]) -> Order<'static> {
+    let from = Joints::from_column_slice(from_rad);
+    let knot = |t_s: f64, q_rad: Joints| Knot { t_s, q_rad, qd_rad_s: Joints::zeros() };
+    let knots = vec![knot(0.0, from), knot(0.8, from.add_scalar(0.1))];
+    let program = Program::Motion(Motion { knots, events: Vec::new() });
+    let arm: &'static Arm = Box::leak(Box::new(arm.clone()));
+    Order::new(arm, &plan.robot.fingerprint, program, Judge::Reach)
+}
+
+/// A homed arm, run by one of two links; a person takes a second to agree.
+fn moved(
+    link: usize,
+    arm: &Arm,
+    plan: &PlanFile,
+    stop: Option<(f64, Frame)>,
+) -> (Record, Vec<f64>, Vec<f64>) {
+    let cell = cell(plan, true, stop);
+    let settings = settings_with_gains(&cell.robot).unwrap();
+    let mut looks = 0;
+    let mut answers = |progress: Progress<'_>| match progress {
+        Progress::May(_) => {
+            looks += 1;
+            if looks > 50 { Answer::Yes } else { Answer::Waiting }
+        }
+        _ => Answer::Yes,
+    };
+    if link == 0 {
+        let mut session = BusArgs::default().open_cell(&cell, Some(&settings)).unwrap();
+        let stood = angles(session.sim().unwrap().cell());
+        let order = short_move(arm, plan, &stood);
+        let mut operator = OnBus::new(&mut session, None, cell.setup.bus.bit_rate_bit_s);
+        let record = perform(&mut operator, &order, &mut answers);
+        (record, stood, angles(session.sim().unwrap().cell()))
+    } else {
+        let mut operator = InProcess::new(&cell.robot, &cell.setup, cell.seed, &settings).unwrap();
+        let stood = angles(operator.cell());
+        let record = perform(&mut operator, &short_move(arm, plan, &stood), &mut answers);
+        (record, stood, angles(operator.cell()))
+    }
+}
+
+#[test]
+fn a_motion_that_is_run_is_judged_by_its_samples_and_by_the_plant() {
+    let (arm, plan) = plan();
+    for link in [0, 1] {
+        let (record, stood, stands) = moved(link, &arm, &plan, None);
+        assert_eq!(record.verdict.outcome, Outcome::Reached, "{}", record.verdict.text);
+        let reached = record.reached.expect("samples");
+        println!("link {link}: {reached:?}");
+        for (before, after) in stood.iter().zip(&stands) {
+            assert!((after - before - 0.1).abs() < 2e-3, "{before} {after}");
+        }
+        // A step of a drive is 0.35 mrad; a motion that nobody compared has no error at all.
+        assert!((1e-5..0.03).contains(&reached.off_rad) && reached.end_off_rad < 2e-3, "{reached:?}");
+        assert!(reached.samples > 600, "{reached:?}");
+    }
+}
+
+#[test]
+fn a_stop_by_another_node_ends_a_run_in_every_step_and_the_arm_stands() {
+    let (arm, plan) = plan();
+    for link in [0, 1] {
+        let (clean, ..) = moved(link, &arm, &plan, None);
+        let middle = |step: Step| {
+            let (_, begun, ended) = *clean.steps.iter().find(|(s, ..)| *s == step).expect("a step");
+            0.5 * (begun.as_secs_f64() + ended.as_secs_f64())
+        };
+        let asked =
+            clean.steps.iter().find(|(s, ..)| *s == Step::Gains).expect("a step").2.as_secs_f64() + 0.5;
+        let places = [
+            ("drives", middle(Step::Drives)),
+            ("question", asked),
+            ("arm", middle(Step::Arm)),
+            ("run", middle(Step::Run)),
+        ];
+        for frame in stops() {
+            for (place, at_s) in places {
+                let (record, stood, stands) = moved(link, &arm, &plan, Some((at_s, frame)));
+                let what = format!("link {link}, {frame:?} in {place}: {}", record.verdict.text);
+                let Some(JobError::Operator(error)) = &record.ended else { panic!("{what}") };
+                assert!(error.is_stop_by_other(), "{what}");
+                assert_eq!(record.verdict.outcome, Outcome::Stopped, "{what}");
+                let way = stood.iter().zip(&stands).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                // Along the path of 0.1 rad it stops where it is.
+                assert!(if place == "run" { way < 0.095 } else { way < 1e-3 }, "{what}: {way}");
+            }
         }
     }
 }

@@ -224,7 +224,11 @@ pub fn write_robot(folder: &Path, out: &Path) -> Result<(), ExpectedError> {
         toml_reader::read_text(&file, SUMMARY_MAX_BYTES).map_err(|error| ExpectedError::io(&file, &error))?;
     let rows = motion::read(&file, &text)?;
     let limits = Limits::of(&arm, plan.limits);
-    let html = RobotRun { arm: &arm, plan: &plan, limits: &limits, rows: &rows, summary: &summary }.html();
+    let files = ["plan.json", super::rsi::LOG, "motion.csv", "summary.json"].map(|name| folder.join(name));
+    let files: Vec<_> =
+        files.iter().filter(|file| file.is_file()).map(|file| checksum(file)).collect::<Result<_, _>>()?;
+    let (arm, plan, limits, rows, summary) = (&arm, &plan, &limits, &rows, &summary);
+    let html = RobotRun { arm, plan, limits, rows, summary, files: &files }.html();
     std::fs::write(out, html).map_err(|error| ExpectedError::output(out, &error))
 }
 

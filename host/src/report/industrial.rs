@@ -12,9 +12,11 @@ use serde_json::Value;
 
 use super::chart::{Chart, Curve, Pen};
 use super::follow::{JITTER_S, PHASES, opening_chart, path_charts, releases, sensitivities};
+use super::frame::{foot, head, told_outcome, tone};
 use super::motion::Row;
-use super::page::{Page, Tone, cell};
+use super::page::{Tone, cell};
 use super::scene::{body, link, list, point};
+use operator::job::Outcome;
 
 /// Steps of the animation.
 const STEPS: u32 = 110;
@@ -42,6 +44,8 @@ pub struct RobotRun<'a> {
     pub rows: &'a [Row],
     /// `summary.json`.
     pub summary: &'a Value,
+    /// Files behind the report: name, bytes, checksum.
+    pub files: &'a [(String, u64, String)],
 }
 
 /// How the ball flew.
@@ -58,24 +62,13 @@ struct Flown {
 impl RobotRun<'_> {
     #[must_use]
     pub fn html(&self) -> String {
-        let (plan, summary) = (self.plan, self.summary);
-        let text = |key: &str| summary.get(key).and_then(Value::as_str).unwrap_or_default().to_owned();
-        let outcome = text("outcome");
-        let tone = match outcome.as_str() {
-            "landed" => Tone::Good,
-            "not_observed" => Tone::Plain,
-            _ => Tone::Bad,
-        };
+        let plan = self.plan;
+        let (outcome, text) =
+            told_outcome(self.summary).unwrap_or((Outcome::NotThrown, "no outcome is recorded".to_owned()));
         let [x, y, z] = plan.target_m;
-        let under = format!(
-            "{} to ({x:.3}, {y:.3}, {z:.3}) m over RSI, {}: {}",
-            plan.robot.name,
-            text("time"),
-            text("text")
-        );
         let flown = self.flown();
-        let word = outcome.replace('_', " ");
-        let mut page = Page::new("Throw with an industrial robot", &under, Some((&word, tone)));
+        let (title, robot) = (format!("Throw to ({x:.3}, {y:.3}, {z:.3}) m over RSI"), &plan.robot);
+        let mut page = head(&title, &robot.name, Some(self.summary), None, (&text, tone(outcome)));
         page.tiles(&self.tiles(flown.as_ref()));
         page.section(
             "The throw",
@@ -120,6 +113,7 @@ impl RobotRun<'_> {
         }
         page.section("Exchange", "");
         page.table(&["what", "value"], &self.exchange());
+        foot(&mut page, robot, None, None, Some(self.summary), self.files);
         page.finish()
     }
 

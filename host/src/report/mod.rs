@@ -7,6 +7,7 @@
 //! | [`follow`] | the same for a throw that follows the flight |
 //! | [`industrial`] | HTML report of a throw with an industrial robot |
 //! | [`motion`] | its motion as a table |
+//! | `frame` | head and foot of the page of a job |
 //! | [`run`] | HTML report of a recorded run against its plan |
 //! | [`identify`] | HTML report of an identification |
 //! | [`catch`] | HTML report of catching a disc |
@@ -22,6 +23,7 @@
 pub mod catch;
 pub mod chart;
 pub mod follow;
+mod frame;
 pub mod identify;
 pub mod industrial;
 pub mod landing;

@@ -353,10 +353,6 @@ impl Operator for InProcess {
         }
     }
 
-    fn controller_time(&mut self, ours: Instant) -> Result<(Instant, Duration), OperatorError> {
-        Ok((ours, Duration::ZERO))
-    }
-
     fn stop(&mut self) -> Result<(), OperatorError> {
         self.order("to stop", Order::Stop)?;
         match self.wait_for(STOP_MAX, &|state| !state.may_move()) {

@@ -143,11 +143,13 @@ pub trait Operator {
         progress: &mut dyn FnMut(Instant, &GroupState),
     ) -> Result<(), OperatorError>;
 
-    /// The time of the controller's clock at `ours`, and to what it is known.
+    /// The time of the controller's clock at `ours`, and to what it is known. A controller in this program has the same clock.
     ///
     /// # Errors
     /// Those of the link.
-    fn controller_time(&mut self, ours: Instant) -> Result<(Instant, Duration), OperatorError>;
+    fn controller_time(&mut self, ours: Instant) -> Result<(Instant, Duration), OperatorError> {
+        Ok((ours, Duration::ZERO))
+    }
 
     /// Stops the arm along its path, and waits until it stands.
     ///

@@ -290,10 +290,6 @@ impl Operator for LedRobot<'_> {
         ended
     }
 
-    fn controller_time(&mut self, ours: Instant) -> Result<(Instant, Duration), OperatorError> {
-        Ok((ours, Duration::ZERO))
-    }
-
     fn stop(&mut self) -> Result<(), OperatorError> {
         let now = self.now();
         let moves = matches!(self.station.stage(), Stage::Running { .. });

@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 
 use hil_sim::krc::KrcScenario;
 use nalgebra::Vector3;
-use operator::job::{Answer, Order, Record, perform};
+use operator::job::{Answer, OnProgress, Order, Record, perform};
 use operator::rsi::cell::{self, Seen, SimulatedRobot};
 use operator::rsi::log::Line;
 use operator::rsi::operator::{LedRobot, Place};
@@ -56,13 +56,18 @@ pub(crate) fn scenario(seed: u64) -> KrcScenario {
 }
 
 /// The order of a throw of the plan with the robot that is described.
-pub(crate) fn order<'a>(arm: &'a Arm, described: &KrcScenario) -> Order<'a> {
-    Order::follow(arm, plan(), described, travel(described, arm, 0.8, 1), HIT_M)
+pub(crate) fn order<'a>(arm: &'a Arm, described: &KrcScenario, share: f64) -> Order<'a> {
+    Order::follow(arm, plan(), described, travel(described, arm, share, 1), HIT_M)
 }
 
 /// A throw as a job with the robot of `scenario`; and where its station is. `at` gets the time and the flag of an interruption with
 /// everything that goes in or out.
-pub(crate) fn performed_with(scenario: &KrcScenario, at: &dyn Fn(Instant, &AtomicBool)) -> (Record, Stage) {
+pub(crate) fn performed_by(
+    scenario: &KrcScenario,
+    share: f64,
+    at: &dyn Fn(Instant, &AtomicBool),
+    answers: OnProgress<'_>,
+) -> (Record, Stage) {
     let (arm, lag) = (arm(), true_lag(scenario));
     let stop = Arc::new(AtomicBool::new(false));
     let mut log = |lines: &[Line]| lines.iter().for_each(|line| at(line.at, &stop));
@@ -70,13 +75,13 @@ pub(crate) fn performed_with(scenario: &KrcScenario, at: &dyn Fn(Instant, &Atomi
     let robot = SimulatedRobot::new(scenario).expect("a robot");
     let place = Place::Inside(Box::new(robot));
     let mut operator = LedRobot::new(scenario, station, place, Arc::clone(&stop), &mut log);
-    let record = perform(&mut operator, &order(&arm, scenario), &mut |_| Answer::Yes);
+    let record = perform(&mut operator, &order(&arm, scenario, share), answers);
     let stage = *operator.station().stage();
     (record, stage)
 }
 
 pub(crate) fn performed(scenario: &KrcScenario) -> (Record, Stage) {
-    performed_with(scenario, &|_, _| {})
+    performed_by(scenario, 0.8, &|_, _| {}, &mut |_| Answer::Yes)
 }
 
 pub(crate) fn thrown_with(scenario: &KrcScenario, plan: &FollowPlan, lag: Lag) -> (Seen, Station) {

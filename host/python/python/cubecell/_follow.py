@@ -194,7 +194,7 @@ def simulate_follow(
     landing = summary["landing"]
     return FollowRun(
         outcome=summary["outcome"],
-        text=summary["text"],
+        text=summary["outcome_text"],
         landing_m=None if landing is None else np.array(landing["position_m"]),
         miss_m=None if landing is None else landing["error_m"],
         plan_started_s=summary["plan_started_s"],

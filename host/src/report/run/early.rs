@@ -3,8 +3,9 @@
 use serde_json::Value;
 
 use super::super::chart::escape;
-use super::super::page::{Page, Tone, cell};
-use super::{record, told_outcome, tone};
+use super::super::frame::{foot, head, told_outcome, tone};
+use super::super::page::{Tone, cell};
+use super::record;
 use operator::analysis::events::RunEvent;
 use operator::job::Outcome;
 use operator::log::candump::Tear;
@@ -33,14 +34,8 @@ impl EarlyReport<'_> {
         let (outcome, text) =
             told_outcome(self.summary).unwrap_or((Outcome::NotThrown, "no outcome is recorded".to_owned()));
         let text_of = |key: &str| self.summary.get(key).and_then(Value::as_str);
-        let mut under = vec![self.plan.robot.name.clone()];
-        under.extend(text_of("bus").map(|bus| format!("bus {bus}")));
-        under.extend(text_of("time").map(str::to_owned));
-        let mut page = Page::new(
-            &format!("Throw to ({x}, {y}, {z}) m").replace('-', "−"),
-            &under.join(" · "),
-            Some((&text, tone(outcome))),
-        );
+        let (title, robot) = (format!("Throw to ({x}, {y}, {z}) m"), &self.plan.robot);
+        let mut page = head(&title, &robot.name, Some(self.summary), None, (&text, tone(outcome)));
         page.section("What happened", "");
         let cause = text_of("cause").unwrap_or("The summary names no cause.");
         page.html(&format!("<div class=\"card\"><pre>{}</pre></div>", escape(cause)));
@@ -69,7 +64,7 @@ impl EarlyReport<'_> {
             "What controller, host and drives said. Time zero is the first frame of the log.",
         );
         page.html(&record::events_table(self.events));
-        record::repeat(&mut page, self.plan, None, Some(self.summary), self.files);
+        foot(&mut page, robot, Some(self.plan.search.seed), None, Some(self.summary), self.files);
         page.finish()
     }
 }

@@ -13,12 +13,13 @@ use nalgebra::Vector3;
 use serde_json::Value;
 
 use super::chart::{Chart, Curve};
-use super::page::{Page, Tone};
+use super::frame::{head, told_outcome, tone};
+use super::page::Tone;
 use super::{landing, scene};
 use operator::analysis::release::{ReleaseMotion, flight};
 use operator::analysis::tracking::{JointTracking, interpolate};
 use operator::analysis::{POSITION_BOUND_RAD, RunAnalysis, SPEED_BOUND_RAD_S};
-use operator::job::{Outcome, default_tolerance_m};
+use operator::job::default_tolerance_m;
 use planner::motion::Motion;
 use planner::plan::file::PlanFile;
 use planner::throw::{Arm, Joints};
@@ -40,12 +41,10 @@ impl RunReport<'_> {
     #[must_use]
     pub fn html(&self) -> String {
         let [x, y, z] = self.plan.target.position_m;
-        let verdict = self.verdict();
-        let mut page = Page::new(
-            &format!("Throw to ({x}, {y}, {z}) m").replace('-', "−"),
-            &self.circumstances(),
-            Some((verdict.0.as_str(), verdict.1)),
-        );
+        let (verdict, tone) = self.verdict();
+        let (title, plan) = (format!("Throw to ({x}, {y}, {z}) m"), self.plan);
+        let more = format!("plan {:.3} s, release at {:.3} s", plan.end_time_s, plan.release_time_s);
+        let mut page = head(&title, &plan.robot.name, self.summary, Some(more), (&verdict, tone));
         page.tiles(&self.tiles());
         if let Some(fault) = &self.analysis.fault {
             self.fault(&mut page, fault);
@@ -120,20 +119,6 @@ impl RunReport<'_> {
     fn tolerance_m(&self) -> f64 {
         let told = self.in_summary("/tolerance_m").and_then(Value::as_f64);
         told.unwrap_or_else(|| default_tolerance_m(self.arm, self.plan))
-    }
-
-    fn circumstances(&self) -> String {
-        let text = |pointer: &str| self.in_summary(pointer).and_then(Value::as_str);
-        let mut parts = vec![self.plan.robot.name.clone()];
-        parts.extend(text("/bus").map(|bus| format!("bus {bus}")));
-        parts.extend(text("/time").map(str::to_owned));
-        parts.extend(text("/controller/kind").map(|kind| format!("controller {kind}")));
-        parts.extend(self.in_summary("/seed").map(|seed| format!("seed {seed}")));
-        parts.push(format!(
-            "plan {:.3} s, release at {:.3} s",
-            self.plan.end_time_s, self.plan.release_time_s
-        ));
-        parts.join(" · ")
     }
 
     fn tiles(&self) -> Vec<(String, &'static str, String, Tone)> {
@@ -286,21 +271,5 @@ impl RunReport<'_> {
             is_time: true,
             ..Chart::default()
         }
-    }
-}
-
-/// Outcome and sentence of a `summary.json`.
-fn told_outcome(summary: &Value) -> Option<(Outcome, String)> {
-    let outcome = summary.get("outcome").and_then(Value::as_str).and_then(Outcome::from_json_name)?;
-    let text = summary.get("outcome_text").and_then(Value::as_str).unwrap_or(outcome.words());
-    Some((outcome, text.to_owned()))
-}
-
-fn tone(outcome: Outcome) -> Tone {
-    match outcome {
-        Outcome::Landed | Outcome::Reached | Outcome::Stored => Tone::Good,
-        Outcome::NotObserved => Tone::Plain,
-        Outcome::NotThrown | Outcome::NotRun => Tone::Warn,
-        Outcome::Missed | Outcome::NotReleased | Outcome::Stopped | Outcome::NotReached => Tone::Bad,
     }
 }
