@@ -235,8 +235,8 @@ fn serve(mut realtime: Realtime<Cell>, to: &Sender<ArmNow>, over: &AtomicBool) -
 struct Live {
     court: Court<6>,
     released: bool,
-    /// Events that were told.
-    told: usize,
+    /// Events that were printed.
+    printed: usize,
     datagrams: u64,
     unsent: u64,
 }
@@ -245,7 +245,13 @@ impl Live {
     fn of(court: CourtOptions<6>) -> Self {
         let upright =
             JointsNow { q: JointVec::from(STANDING_DEG.map(f64::to_radians)), qd: JointVec::zeros() };
-        Self { court: Court::new(court, 0, [upright; 2]), released: false, told: 0, datagrams: 0, unsent: 0 }
+        Self {
+            court: Court::new(court, 0, [upright; 2]),
+            released: false,
+            printed: 0,
+            datagrams: 0,
+            unsent: 0,
+        }
     }
 
     fn run(
@@ -292,7 +298,7 @@ impl Live {
     }
 
     fn tell(&mut self, args: &Args) {
-        for (at, event) in self.court.events().iter().skip(self.told) {
+        for (at, event) in self.court.events().iter().skip(self.printed) {
             let text = format!("{:.4} s: {}", at.as_secs_f64(), words(event));
             if args.json {
                 console::line!(
@@ -303,7 +309,7 @@ impl Live {
                 console::note!("{text}");
             }
         }
-        self.told = self.court.events().len();
+        self.printed = self.court.events().len();
     }
 
     fn report(&self, args: &Args, lags: &[Duration]) -> Result<(), Failure> {

@@ -44,9 +44,14 @@ fn one(robot: &AnyRobot, joint: usize, seed: u64) -> Option<Run> {
     cell.setup.cell.drive.current_noise_a = NOISE_A;
     let mut session = BusArgs::default().open_cell(&cell, None).ok()?;
     let bounds = Bounds { current_share: 0.8, speed_share: 0.8, bit_rate_bit_s: 1e6 };
-    let found =
-        identify(&mut session, robot, &JointExperiments { joint, bounds, level: LEVEL }, &mut |_, _| {})
-            .ok()?;
+    let found = identify(
+        &mut session,
+        robot,
+        &Mounting::assumed(),
+        &JointExperiments { joint, bounds, level: LEVEL },
+        &mut |_, _| {},
+    )
+    .ok()?;
     let of = |constant: CurrentConstant| constant.k;
     Some(Run { k_b: found.k_b.ok().map(of), k_m: found.k_m.map(|k_m| k_m.ok().map(of)) })
 }

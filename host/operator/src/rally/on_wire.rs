@@ -6,7 +6,7 @@
 //!                    socket  ── datagrams of the tracker ──► forecast ──► decision ──► end state
 //! ```
 //!
-//! What this side tells comes from tracker and controllers alone. Whoever serves drives and ball can tell what really happened.
+//! What this side reports comes from tracker and controllers alone. Whoever serves drives and ball knows what really happened.
 //!
 //! # Times
 //!
@@ -148,7 +148,7 @@ pub struct Clocks {
 /// What this side knows of a throw and its catch.
 #[derive(Debug)]
 pub struct WireOutcome {
-    /// What the catcher tells.
+    /// What the catcher reports.
     pub told: CatchOutcome,
     /// How the thrower's run ended, by its controller.
     pub thrown: Result<(), OperatorError>,
@@ -188,7 +188,7 @@ pub fn run(
             let session = open(spec, cell, settings)?;
             let arm = ControllerArm::at(session, settings, &start);
             let mut arm = arm.map_err(|why| WireError::Arm { arm: "thrower", why: Box::new(why) })?;
-            let thrown = throw_when_told(&mut arm, &throw, &ready, &goes);
+            let thrown = throw_when_agreed(&mut arm, &throw, &ready, &goes);
             if let Err(WireError::Operator(why)) | Ok((Err(why), _)) = &thrown {
                 end_both(why);
             }
@@ -302,7 +302,7 @@ type Thrown = (Result<(), OperatorError>, f64);
 
 /// Keeps the session alive until the time of the throw, then runs it. Returns how the run ended, and the bound of the error of
 /// the controller's clock, s.
-fn throw_when_told(
+fn throw_when_agreed(
     arm: &mut ControllerArm,
     file: &[u8],
     ready: &Sender<()>,
