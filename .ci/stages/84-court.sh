@@ -1,8 +1,11 @@
 # Throws and their catches in real time through the public doors: `hil-sim serve-court` plays two arms on two buses, ball and
 # tracker, `cubectl rally` throws and catches. What is reported must be what happened; the simulated court is the judge. The last throw
-# is with a tracker that loses one frame in ten. How many are caught is tested in virtual time (host/operator/tests), not here.
+# is with a tracker that loses one frame in ten.
 #
-# Each is tried once. A machine that stops for longer than a control period may stop an arm or miss a ball, and virtual machines of two
+# First in lock step: buses, tracker and programs have one virtual time, so each ball is caught, and a second run, at the same time as the
+# first, has the same outcome to the last digit.
+#
+# Then in real time; each is tried once. A machine that stops for longer than a control period may stop an arm or miss a ball, and virtual machines of two
 # cores do. The court measures its own lag, which the program under test does not see: such a throw is counted as held up, and its
 # report is judged all the same. The stage fails if a report is not what happened, or if each throw was held up.
 . .ci/wait.sh
@@ -11,6 +14,34 @@ out=target/court
 rm -rf "$out" && mkdir -p "$out"
 cp hil-sim/src/court/two_arms.toml "$out/lossy.toml"
 printf '\n[[fault]]\nkind = "frames-lost"\nprobability = 0.1\n' >>"$out/lossy.toml"
+
+in_step() { # name, first port, court file, options of cubectl
+    local name=$out/$1 first=$2 file=$3 court status=0
+    shift 3
+    local places=(--bus-thrower "lockstep://127.0.0.1:$first/can0" --bus-catcher "lockstep://127.0.0.1:$((first + 1))/can0")
+    target/release/hil-sim serve-court --homed --json --court "$file" --bus-thrower "${places[1]}?clients=2" \
+        --bus-catcher "${places[3]}?clients=2" --data "127.0.0.1:$((first + 2))" >"$name.court" 2>&1 </dev/null &
+    court=$!
+    wait_for $court says "$name.court" '"event":"lock step"' || { cat "$name.court"; return 1; }
+    timeout 300 target/release/cubectl rally --yes --json --court "$file" "${places[@]}" --tracker "127.0.0.1:$((first + 2))" "$@" \
+        >"$name.told" 2>"$name.words" </dev/null || status=$?
+    # It ends with its clients.
+    [ $status = 0 ] || kill -INT $court
+    wait $court && [ $status = 0 ] || { cat "$name.words" "$name.court"; return 1; }
+    # Without the ports, and how long this machine took to decide.
+    sed '/"event":"\(serving\|lock step\)"/d' "$name.court" >"$name.outcome"
+    sed '/longest_decision_s/d' "$name.told" >>"$name.outcome"
+    grep -q '"caught":true' "$name.outcome" && grep -q '"told": "caught"' "$name.outcome" || { cat "$name.outcome"; return 1; }
+}
+step_twice() { # as in_step
+    local name=$1 first=$2 again
+    shift 2
+    in_step "$name-again" $((first + 3)) "$@" &
+    again=$!
+    in_step "$name" "$first" "$@" && wait $again || { wait $again; echo "$name: not caught in lock step"; return 1; }
+    cmp "$out/$name.outcome" "$out/$name-again.outcome" || { echo "$name: two runs in lock step differ"; return 1; }
+    echo "$name: $(grep '"event":"report"' "$out/$name.outcome")"
+}
 
 throw() { # name, first port, court file, options of cubectl
     local name=$out/$1 first=$2 file=$3 court status=0
@@ -62,6 +93,11 @@ print("caught" if caught else "held up" if held_up else "missed", file=open(name
 PY
 }
 status=0
+step_twice step-knows 29600 hil-sim/src/court/two_arms.toml --seed 1 || status=1
+step_twice step-eyes 29610 hil-sim/src/court/two_arms.toml --seed 2 --eyes-only || status=1
+step_twice step-lossy 29620 "$out/lossy.toml" --seed 3 --eyes-only || status=1
+# Another seed is another throw.
+! cmp -s "$out/step-knows.outcome" "$out/step-eyes.outcome" || { echo "two seeds gave one outcome"; status=1; }
 throw knows 29556 hil-sim/src/court/two_arms.toml --seed 1 || status=1
 throw eyes 29560 hil-sim/src/court/two_arms.toml --seed 2 --eyes-only || status=1
 throw lossy 29564 "$out/lossy.toml" --seed 3 --eyes-only || status=1

@@ -433,7 +433,7 @@ fn late_answers_one_after_another_end_the_path_and_are_told() {
     cell.wire = |k| if k >= UNDER_WAY && k % 2 == 0 { Wire::AnswerLate } else { Wire::Fine };
     cell.run_until(400, StateKind::Fault);
     assert_eq!(cell.cause(), Some(Cause::AnswersLate));
-    assert!(cell.robot.stopped, "the robot is told to leave the sensor motion");
+    assert!(cell.robot.stopped, "the robot is asked to leave the sensor motion");
     assert!(cell.now > start);
 }
 

@@ -258,7 +258,7 @@ fn ball_is_released_near_its_path_or_not_at_all() {
             at_opening = at_opening.or(cell.robot.open.map(|_| (k, cell.robot.q)));
         }
         let withheld = cell.controller.group().release_withheld_rad();
-        assert_eq!(withheld.is_some(), at_opening.is_none(), "{lost:?}: what is withheld is told");
+        assert_eq!(withheld.is_some(), at_opening.is_none(), "{lost:?}: what is withheld is reported");
         at_opening
     };
     let (cycle, nominal) = released(None).expect("released");
@@ -307,20 +307,20 @@ fn no_sequence_of_troubles_makes_a_correction_leap() {
     for sequence in 0..1_000 {
         let (mut cell, _) = Cell::thrown();
         cell.robot.counts_in_a_row = sequence % 2 == 0;
-        let mut told = Vec::new();
+        let mut drawn_so_far = Vec::new();
         for _ in 0..1 + rng.below(4) {
             for _ in 0..rng.below(60) {
                 step(&mut cell);
             }
             let trouble = drawn(&mut rng);
-            told.push((cell.cycle, trouble));
+            drawn_so_far.push((cell.cycle, trouble));
             strike(&mut cell, trouble);
-            assert_no_leap(&cell, &(sequence, &told));
+            assert_no_leap(&cell, &(sequence, &drawn_so_far));
         }
         for _ in 0..120 {
             step(&mut cell);
         }
-        assert_no_leap(&cell, &(sequence, &told));
+        assert_no_leap(&cell, &(sequence, &drawn_so_far));
         // The fault is cleared and the arm is stopped: still nothing moves by itself.
         if let Some(fault) = cell.controller.state().fault() {
             let _ = cell.controller.order(cell.at(), HOST, Order::ClearFault { code: fault.cause.code() });
@@ -328,6 +328,6 @@ fn no_sequence_of_troubles_makes_a_correction_leap() {
         for _ in 0..60 {
             step(&mut cell);
         }
-        assert_no_leap(&cell, &(sequence, &told));
+        assert_no_leap(&cell, &(sequence, &drawn_so_far));
     }
 }

@@ -8,6 +8,10 @@
 //!
 //! Each bus runs in a thread of its own; all follow one clock. The court moves on as far as both arms have, some milliseconds behind
 //! the clock. The tracker's latency is longer than that, so its datagrams leave on time.
+//!
+//! In lock step one thread gives turns to the clients of both buses, a millisecond of the first bus and then the same of the second one,
+//! and the clients' connection for the tracker's data has marks of that time ([`hil_sim::court::in_step`]): a run depends on the programs and the
+//! seed alone.
 
 use std::collections::VecDeque;
 use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
@@ -20,8 +24,9 @@ use std::thread::JoinHandle;
 use can_link::{BusSpec, Clock, Role, Urgent};
 use hil_sim::bus::BusConfig;
 use hil_sim::cell::{Cell, CellOptions};
+use hil_sim::court::in_step::{STEP, Trackers};
 use hil_sim::court::{ArmPlace, Court, CourtEvent, CourtOptions, JointsNow};
-use hil_sim::realtime::{Door, Realtime};
+use hil_sim::realtime::{Door, Realtime, shared_time};
 use protocol::{Duration, Instant};
 use robot_model::JointVec;
 use serde_json::json;
@@ -29,8 +34,6 @@ use serde_json::json;
 use super::exit::{Code, Failure};
 use super::progress::Interrupt;
 
-/// Longest time between two turns of a bus, and step of the court.
-const STEP: Duration = Duration::from_millis(1);
 /// Both arms stand upright at the beginning, deg.
 const STANDING_DEG: [f64; 6] = [0.0, -90.0, -90.0, 0.0, 0.0, 0.0];
 
@@ -39,13 +42,13 @@ pub(super) struct Args {
     /// Court file: places of the arms, ball, cups, tracker and its faults; the built-in one otherwise.
     #[arg(long, value_name = "FILE")]
     court: Option<PathBuf>,
-    /// Where the bus of the thrower is, as for `serve`.
+    /// Where the bus of the thrower is, as for `serve`. With lockstep:// for both buses all is in one virtual time.
     #[arg(long, default_value = "socketcand://127.0.0.1:29536/can0")]
     bus_thrower: BusSpec,
     /// Where the bus of the catcher is.
     #[arg(long, default_value = "socketcand://127.0.0.1:29537/can0")]
     bus_catcher: BusSpec,
-    /// Where the tracker sends its data, which it does without being asked.
+    /// Where the tracker sends its data, which it does without being asked. In lock step: where a client fetches them.
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:5000")]
     data: String,
     /// The drives are homed, as if they had been left on.
@@ -85,17 +88,18 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let mut court = court.map_err(|error| Failure::new(Code::BadFile, &error))?;
     court.seed = args.seed.unwrap_or(court.seed);
     let data = address(&args.data)?;
+    let specs = [&args.bus_thrower, &args.bus_catcher];
+    let buses = specs.map(Clone::clone);
+    let (_, in_step) = shared_time(&buses).map_err(|error| Failure::new(Code::BadFile, &error))?;
+    if in_step.is_some() {
+        return run_in_step(args, court, data);
+    }
     let any: SocketAddr = if data.is_ipv4() { ([0, 0, 0, 0], 0).into() } else { ([0_u16; 8], 0).into() };
     let socket = UdpSocket::bind(any).map_err(|error| Failure::new(Code::Bus, &error))?;
     let clock = Clock::start();
     let over = Arc::new(AtomicBool::new(false));
-    let specs = [&args.bus_thrower, &args.bus_catcher];
     let mut arms = Vec::new();
     for (k, spec) in specs.into_iter().enumerate() {
-        if matches!(spec, BusSpec::Lockstep { .. }) {
-            let why = "two buses have no common lock step\n  next: serve them in real time, with socketcand:// or slcan://";
-            return Err(Failure::new(Code::BadFile, &why));
-        }
         let door = Door::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error))?;
         say(args, "serving", &format!("{} ({})", door.name(), ["thrower", "catcher"][k]));
         arms.push(arm_bus(&court.arms[k], args.homed, court.seed + k as u64, door, clock, &over));
@@ -105,9 +109,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     say(args, "real time", &urgent.granted().to_string());
     let interrupt = Interrupt::listen();
     let until = args.duration_s.map_or(Instant::FAR_FUTURE, |s| Instant::ZERO + Duration::from_secs_f64(s));
-    let upright = JointsNow { q: JointVec::from(STANDING_DEG.map(f64::to_radians)), qd: JointVec::zeros(6) };
-    let mut live =
-        Live { court: Court::new(court, 0, [upright; 2]), released: false, told: 0, datagrams: 0, unsent: 0 };
+    let mut live = Live::of(court);
     let goes_on = || !interrupt.came() && clock.now() < until;
     let ended = live.run(args, &mut arms, &socket, data, clock, &goes_on);
     over.store(true, Ordering::Relaxed);
@@ -121,6 +123,81 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     live.report(args, &lags)
 }
 
+/// Both buses, ball and tracker in one virtual time, until all clients have left.
+fn run_in_step(args: &Args, court: CourtOptions, data: SocketAddr) -> Result<(), Failure> {
+    let mut trackers = Trackers::listen(data).map_err(|error| Failure::new(Code::Bus, &error))?;
+    let failed = |why: String| Failure::new(Code::Bus, &why);
+    let mut arms = Vec::new();
+    for (k, spec) in [&args.bus_thrower, &args.bus_catcher].into_iter().enumerate() {
+        let BusSpec::Lockstep { clients, .. } = spec else { continue };
+        let clock = Clock::manual();
+        let door = Door::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error))?;
+        say(args, "serving", &format!("{} ({})", door.name(), ["thrower", "catcher"][k]));
+        let seed = court.seed + k as u64;
+        let realtime = realtime_of(&court.arms[k], args.homed, seed, door, clock).map_err(failed)?;
+        arms.push((realtime.in_lock_step(*clients), 0, VecDeque::new()));
+    }
+    say(args, "lock step", &format!("tracker data at {data}"));
+    let interrupt = Interrupt::listen();
+    let until = args.duration_s.map_or(Instant::FAR_FUTURE, |s| Instant::ZERO + Duration::from_secs_f64(s));
+    let mut live = Live::of(court);
+    while !arms.iter_mut().fold(true, |all, (arm, ..)| arm.is_gathered() && all) && !interrupt.came() {
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    let mut now = Instant::ZERO;
+    while now < until && !interrupt.came() && arms.iter().any(|(arm, ..)| arm.members() > 0) {
+        now = now + STEP;
+        for (arm, sent, samples) in &mut arms {
+            while !arm.has_reached(now) && !interrupt.came() {
+                arm.turn(now, &mut ()).map_err(|error| failed(error.to_string()))?;
+            }
+            samples.extend(samples_since(arm, sent).map_err(failed)?);
+        }
+        while arms.iter().all(|(.., samples)| !samples.is_empty()) {
+            let mut both = arms.iter_mut().filter_map(|(.., samples)| samples.pop_front());
+            let (Some(thrower), Some(catcher)) = (both.next(), both.next()) else { break };
+            live.step(&thrower, &catcher);
+        }
+        live.tell(args);
+        let datagrams: Vec<_> = std::iter::from_fn(|| live.court.poll_datagram_by(now)).collect();
+        trackers.put(&datagrams, now + STEP);
+    }
+    (live.datagrams, live.unsent) = (trackers.taken, trackers.untaken);
+    live.report(args, &[])
+}
+
+/// The bus of an arm that stands upright.
+fn realtime_of(
+    place: &ArmPlace,
+    homed: bool,
+    seed: u64,
+    door: Door,
+    clock: Clock,
+) -> Result<Realtime<Cell>, String> {
+    let mut options = CellOptions {
+        start_q_rad: Some(STANDING_DEG.map(f64::to_radians).to_vec()),
+        ..CellOptions::default()
+    };
+    options.drive.starts_homed = homed;
+    let mut cell = Cell::new(&place.model, &options, seed).map_err(|error| error.to_string())?;
+    cell.record_trace();
+    Realtime::new(cell, BusConfig::default(), seed, Vec::new(), vec![door], clock)
+        .map_err(|error| error.to_string())
+}
+
+/// What the arm did since the last call.
+fn samples_since(realtime: &Realtime<Cell>, sent: &mut usize) -> Result<Vec<ArmNow>, String> {
+    let cell = &realtime.world().participants().0;
+    let Some(trace) = cell.trace() else { return Err("the arm is not recorded".to_owned()) };
+    let first = std::mem::replace(sent, trace.len());
+    let sample = |index| {
+        let joint = |i: usize, part: usize| trace.sample(index).get(i).map_or(0.0, |joint| joint[part]);
+        let (q, qd) = (JointVec::from_fn(6, |i| joint(i, 0)), JointVec::from_fn(6, |i| joint(i, 1)));
+        ArmNow { at: trace.at(index), joints: JointsNow { q, qd }, released_at: cell.throw().released_at }
+    };
+    Ok((first..trace.len()).map(sample).collect())
+}
+
 fn arm_bus(
     place: &ArmPlace,
     homed: bool,
@@ -130,18 +207,11 @@ fn arm_bus(
     over: &Arc<AtomicBool>,
 ) -> ArmBus {
     let (sender, samples) = mpsc::channel();
-    let (model, over) = (place.model.clone(), Arc::clone(over));
+    let (place, over) = (place.clone(), Arc::clone(over));
     let thread = std::thread::spawn(move || {
-        let mut options = CellOptions {
-            start_q_rad: Some(STANDING_DEG.map(f64::to_radians).to_vec()),
-            ..CellOptions::default()
-        };
-        options.drive.starts_homed = homed;
-        let mut cell = Cell::new(&model, &options, seed).map_err(|error| error.to_string())?;
-        cell.record_trace();
-        let realtime = Realtime::new(cell, BusConfig::default(), seed, Vec::new(), vec![door], clock);
+        let realtime = realtime_of(&place, homed, seed, door, clock)?;
         let _urgent = Urgent::request(Role::Plant);
-        serve(realtime.map_err(|error| error.to_string())?, &sender, &over)
+        serve(realtime, &sender, &over)
     });
     ArmBus { samples, waiting: VecDeque::new(), thread }
 }
@@ -152,22 +222,11 @@ fn serve(mut realtime: Realtime<Cell>, to: &Sender<ArmNow>, over: &AtomicBool) -
     while !over.load(Ordering::Relaxed) {
         let next = realtime.world().now() + STEP;
         realtime.turn(next, &mut ()).map_err(|error| error.to_string())?;
-        let cell = &realtime.world().participants().0;
-        let Some(trace) = cell.trace() else { return Err("the arm is not recorded".to_owned()) };
-        for index in sent..trace.len() {
-            let joint = |i: usize, part: usize| trace.sample(index).get(i).map_or(0.0, |joint| joint[part]);
-            let q = JointVec::from_fn(6, |i| joint(i, 0));
-            let qd = JointVec::from_fn(6, |i| joint(i, 1));
-            let now = ArmNow {
-                at: trace.at(index),
-                joints: JointsNow { q, qd },
-                released_at: cell.throw().released_at,
-            };
+        for now in samples_since(&realtime, &mut sent)? {
             if to.send(now).is_err() {
                 break;
             }
         }
-        sent = trace.len();
     }
     Ok(realtime.lag().turns.max().unwrap_or_default())
 }
@@ -176,13 +235,25 @@ fn serve(mut realtime: Realtime<Cell>, to: &Sender<ArmNow>, over: &AtomicBool) -
 struct Live {
     court: Court,
     released: bool,
-    /// Events that were told.
-    told: usize,
+    /// Events that were printed.
+    printed: usize,
     datagrams: u64,
     unsent: u64,
 }
 
 impl Live {
+    fn of(court: CourtOptions) -> Self {
+        let upright =
+            JointsNow { q: JointVec::from(STANDING_DEG.map(f64::to_radians)), qd: JointVec::zeros() };
+        Self {
+            court: Court::new(court, 0, [upright; 2]),
+            released: false,
+            printed: 0,
+            datagrams: 0,
+            unsent: 0,
+        }
+    }
+
     fn run(
         &mut self,
         args: &Args,
@@ -227,7 +298,7 @@ impl Live {
     }
 
     fn tell(&mut self, args: &Args) {
-        for (at, event) in self.court.events().iter().skip(self.told) {
+        for (at, event) in self.court.events().iter().skip(self.printed) {
             let text = format!("{:.4} s: {}", at.as_secs_f64(), words(event));
             if args.json {
                 console::line!(
@@ -238,7 +309,7 @@ impl Live {
                 console::note!("{text}");
             }
         }
-        self.told = self.court.events().len();
+        self.printed = self.court.events().len();
     }
 
     fn report(&self, args: &Args, lags: &[Duration]) -> Result<(), Failure> {

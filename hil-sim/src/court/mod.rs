@@ -16,6 +16,7 @@
 //! | this | options, ball and events, one step |
 //! | [`scenario`] | TOML to options; the built-in court |
 
+pub mod in_step;
 pub mod scenario;
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};

@@ -24,7 +24,7 @@
 //! probability = 0.2
 //! ```
 //!
-//! `[gripper] sensor` names an element of the configuration file that tells whether the fingers are open.
+//! `[gripper] sensor` names an element of the configuration file that says whether the fingers are open.
 //!
 //! Every key but `schema_version`, `generation` and `rsi_config` is optional. Units are in the keys, unknown keys are
 //! refused, and every refusal names file, line and key.

@@ -103,6 +103,29 @@ impl LockStep {
 }
 
 impl<A: Participants> Realtime<A> {
+    /// Takes in who joins a lock step, before its time begins: true once as many take part as it waits for. From then on it does not
+    /// wait for those who leave.
+    pub fn is_gathered(&mut self) -> bool {
+        let Some(mut step) = self.lock_step.take() else { return true };
+        self.hear(&mut step);
+        let all = step.members.len() >= step.clients_min;
+        step.clients_min = if all { 0 } else { step.clients_min };
+        self.lock_step = Some(step);
+        all
+    }
+
+    /// Clients in lock step.
+    pub fn members(&self) -> usize {
+        self.lock_step.as_ref().map_or(0, |step| step.members.len())
+    }
+
+    /// In lock step: it is `time` or later, and nobody has a turn before the time goes on.
+    pub fn has_reached(&self, time: Instant) -> bool {
+        let now = self.world.now();
+        let mut members = self.lock_step.iter().flat_map(|step| &step.members);
+        now >= time && members.all(|member| member.due().is_some_and(|due| due > now))
+    }
+
     /// As [`Realtime::turn`]: lets the clients and the world take turns until `until`, or for 50 ms of real time.
     pub(super) fn take_turns(
         &mut self,

@@ -1,4 +1,4 @@
-//! `cubectl rally --bus-thrower --bus-catcher --tracker`: one throw over the wire, in real time.
+//! `cubectl rally --bus-thrower --bus-catcher --tracker`: one throw over the wire, in real time or in lock step.
 
 use can_link::BusSpec;
 use hil_sim::court::CourtOptions;
@@ -29,7 +29,8 @@ pub struct Wire {
     /// Bus of the arm that catches.
     #[arg(long, value_name = "SPEC", requires = "bus_thrower", help_heading = "Over the wire")]
     pub bus_catcher: Option<BusSpec>,
-    /// Address of this machine to which the tracker (DTrack) sends its data.
+    /// Address of this machine to which the tracker (DTrack) sends its data. With lockstep:// for both buses: where
+    /// `hil-sim serve-court` has them (its --data).
     #[arg(long, value_name = "HOST:PORT", requires = "bus_thrower", help_heading = "Over the wire")]
     pub tracker: Option<String>,
     /// Do not ask before the arms move.
@@ -67,6 +68,12 @@ impl Wire {
         if thrower == catcher || [thrower, catcher].contains(&&BusSpec::Sim) {
             return Err(ExpectedError::bad_input(
                 &"thrower and catcher need a bus of their own each: signs of life to the drives go to everybody on a bus\n  next: two places, as `hil-sim serve-court` has them",
+            ));
+        }
+        let is_in_step = |spec: &BusSpec| matches!(spec, BusSpec::Lockstep { .. });
+        if is_in_step(thrower) != is_in_step(catcher) {
+            return Err(ExpectedError::bad_input(
+                &"two buses have one time: lock step or the machine's, not both\n  next: give lockstep:// for both, or for none",
             ));
         }
         // Both buses are real ones; the question names them together.

@@ -1,4 +1,4 @@
-//! What waits to be told, in the order in which it is told: faults, measurements, missed telegrams, ends of modes, the cycle.
+//! What waits to be reported, in the order in which it is reported: faults, measurements, missed telegrams, ends of modes, the cycle.
 
 use protocol::{Duration, JointIndex};
 
@@ -12,7 +12,7 @@ use crate::span;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Pending {
     trouble: Option<Fault>,
-    /// Joints whose measurement is still to be told.
+    /// Joints whose measurement is still to be reported.
     measured: u8,
     missed: u8,
     missed_in_row: u32,
@@ -31,7 +31,7 @@ fn take_first(mask: &mut u8) -> Option<JointIndex> {
 }
 
 impl Pending {
-    /// The first fault stays until it is told.
+    /// The first fault stays until it is reported.
     pub(super) fn trouble(&mut self, fault: Fault) {
         self.trouble = self.trouble.or(Some(fault));
     }
@@ -52,7 +52,7 @@ impl Pending {
         self.cycle = Some((late, overrun));
     }
 
-    /// The next event. `tracking`: the axes follow a path, later than expected by this many seconds. Their positions are told
+    /// The next event. `tracking`: the axes follow a path, later than expected by this many seconds. Their positions are reported
     /// as those of the time of the path at which they belong: a delay that all axes share is no following error, and the
     /// group bounds it by itself.
     pub(super) fn poll(

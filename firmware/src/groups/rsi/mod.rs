@@ -8,7 +8,7 @@
 //!
 //! A value in the answer to cycle k comes into force in cycle k+1. The axes follow after a dead time, with a first-order lag.
 //! References are taken the dead time later ([`Profile::lag`]), and `q + T q̇` is commanded, so the axes are on the path at
-//! the time of the path. A model of the drives ([`model`](self)) tells how far measured axes are from where they should be.
+//! the time of the path. A model of the drives ([`model`](self)) says how far measured axes are from where they should be.
 //!
 //! # Invariants
 //!
@@ -31,7 +31,7 @@
 //! | `model` | where the axes should be |
 //! | `shape` | the next set point of an axis |
 //! | `motion` | what all axes do in a mode |
-//! | `events` | what waits to be told |
+//! | `events` | what waits to be reported |
 
 mod doubt;
 mod events;
@@ -167,14 +167,8 @@ impl Rsi {
         let start_rad = start_rad.or(self.start_rad).unwrap_or(q_rad);
         let (set_rad, model_rad) = (self.motion.set_rad(), self.model.q_rad());
         let old_start_rad = self.start_rad.as_ref();
-        let seen = Sight {
-            q_rad: &q_rad,
-            start_rad: &start_rad,
-            old_start_rad,
-            set_rad: &set_rad,
-            model_rad: &model_rad,
-            late,
-        };
+        let seen =
+            Sight { q_rad: &q_rad, start_rad: &start_rad, old_start_rad, set_rad: &set_rad, model_rad, late };
         let settling = DriveModel::settling_s(&self.options) / settings.cycle_period_s();
         match doubt.look(&seen, settling as u32 + 1) {
             Found::NewRun => {

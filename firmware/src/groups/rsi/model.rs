@@ -18,7 +18,7 @@ const SAME_RAD: f32 = 1e-6;
 const SETTLED: f32 = 7.0;
 /// Weight of one telegram on the delay of the path.
 const WEIGHT: f32 = 0.3;
-/// Sum of squared speeds from which on the delay of the path can be told, rad²/s².
+/// Sum of squared speeds from which on the delay of the path can be measured, rad²/s².
 const FAST_RAD2_S2: f32 = 0.05;
 
 /// Model of the drives.

@@ -87,10 +87,10 @@ pub fn identify(
         .collect::<Result<_, _>>()?;
     let bus = session.name().to_owned();
     let mut parts = Experiment::parts(true, n);
-    let mut told = 0;
+    let mut begun = 0;
     let mut tell = |what: &str| {
-        told += 1;
-        parts = parts.max(told);
+        begun += 1;
+        parts = parts.max(begun);
         progress(what, parts);
     };
     let mut experiment = Experiment::new(session, model, mounted, joint, wish.bounds, &mut tell)?;

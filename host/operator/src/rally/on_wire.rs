@@ -1,4 +1,4 @@
-//! A throw and its catch over the wire, in real time: two buses with a controller each, and a tracker.
+//! A throw and its catch over the wire: two buses with a controller each, and a tracker, in real time or in one lock step.
 //!
 //! ```text
 //! thrower's thread:  session ── bus 1 ── controller: goes to the start, stores the throw, runs it at the time agreed on
@@ -6,13 +6,16 @@
 //!                    socket  ── datagrams of the tracker ──► forecast ──► decision ──► end state
 //! ```
 //!
-//! What this side tells comes from tracker and controllers alone. Whoever serves drives and ball can tell what really happened.
+//! What this side reports comes from tracker and controllers alone. Whoever serves drives and ball knows what really happened.
 //!
 //! # Times
 //!
 //! Time zero is that of the catcher's run, on the monotonic clock of this machine. Each controller's clock is related to it by readings
 //! with bounds ([`crate::dialogue::clock`]), before the throw and once more after it. The tracker's clock is related to it by the least
 //! late datagram ([`MarkerStream`]).
+//!
+//! In lock step both buses and the tracker's data have one virtual time ([`hil_sim::court::in_step`]). The court gives turns to the
+//! clients of one bus and then to those of the other, so the two threads of this side never have a turn at once.
 
 use std::net::UdpSocket;
 use std::sync::atomic::Ordering;
@@ -21,10 +24,11 @@ use std::time::{Duration as WallSpan, Instant as WallTime};
 
 use can_link::BusSpec;
 use firmware::settings::Settings;
+use hil_sim::court::in_step::Follower;
 use hil_sim::rng::Rng;
 use planner::catch::draw::Aimed;
 use planner::motion::Motion;
-use protocol::Duration;
+use protocol::{Duration, Instant};
 use robot_model::RobotModel;
 
 use super::executor::{Executor, Refused};
@@ -54,7 +58,7 @@ const TURN_S: f64 = 0.5e-3;
 /// Longest trial after the agreement, s; shorter than the run that takes end states.
 const TRIAL_MAX_S: f64 = 12.0;
 /// Longest time until both arms are ready: homing takes most of it.
-const READY_MAX: WallSpan = WallSpan::from_secs(180);
+const READY_MAX: Duration = Duration::from_secs(180);
 /// Longest run of a throw.
 const RUN_MAX: Duration = Duration::from_secs(20);
 /// A message on a bus that the drives share, a decision, and the lag of the drives, s; two control periods come on top.
@@ -69,12 +73,20 @@ pub struct WireOptions {
     pub thrower: BusSpec,
     /// Bus of the catcher.
     pub catcher: BusSpec,
-    /// Address of this machine to which the tracker sends.
+    /// Address of this machine to which the tracker sends; in lock step where the court has its data.
     pub tracker: String,
     /// Robot of both arms.
     pub robot: String,
     /// Control period of both controllers, µs.
     pub period_us: u32,
+}
+
+impl WireOptions {
+    /// Buses and tracker have one virtual time.
+    #[must_use]
+    pub const fn is_in_step(&self) -> bool {
+        matches!(self.catcher, BusSpec::Lockstep { .. })
+    }
 }
 
 /// Why there was no trial, or why it ended before its time.
@@ -136,7 +148,7 @@ pub struct Clocks {
 /// What this side knows of a throw and its catch.
 #[derive(Debug)]
 pub struct WireOutcome {
-    /// What the catcher tells.
+    /// What the catcher reports.
     pub told: CatchOutcome,
     /// How the thrower's run ended, by its controller.
     pub thrown: Result<(), OperatorError>,
@@ -166,7 +178,7 @@ pub fn run(
     let (cell, settings) = cell_of(wire)?;
     let throw =
         encode(&Motion::from(&aimed.throw), settings.cycle_period_us, settings.robot_crc32, Some(&settings))?;
-    let socket = open_tracker(&wire.tracker)?;
+    let eyes = Eyes::open(wire)?;
     let (ready, is_ready) = mpsc::channel();
     let (go, goes) = mpsc::channel();
     std::thread::scope(|scope| {
@@ -176,13 +188,13 @@ pub fn run(
             let session = open(spec, cell, settings)?;
             let arm = ControllerArm::at(session, settings, &start);
             let mut arm = arm.map_err(|why| WireError::Arm { arm: "thrower", why: Box::new(why) })?;
-            let thrown = throw_when_told(&mut arm, &throw, &ready, &goes);
+            let thrown = throw_when_agreed(&mut arm, &throw, &ready, &goes);
             if let Err(WireError::Operator(why)) | Ok((Err(why), _)) = &thrown {
                 end_both(why);
             }
             thrown
         });
-        let caught = catch(pair, aimed, options, wire, (cell, settings), &socket, &is_ready, &go);
+        let caught = catch(pair, aimed, options, wire, (cell, settings), eyes, &is_ready, &go);
         if let Err(WireError::Operator(why)) = &caught {
             end_both(why);
         }
@@ -234,24 +246,67 @@ fn open(spec: &BusSpec, cell: &Cell, settings: &Settings) -> Result<Session, Wir
     Ok(args.open_cell(cell, Some(settings))?)
 }
 
-fn open_tracker(address: &str) -> Result<UdpSocket, WireError> {
-    let open = || {
-        let socket = UdpSocket::bind(address)?;
-        socket.set_nonblocking(true)?;
-        Ok(socket)
-    };
-    open().map_err(|error| WireError::Tracker { address: address.to_owned(), error })
+/// When the throw begins.
+#[derive(Clone, Copy)]
+enum Begin {
+    /// By the clock of this machine.
+    Clock(WallTime),
+    /// In the time of all sessions in lock step.
+    InStep(Instant),
+}
+
+/// The tracker's data.
+enum Eyes {
+    Socket(UdpSocket),
+    /// In lock step: where they are, and the connection from the first question on.
+    InStep(String, Option<Follower>),
+}
+
+impl Eyes {
+    fn open(wire: &WireOptions) -> Result<Self, WireError> {
+        if wire.is_in_step() {
+            return Ok(Self::InStep(wire.tracker.clone(), None));
+        }
+        let open = || {
+            let socket = UdpSocket::bind(&wire.tracker)?;
+            socket.set_nonblocking(true)?;
+            Ok(Self::Socket(socket))
+        };
+        open().map_err(|error| WireError::Tracker { address: wire.tracker.clone(), error })
+    }
+
+    /// The next datagram that is there at `now`, in a buffer of [`DATAGRAM_MAX`] bytes.
+    fn next<'a>(&mut self, now: Instant, buffer: &'a mut [u8]) -> Result<Option<&'a [u8]>, WireError> {
+        let (address, follower) = match self {
+            Self::Socket(socket) => {
+                return Ok(socket.recv(buffer).ok().and_then(|length| buffer.get(..length)));
+            }
+            Self::InStep(address, follower) => (address, follower),
+        };
+        let mut ask = || {
+            if follower.is_none() {
+                *follower = Some(Follower::connect(address, now)?);
+            }
+            follower.as_mut().map_or(Ok(None), |follower| follower.next(now))
+        };
+        let bytes = ask().map_err(|error| WireError::Tracker { address: address.clone(), error })?;
+        Ok(bytes.and_then(|bytes| {
+            let place = buffer.get_mut(..bytes.len())?;
+            place.copy_from_slice(&bytes);
+            Some(&*place)
+        }))
+    }
 }
 
 type Thrown = (Result<(), OperatorError>, f64);
 
 /// Keeps the session alive until the time of the throw, then runs it. Returns how the run ended, and the bound of the error of
 /// the controller's clock, s.
-fn throw_when_told(
+fn throw_when_agreed(
     arm: &mut ControllerArm,
     file: &[u8],
     ready: &Sender<()>,
-    goes: &Receiver<WallTime>,
+    goes: &Receiver<Begin>,
 ) -> Result<Thrown, WireError> {
     let (session, node, clock) = arm.parts();
     let name = session.upload(node, file, &mut |_, _| {})?;
@@ -271,8 +326,13 @@ fn throw_when_told(
     };
     session.arm(node, &name)?;
     session.read_clock(node, clock)?;
-    let ahead = begin.saturating_duration_since(WallTime::now());
-    let ours = session.now() + Duration::from_secs_f64(ahead.as_secs_f64());
+    let ours = match begin {
+        Begin::InStep(at) => at,
+        Begin::Clock(at) => {
+            let ahead = at.saturating_duration_since(WallTime::now());
+            session.now() + Duration::from_secs_f64(ahead.as_secs_f64())
+        }
+    };
     let (start, off) = clock.controller_time(ours).ok_or(OperatorError::NoAnswer { node })?;
     let thrown = session.run_trajectory_at(node, &name, Some(start), RUN_MAX, &mut |_, _| {}).map(drop);
     session.halt_if_moving()?;
@@ -282,7 +342,7 @@ fn throw_when_told(
 /// Relates the tracker's clock to that of the trial before the throw is ordered. Returns how many frames came.
 fn settle(
     arm: &mut ControllerArm,
-    socket: &UdpSocket,
+    eyes: &mut Eyes,
     buffer: &mut [u8],
 ) -> Result<(MarkerStream, usize), WireError> {
     let (mut stream, mut frames) = (MarkerStream::new(), 0);
@@ -294,8 +354,8 @@ fn settle(
         }
         session.pass(Duration::from_micros(500))?;
         session.heed_stops().map_err(OperatorError::from)?;
-        while let Ok(length) = socket.recv(buffer) {
-            frames += usize::from(matches!(stream.push(&buffer[..length], arm.now_s()), Ok(Some(_))));
+        while let Some(bytes) = eyes.next(arm.parts().0.now(), buffer)? {
+            frames += usize::from(matches!(stream.push(bytes, arm.now_s()), Ok(Some(_))));
         }
     }
     Ok((stream, frames))
@@ -309,24 +369,24 @@ fn catch(
     options: &TrialOptions,
     wire: &WireOptions,
     (cell, settings): (&Cell, &Settings),
-    socket: &UdpSocket,
+    mut eyes: Eyes,
     ready: &Receiver<()>,
-    go: &Sender<WallTime>,
+    go: &Sender<Begin>,
 ) -> Result<WireOutcome, WireError> {
     let of_catcher = |why| WireError::Arm { arm: "catcher", why: Box::new(why) };
     let session = open(&wire.catcher, cell, settings)?;
     let mut arm = ControllerArm::at(session, settings, &options.wait).map_err(of_catcher)?;
-    let patience = WallTime::now() + READY_MAX;
+    let patience = arm.parts().0.now() + READY_MAX;
     while let Err(none) = ready.try_recv() {
         arm.parts().0.pass(Duration::from_millis(5))?;
         arm.parts().0.heed_stops().map_err(OperatorError::from)?;
-        if none == mpsc::TryRecvError::Disconnected || WallTime::now() > patience {
+        if none == mpsc::TryRecvError::Disconnected || arm.parts().0.now() > patience {
             return Err(WireError::NotReady);
         }
     }
     arm.begin().map_err(of_catcher)?;
     let mut buffer = vec![0; DATAGRAM_MAX];
-    let (stream, settled) = settle(&mut arm, socket, &mut buffer)?;
+    let (stream, settled) = settle(&mut arm, &mut eyes, &mut buffer)?;
     if settled < SETTLED_FRAMES {
         arm.parts().0.halt_if_moving()?;
         return Err(WireError::Silent { address: wire.tracker.clone() });
@@ -334,7 +394,11 @@ fn catch(
     let mut options = options.clone();
     options.settings.actuation_s = ACTUATION_S + 2e-6 * f64::from(settings.cycle_period_us);
     let start_s = arm.now_s() + AHEAD_S;
-    let begin = WallTime::now() + WallSpan::from_secs_f64(AHEAD_S);
+    let begin = if wire.is_in_step() {
+        Begin::InStep(arm.parts().0.now() + Duration::from_secs_f64(AHEAD_S))
+    } else {
+        Begin::Clock(WallTime::now() + WallSpan::from_secs_f64(AHEAD_S))
+    };
     // The plan, without scatter: what comes of it is the business of the arm.
     let nothing = Scatter { delay_s: 0.0, share: 0.0 };
     let model = &pair.court.arms[0].model;
@@ -378,9 +442,9 @@ fn catch(
             }
             is_planned = true;
         }
-        while let Ok(length) = socket.recv(&mut buffer) {
+        while let Some(bytes) = eyes.next(arm.parts().0.now(), &mut buffer)? {
             let now_s = arm.now_s();
-            let Ok(Some(frame)) = run.stream.push(&buffer[..length], now_s) else { continue };
+            let Ok(Some(frame)) = run.stream.push(bytes, now_s) else { continue };
             datagrams += 1;
             if now_s > release_s {
                 latest_s = latest_s.max(frame.age_s - latency_s);

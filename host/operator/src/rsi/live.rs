@@ -20,11 +20,11 @@ const ACCEPT: std::time::Duration = std::time::Duration::from_millis(1);
 const ANSWER_TIMES_MAX: usize = 1_000_000;
 /// Telegrams that are drained in one go; more waiting ones are drained in the next.
 const DRAINED: usize = 64;
-/// After the end of the throw telegrams are answered for so long, then the robot's program is told to end.
+/// After the end of the throw telegrams are answered for so long, then the robot's program is asked to end.
 const AFTER: Duration = Duration::from_millis(500);
-/// Longest wait for an arm that was told to stop.
+/// Longest wait for an arm that was ordered to stop.
 const STOPPING: Duration = Duration::from_secs(3);
-/// A robot that was told to end is heard for so long.
+/// A robot that was asked to end is heard for so long.
 const LEAVING: std::time::Duration = std::time::Duration::from_millis(200);
 /// In step with the robot: a robot that is silent for so long by the clock has ended.
 const SILENT: std::time::Duration = std::time::Duration::from_secs(10);
@@ -183,7 +183,7 @@ impl Port {
     }
 }
 
-/// A datagram, if one is there in time. An unreachable peer, told by its host, is a robot that has ended.
+/// A datagram, if one is there in time. An unreachable peer, reported by its host, is a robot that has ended.
 fn datagram(socket: &UdpSocket, buffer: &mut [u8]) -> io::Result<Option<(Vec<u8>, SocketAddr)>> {
     match socket.recv_from(buffer) {
         Ok((length, from)) => Ok(Some((buffer.get(..length).unwrap_or_default().to_vec(), from))),
@@ -309,9 +309,8 @@ impl<'a> Live<'a> {
             },
             None => LOOK,
         };
-        let now = self.clock.now();
         let Some(arrived) = self.port.receive(left, &mut self.buffer)? else { return Ok(()) };
-        if now < self.listens_from(station) {
+        if self.clock.now() < self.listens_from(station) {
             return Ok(());
         }
         if self.leaving && self.robot != Some(arrived.from) {
@@ -388,7 +387,7 @@ impl<'a> Live<'a> {
 }
 
 /// Serves until the throw has ended, or the host says no; then the arm is stopped first. At the end the robot's program is
-/// told to end.
+/// asked to end.
 ///
 /// # Errors
 /// The socket fails.
