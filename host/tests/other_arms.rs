@@ -25,7 +25,7 @@ fn with_drives(text: &str, torque_per_a_nm: f64) -> String {
         }
     }
     made += &format!(
-        "[[supply]]\nname = \"arm\"\nvoltage_v = 48\ncurrent_max_a = 100\njoints = [{}]\n[drive_loop]\nnatural_frequency_rad_s = 320\n\
+        "[[supply]]\nname = \"arm\"\nvoltage_v = 24\ncurrent_max_a = 100\njoints = [{}]\n[drive_loop]\nnatural_frequency_rad_s = 320\n\
          damping_ratio = 0.8\ncoulomb_friction_rad_s2 = 5\nposition_resolution_deg = 0.02\ndelay_periods = 1\n",
         names.join(", ")
     );

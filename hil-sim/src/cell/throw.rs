@@ -113,7 +113,7 @@ impl Throw {
     /// Looks at the drives' outputs and moves the ball on to `now`, the end of a step.
     pub(super) fn step(&mut self, drives: &[PowerCubeDrive], plant: &dyn Plant, now: Instant) {
         if let Some((axis, line)) = self.gripper.options().output
-            && let Some(drive) = drives.get(axis)
+            && let Some(drive) = axis.map_or(drives.last(), |axis| drives.get(axis))
         {
             let high = drive.outputs() >> line & 1 != 0;
             // Orders from outside stand as long as the output does not change.

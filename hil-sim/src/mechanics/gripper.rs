@@ -9,8 +9,9 @@ use crate::rng::Rng;
 /// Timing of the gripper and what drives it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GripperOptions {
-    /// Digital output that opens it while high: axis (from 0) and line (0..3); `None` for orders from outside only.
-    pub output: Option<(usize, u8)>,
+    /// Digital output that opens it while high: axis (from 0; the last one if none is named) and line (0..3); `None` for orders
+    /// from outside only.
+    pub output: Option<(Option<usize>, u8)>,
     /// From the order to the free ball.
     pub delay: Duration,
     /// The delay varies evenly by up to this much to both sides, drawn again for each opening.
@@ -26,11 +27,11 @@ pub struct GripperOptions {
 }
 
 impl Default for GripperOptions {
-    /// Output 0 of the sixth drive, 20 ms ± 1 ms, no drag, the floor. The papers give no delay; 20 ms is what small
+    /// Output 0 of the last drive, 20 ms ± 1 ms, no drag, the floor. The papers give no delay; 20 ms is what small
     /// pneumatic grippers take.
     fn default() -> Self {
         Self {
-            output: Some((5, 0)),
+            output: Some((None, 0)),
             delay: Duration::from_millis(20),
             jitter: Duration::from_millis(1),
             drag_1_m: None,

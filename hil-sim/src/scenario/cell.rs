@@ -190,8 +190,8 @@ fn supply(table: &Section<'_>) -> Result<SupplyOptions, ScenarioError> {
 
 fn gripper(table: &Section<'_>) -> Result<GripperOptions, ScenarioError> {
     let d = GripperOptions::default();
-    let (axis, line) = d.output.unwrap_or((5, 0));
-    let axis = table.or("output_axis", axis, |v| Ok(v.integer(1..=7)? as usize - 1))?;
+    let (_, line) = d.output.unwrap_or((None, 0));
+    let axis = table.optional("output_axis", |v| Ok(v.integer(1..=8)? as usize - 1))?;
     let line = table.or("output_line", line, |v| Ok(v.integer(0..=3)? as u8))?;
     Ok(GripperOptions {
         output: Some((axis, line)),

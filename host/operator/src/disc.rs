@@ -205,8 +205,6 @@ fn open(robot: &RobotModel, start: &Joints, settings: &Settings) -> Result<Sessi
     let mut setup = SimSetup::default();
     setup.cell.start_q_rad = Some(start.as_slice().to_vec());
     setup.cell.drive.absolute_encoder = true;
-    // The gripper hangs on the last drive.
-    setup.cell.gripper.output = setup.cell.gripper.output.map(|(_, line)| (start.len() - 1, line));
     let cell = Cell { robot_source: robot.name().to_owned(), robot: robot.clone(), seed: 1, setup };
     BusArgs::default().open_cell(&cell, Some(settings))
 }

@@ -69,17 +69,15 @@ fn add_scaled(y: &mut [f64], t: f64, x: &[f64], m: usize) {
 }
 
 /// A positive definite matrix H, as the columns of `J = L⁻ᵀ` with `H = L Lᵀ`: what the dual method works with.
-///
-/// In a box: a run keeps it from step to step and hands it around, which would copy 8 KB each time.
 #[derive(Debug, Clone)]
 pub(crate) struct Factor {
-    columns: Box<Square>,
+    columns: Square,
 }
 
 impl Factor {
     /// Of the unit matrix.
     pub(crate) fn identity() -> Self {
-        let mut columns = Box::new([[0.0; WIDTH]; WIDTH]);
+        let mut columns = [[0.0; WIDTH]; WIDTH];
         for (k, column) in columns.iter_mut().enumerate() {
             column[k] = 1.0;
         }
@@ -105,7 +103,7 @@ impl Factor {
             row[i] = pivot.sqrt();
         }
         // Column k of J is row k of L⁻¹.
-        let mut columns = Box::new([[0.0; WIDTH]; WIDTH]);
+        let mut columns = [[0.0; WIDTH]; WIDTH];
         for k in 0..n {
             let (above, rest) = columns.split_at_mut(k);
             let column = &mut rest[0];
@@ -141,7 +139,7 @@ impl ActiveSet {
     /// Without constraints.
     fn new(factor: &Factor, g: &Row, n: usize) -> Self {
         let (zero, m) = ([0.0; WIDTH], padded(n));
-        let (j, r) = (*factor.columns, [zero; WIDTH]);
+        let (j, r) = (factor.columns, [zero; WIDTH]);
         let mut set = Self { n, m, x: zero, j, r, count: 0, fixed: 0, index: [0; WIDTH], u: zero };
         // x = -J Jᵀ g: no constraint is active yet, so all columns count.
         set.x = set.primal(&set.project(g)).map(|z| -z);
