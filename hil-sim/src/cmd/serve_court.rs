@@ -244,7 +244,7 @@ struct Live {
 impl Live {
     fn of(court: CourtOptions) -> Self {
         let upright =
-            JointsNow { q: JointVec::from(STANDING_DEG.map(f64::to_radians)), qd: JointVec::zeros() };
+            JointsNow { q: JointVec::from(STANDING_DEG.map(f64::to_radians)), qd: JointVec::zeros(6) };
         Self {
             court: Court::new(court, 0, [upright; 2]),
             released: false,

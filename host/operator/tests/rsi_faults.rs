@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::rsi_common::{HIT_M, TARGET, error_m, performed, plan, scenario, thrown};
+use crate::rsi_common::{HIT_M, TARGET, arm, error_m, performed, plan, scenario, thrown, true_lag};
 use firmware::fault::Cause;
 use hil_sim::krc::bench::RobotFault;
 use hil_sim::krc::{CycleRecord, Direction, FaultCause, KrcScenario, LinkFault, LinkFaultKind};

@@ -192,9 +192,9 @@ fn a_stop_in_the_flight_keeps_the_arm_where_it_is_and_says_where_the_ball_went()
 
 /// A short motion from where the homed arm stands, with the judge of `cubectl run`.
 fn short_move(arm: &Arm, plan: &PlanFile, from_rad: &[f64]) -> Order<'static> {
-    let from = Joints::from_column_slice(from_rad);
-    let knot = |t_s: f64, q_rad: Joints| Knot { t_s, q_rad, qd_rad_s: Joints::zeros() };
-    let knots = vec![knot(0.0, from), knot(0.8, from.add_scalar(0.1))];
+    let from = Joints::from_slice(from_rad);
+    let knot = |t_s: f64, q_rad: Joints| Knot { t_s, q_rad, qd_rad_s: Joints::zeros(q_rad.len()) };
+    let knots = vec![knot(0.0, from), knot(0.8, from.map(|q| q + 0.1))];
     let program = Program::Motion(Motion { knots, events: Vec::new() });
     let arm: &'static Arm = Box::leak(Box::new(arm.clone()));
     Order::new(arm, &plan.robot.fingerprint, program, Judge::Reach)

@@ -54,7 +54,6 @@ fn ways_between_random_poses_are_free_within_limits_and_end_where_they_should() 
     let travel = Travel { share: 0.5, ..Travel::default() };
     let mut blocked = 0;
     for scene in scenes() {
-        let mut checker = CollisionChecker::new(&arm, &scene);
         let (low, high) = (arm.q_min(), arm.q_max());
         let mut drawn = CollisionChecker::new(&arm, &scene);
         let mut pose = || loop {
