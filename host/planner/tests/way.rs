@@ -55,10 +55,10 @@ fn ways_between_random_poses_are_free_within_limits_and_end_where_they_should() 
     let mut blocked = 0;
     for scene in scenes() {
         let (low, high) = (arm.q_min(), arm.q_max());
-        let mut drawn = CollisionChecker::new(&arm, &scene);
+        let mut checker = CollisionChecker::new(&arm, &scene);
         let mut pose = || loop {
             let q = Joints::from_fn(6, |j| low[j] + (high[j] - low[j]) * (0.2 + 0.6 * rng.unit()));
-            if !drawn.collides(&arm.fk(&q)) {
+            if !checker.collides(&arm.fk(&q)) {
                 return q;
             }
         };
