@@ -1,6 +1,8 @@
-//! `cubectl throw` with arms of four, five and seven joints: the simulated cell says where the ball lands.
+//! `cubectl throw` with arms of four, five and seven joints, in the simulated cell, which says where the ball lands, and on a bus.
 
-use crate::bus_common::{Folder, code, cubectl, err, out};
+use crate::bus_common::{Folder, Served, code, cubectl, err, out};
+use hil_sim::{Cell, CellOptions};
+use robot_model::RobotModel;
 use serde_json::Value;
 
 /// A robot file of the planner's tests with drives: its joints carry no drives of their own.
@@ -77,4 +79,27 @@ fn an_arm_of_seven_joints_hits_its_target() {
     let robot = folder.file("iiwa7.toml");
     std::fs::write(&robot, with_drives(include_str!("../planner/tests/data/iiwa7.toml"), 10.0)).unwrap();
     throws("seven", &robot, "1.3,0.2,-0.7", 7);
+}
+
+/// A controller in the program leads seven drives over a socket; nobody sees the ball there.
+#[test]
+fn an_arm_of_seven_joints_throws_on_a_served_bus() {
+    let folder = Folder::new("other-arms-served");
+    let robot = folder.file("iiwa7.toml");
+    std::fs::write(&robot, with_drives(include_str!("../planner/tests/data/iiwa7.toml"), 10.0)).unwrap();
+    let file = robot.clone();
+    let cell = move || Cell::new(&RobotModel::load(&file).unwrap(), &CellOptions::default(), 1).unwrap();
+    let served = Served::new(cell);
+    let dir = folder.file("throw");
+    let words = ["throw", "--robot", &robot, "--target", "1.3,0.2,-0.7", "--yes", "--starts", "48"];
+    let output =
+        cubectl(&[&words[..], &["--controller", "soft", "--bus", &served.spec, "--out", &dir]].concat());
+    assert_eq!(code(&output), 0, "{}{}", out(&output), err(&output));
+    let summary = std::fs::read_to_string(folder.0.join("throw").join("summary.json")).unwrap();
+    let summary: Value = serde_json::from_str(&summary).unwrap();
+    assert_eq!(summary["outcome"], "not_observed");
+    assert_eq!(summary["tracking"]["error_max_rad"].as_array().unwrap().len(), 7);
+    // Where the measured motion sends the ball.
+    let error_m = summary["landing_error_m"].as_f64().unwrap();
+    assert!((1e-7..0.03).contains(&error_m), "{error_m} m");
 }

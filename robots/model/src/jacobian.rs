@@ -81,14 +81,25 @@ impl Jacobian {
         SquareMatrix::from_fn(6, |i, k| rows[i].dot(&rows[k]))
     }
 
+    /// The twist of the point at joint speeds.
+    #[inline]
+    fn twist(&self, rates: &JointVec) -> Vector6<f64> {
+        let (mut v, mut w) = (Vector3::zeros(), Vector3::zeros());
+        for (column, rate) in self.columns.iter().zip(rates) {
+            v += column.v * *rate;
+            w += column.w * *rate;
+        }
+        Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z)
+    }
+
     /// `Jᵀ` times a wrench or twist.
     #[must_use]
     #[inline]
     pub fn tr_mul(&self, y: &Vector6<f64>) -> JointVec {
-        let dot = |c: &Column| (0..3).fold(0.0, |s, i| s + c.v[i] * y[i]);
         JointVec::from_fn(self.n(), |k| {
             let column = &self.columns[k];
-            (0..3).fold(dot(column), |s, i| s + column.w[i] * y[3 + i])
+            let linear = (0..3).fold(0.0, |sum, i| sum + column.v[i] * y[i]);
+            (0..3).fold(linear, |sum, i| sum + column.w[i] * y[3 + i])
         })
     }
 }
@@ -112,12 +123,7 @@ impl Mul<&JointVec> for &Jacobian {
     type Output = Vector6<f64>;
     #[inline]
     fn mul(self, rates: &JointVec) -> Vector6<f64> {
-        let (mut v, mut w) = (Vector3::zeros(), Vector3::zeros());
-        for (column, rate) in self.columns.iter().zip(rates) {
-            v += column.v * *rate;
-            w += column.w * *rate;
-        }
-        Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z)
+        self.twist(rates)
     }
 }
 
@@ -125,7 +131,7 @@ impl Mul<JointVec> for Jacobian {
     type Output = Vector6<f64>;
     #[inline]
     fn mul(self, rates: JointVec) -> Vector6<f64> {
-        &self * &rates
+        self.twist(&rates)
     }
 }
 

@@ -61,6 +61,11 @@ impl SquareMatrix {
         PerJoint::padded(self.rows[i], self.n)
     }
 
+    #[inline]
+    fn times(&self, vector: &JointVec) -> JointVec {
+        JointVec::from_fn(self.n(), |i| self.row(i).dot(vector))
+    }
+
     /// The largest absolute value; 0 without rows.
     #[must_use]
     pub fn amax(&self) -> f64 {
@@ -93,7 +98,7 @@ impl Mul<&JointVec> for &SquareMatrix {
     type Output = JointVec;
     #[inline]
     fn mul(self, vector: &JointVec) -> JointVec {
-        JointVec::from_fn(self.n(), |i| self.row(i).dot(vector))
+        self.times(vector)
     }
 }
 
@@ -101,7 +106,7 @@ impl Mul<JointVec> for SquareMatrix {
     type Output = JointVec;
     #[inline]
     fn mul(self, vector: JointVec) -> JointVec {
-        &self * &vector
+        self.times(&vector)
     }
 }
 
