@@ -34,7 +34,7 @@ use crate::report::motion;
 use operator::dialogue::operator::OperatorError;
 use operator::interrupt::interrupt;
 use operator::job::summary::{Circumstances, summary};
-use operator::job::{Answer, JobError, OnProgress, Order, Record, perform};
+use operator::job::{Answer, JobError, OnProgress, Order, Record, Step, perform};
 use operator::rsi::cell::{Seen, SimulatedRobot};
 use operator::rsi::cycles::cycles;
 use operator::rsi::live::Live;
@@ -187,7 +187,11 @@ fn explained(record: &Record, mut shown: ExpectedError, heard: &str) -> Expected
             shown.message += "\n  next: let the robot's program begin at another start pose (start_deg of the description), or plan \
                               another throw";
         }
-        Some(JobError::Operator(OperatorError::Interrupted)) => shown.message += &format!("; {heard}"),
+        Some(JobError::Operator(OperatorError::Interrupted))
+            if record.at_work.is_some_and(|(step, _)| step == Step::Drives) =>
+        {
+            shown.message += &format!("; {heard}");
+        }
         Some(JobError::Operator(OperatorError::RobotStopped { .. })) => {
             shown.message += "; motion.csv shows where the arm was";
         }
