@@ -92,10 +92,10 @@ pub(crate) fn simulate_follow(
     plan: String,
     words: Vec<String>,
 ) -> PyResult<(String, Bound<'_, PyByteArray>)> {
-    let simulated = interruptible(py, move |_| {
+    let simulated = interruptible(py, move |stop| {
         let plan = FollowPlan::from_json(Path::new(NAME), &plan)
             .map_err(|error| ExpectedError::bad_input(&error))?;
-        led::simulate(&words, &plan)
+        led::simulate(&words, &plan, Arc::clone(stop))
     })?;
     let simulated = simulated.map_err(|error| refused(&error))?;
     let rows: Vec<f64> = simulated

@@ -2,6 +2,8 @@
 //! one that connects.
 
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::Instant as WallTime;
 
 use can_link::BusSpec;
@@ -32,7 +34,7 @@ use crate::report::motion;
 use operator::dialogue::operator::OperatorError;
 use operator::interrupt::interrupt;
 use operator::job::summary::{Circumstances, summary};
-use operator::job::{Answer, JobError, OnProgress, Order, Record, perform};
+use operator::job::{Answer, JobError, OnProgress, Order, Record, Step, perform};
 use operator::rsi::cell::{Seen, SimulatedRobot};
 use operator::rsi::cycles::cycles;
 use operator::rsi::live::Live;
@@ -101,7 +103,8 @@ impl Led {
         let path = folder.file(LOG);
         let BusSpec::Rsi(spec) = &args.bus else {
             let mut log = LogFile::create(&path)?;
-            let mut done = self.inside(args, &mut |step| ui.answer(step), &mut |lines| log.write(lines))?;
+            let mut done =
+                self.inside(args, interrupt(), &mut |step| ui.answer(step), &mut |lines| log.write(lines))?;
             done.lost = log.finish(&path).err();
             return Ok(done);
         };
@@ -113,7 +116,9 @@ impl Led {
         }
         let place = Place::Outside(Live::new(&mut port, time));
         let mut done =
-            self.perform(args, place, &mut |step| ui.answer(step), &mut |lines| log.write(lines))?;
+            self.perform(args, (place, interrupt()), &mut |step| ui.answer(step), &mut |lines| {
+                log.write(lines)
+            })?;
         done.lost = log.finish(&path).err();
         done.answering = urgent.map(|urgent| urgent.granted().to_string());
         Ok(done)
@@ -123,6 +128,7 @@ impl Led {
     fn inside(
         &self,
         args: &Args,
+        stop: Arc<AtomicBool>,
         ui: OnProgress<'_>,
         log: &mut dyn FnMut(&[Line]),
     ) -> Result<Done, ExpectedError> {
@@ -131,18 +137,18 @@ impl Led {
         scenario.seed = args.seed.unwrap_or(scenario.seed);
         scenario.options.hand.gripper.landing_z_m = Some(self.plan.target_m[2]);
         let robot = SimulatedRobot::new(&scenario).map_err(|error| ExpectedError::bad_input(&error))?;
-        self.perform(args, Place::Inside(Box::new(robot)), ui, log)
+        self.perform(args, (Place::Inside(Box::new(robot)), stop), ui, log)
     }
 
     fn perform(
         &self,
         args: &Args,
-        place: Place<'_>,
+        (place, stop): (Place<'_>, Arc<AtomicBool>),
         ui: OnProgress<'_>,
         log: &mut dyn FnMut(&[Line]),
     ) -> Result<Done, ExpectedError> {
         let station = ready(&self.arm, &self.described, &self.plan)?;
-        let mut operator = LedRobot::new(&self.described, station, place, interrupt(), log);
+        let mut operator = LedRobot::new(&self.described, station, place, stop, log);
         let record = perform(&mut operator, &self.order(args), ui);
         let time = match &args.bus {
             BusSpec::Rsi(spec) if spec.lockstep => "time of the robot",
@@ -181,7 +187,11 @@ fn explained(record: &Record, mut shown: ExpectedError, heard: &str) -> Expected
             shown.message += "\n  next: let the robot's program begin at another start pose (start_deg of the description), or plan \
                               another throw";
         }
-        Some(JobError::Operator(OperatorError::Interrupted)) => shown.message += &format!("; {heard}"),
+        Some(JobError::Operator(OperatorError::Interrupted))
+            if record.at_work.is_some_and(|(step, _)| step == Step::Drives) =>
+        {
+            shown.message += &format!("; {heard}");
+        }
         Some(JobError::Operator(OperatorError::RobotStopped { .. })) => {
             shown.message += "; motion.csv shows where the arm was";
         }
@@ -199,12 +209,16 @@ pub struct Simulated {
 }
 
 /// The throw of `plan` that `cubectl throw --plan` makes with these words with the robot inside this program; nothing is written
-/// or printed.
+/// or printed. `stop`, once set, ends it.
 ///
 /// # Errors
 /// A word is refused (exit code 2 of the program), input is refused, or the plan does not fit the robot. A throw that fails is no
 /// error.
-pub fn simulate(words: &[String], plan: &FollowPlan) -> Result<Simulated, ExpectedError> {
+pub fn simulate(
+    words: &[String],
+    plan: &FollowPlan,
+    stop: Arc<AtomicBool>,
+) -> Result<Simulated, ExpectedError> {
     let words: Vec<String> = words.iter().cloned().chain([format!("--plan={IN_MEMORY}")]).collect();
     let args: Args = crate::cmd::words::parse("throw", &words)?;
     if args.bus != BusSpec::Sim {
@@ -216,7 +230,7 @@ pub fn simulate(words: &[String], plan: &FollowPlan) -> Result<Simulated, Expect
     plan.require_true(Path::new(IN_MEMORY), &arm).map_err(|error| ExpectedError::bad_input(&error))?;
     let plan = opened(&args, &arm, &described, plan)?;
     let led = Led { arm, plan, plan_s: 0.0, described, tracked: None, truth };
-    let mut done = led.inside(&args, &mut |_| Answer::Yes, &mut |_| {})?;
+    let mut done = led.inside(&args, stop, &mut |_| Answer::Yes, &mut |_| {})?;
     let order = led.order(&args);
     let wrong = done.wrong.take().or_else(|| off_target(&done.record, &order.judge));
     let about = Circumstances {
