@@ -106,10 +106,6 @@ impl RobotModel {
 
 fn read_model(root: &Section<'_>) -> Result<RobotModel, LoadError> {
     root.schema("schema", SCHEMA_VERSION)?;
-    let name = root.required("name", Value::text)?.to_owned();
-    let description = root.or("description", "", Value::text)?.to_owned();
-    let world = read_world(&root.required("world", Value::section)?)?;
-
     let joint_sections = root.sections("joint")?;
     if joint_sections.is_empty() {
         return Err(root.error("joint", DocumentProblem::Missing));
@@ -119,6 +115,10 @@ fn read_model(root: &Section<'_>) -> Result<RobotModel, LoadError> {
         let (min, max) = (*JOINTS.start() as f64, *JOINTS.end() as f64);
         return Err(root.error("joint", DocumentProblem::OutOfRange { value: n as f64, min, max }));
     }
+    let name = root.required("name", Value::text)?.to_owned();
+    let description = root.or("description", "", Value::text)?.to_owned();
+    let world = read_world(&root.required("world", Value::section)?)?;
+
     let frames = frames::read(root, &joint_sections)?;
     let joints = read_joints(&joint_sections, &frames.x_pj)?;
     let x_le = match root.optional("end_effector", Value::section)? {
