@@ -191,7 +191,7 @@ fn position_loop_has_the_response_of_its_second_order_system() {
 fn sliding_stops_where_the_closed_form_says_and_stays() {
     let joint = JointMechanics { coulomb_nm: 20.0, ..JointMechanics::ideal(1.0) };
     let mut axis = wheel(joint, 3.0);
-    axis.set_state(JointVec::zeros(6), JointVec::repeat(6, 2.0));
+    axis.set_state(JointVec::zeros(1), JointVec::repeat(1, 2.0));
     let off = AxisInput::default();
     let mut last = 2.0;
     for _ in 0..2000 {
@@ -258,7 +258,7 @@ fn end_stop_holds_against_full_torque_and_does_not_throw_back() {
         ..JointMechanics::ideal(1.0)
     };
     let mut axis = wheel(joint, 3.0);
-    axis.set_state(JointVec::zeros(6), JointVec::repeat(6, 3.0));
+    axis.set_state(JointVec::zeros(1), JointVec::repeat(1, 3.0));
     let (mut deepest, mut rebound) = (0.0_f64, 0.0_f64);
     for _ in 0..4000 {
         axis.step(5e-4, &[AxisInput::default()]);

@@ -6,7 +6,7 @@ use clap::parser::ValueSource;
 use operator::bus::BusArgs;
 
 /// What a command line in a message begins with if it acts on a bus: without `--bus` it would mean the simulated cell.
-pub const BUS_VERBS: [&str; 25] = [
+pub const BUS_VERBS: [&str; 27] = [
     "clear",
     "config diff",
     "config dump",
@@ -20,6 +20,8 @@ pub const BUS_VERBS: [&str; 25] = [
     "key remove",
     "key set",
     "monitor",
+    "move",
+    "pose save",
     "record",
     "registers export",
     "registers get",

@@ -11,6 +11,7 @@ mod home_verify;
 mod identify_report;
 mod job_rules;
 mod lock_step;
+mod move_verb;
 mod other_arms;
 mod output;
 mod plan_claims;

@@ -199,6 +199,9 @@ enum Target {
 
 impl Target {
     fn of(args: &Args, arm: &Arm) -> Result<Self, ExpectedError> {
+        if args.poses.poses.is_some() && args.pose.is_none() {
+            return Err(ExpectedError::bad_input(&"--poses is for --pose\n  next: leave --poses out"));
+        }
         let joints = arm.joints().len();
         let fits = |q: &[f64]| {
             (q.len() == joints).then(|| Joints::from_slice(q)).ok_or_else(|| {
@@ -212,7 +215,7 @@ impl Target {
             return Ok(Self::Joints(fits(q)?));
         }
         if let Some(name) = &args.pose {
-            return Ok(Self::Joints(fits(Poses::read(&args.poses.poses)?.of(name, arm.name())?)?));
+            return Ok(Self::Joints(fits(Poses::read(args.poses.path())?.of(name, arm.name())?)?));
         }
         if let Some(Hand(goal)) = args.to {
             let Some(path) = &args.calibration else { return Ok(Self::Hand(goal)) };

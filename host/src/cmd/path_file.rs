@@ -16,12 +16,35 @@ pub struct RetimeArgs {
     /// Find the shortest times within the limits, also where the file has times.
     #[arg(long)]
     pub retime: bool,
-    /// Leave a waypoint by at most this to pass it without a stop, rad over all joints (Euclidean); 0 stops at each.
-    #[arg(long, default_value_t = 0.02, value_name = "RAD", value_parser = blend)]
-    pub blend_rad: f64,
-    /// Share of the robot's speeds, accelerations and jerks, where times are found.
-    #[arg(long, default_value_t = 0.3, value_name = "SHARE", value_parser = super::home::share)]
-    pub speed_share: f64,
+    /// Leave a waypoint by at most this to pass it without a stop, rad over all joints (Euclidean); 0 stops at each
+    /// [default: 0.02].
+    #[arg(long, value_name = "RAD", value_parser = blend)]
+    pub blend_rad: Option<f64>,
+    /// Share of the robot's speeds, accelerations and jerks on the way to the first waypoint, and where times are found
+    /// [default: 0.3].
+    #[arg(long, value_name = "SHARE", value_parser = super::home::share)]
+    pub speed_share: Option<f64>,
+}
+
+impl RetimeArgs {
+    pub(super) fn share(&self) -> f64 {
+        self.speed_share.unwrap_or(0.3)
+    }
+
+    /// Refuses the options for a file that holds no waypoints.
+    pub(super) fn require_none(&self) -> Result<(), ExpectedError> {
+        let given = [
+            ("--retime", self.retime),
+            ("--blend-rad", self.blend_rad.is_some()),
+            ("--speed-share", self.speed_share.is_some()),
+        ];
+        match given.into_iter().find(|(_, is_given)| *is_given) {
+            None => Ok(()),
+            Some((option, _)) => Err(ExpectedError::bad_input(&format!(
+                "{option} is for waypoints; this file has a motion of its own\n  next: leave {option} out"
+            ))),
+        }
+    }
 }
 
 fn blend(text: &str) -> Result<f64, String> {
@@ -34,8 +57,10 @@ fn blend(text: &str) -> Result<f64, String> {
 /// The text of a file, if it is neither a plan nor a trajectory file of a controller but may hold waypoints.
 pub(super) fn waypoints_in(bytes: &[u8]) -> Option<&str> {
     let text = std::str::from_utf8(bytes).ok()?;
-    let is_plan = text.trim_start().starts_with('{') && !text.contains("\"joint_names\"");
-    (!is_plan).then_some(text)
+    let first = text.lines().map(str::trim).find(|line| !line.is_empty() && !line.starts_with('#'))?;
+    let is_plan = first.starts_with('{') && !text.contains("\"joint_names\"");
+    let may_be = first.starts_with('{') || first.contains(',') || text.contains("joint_names");
+    (may_be && !is_plan).then_some(text)
 }
 
 /// The motion through the waypoints of `text`, which was read from `path`.
@@ -57,7 +82,13 @@ pub(super) fn motion(path: &Path, text: &str, arm: &Arm, args: &RetimeArgs) -> R
             return Err(refused(&what, "move the point into the joint ranges"));
         }
     }
-    let share = if found.timed && !args.retime { 1.0 } else { args.speed_share };
+    if found.timed && !args.retime && args.blend_rad.is_some() {
+        return Err(refused(
+            &"--blend-rad is for times that are found; this file has times",
+            "add --retime, or leave it out",
+        ));
+    }
+    let share = if found.timed && !args.retime { 1.0 } else { args.share() };
     let limits =
         Limits::of_arm(arm, share).ok_or_else(|| refused(&"the robot has no limits", "mend its file"))?;
     if found.timed && !args.retime {
@@ -70,7 +101,7 @@ pub(super) fn motion(path: &Path, text: &str, arm: &Arm, args: &RetimeArgs) -> R
             .map_err(|error| refused(&error, "change the times, or find new ones with --retime"));
     }
     let points: Vec<&[f64]> = found.rows.iter().map(|point| point.q_rad.as_slice()).collect();
-    let path_of =
-        timing::Path::through(&points, args.blend_rad).map_err(|error| refused(&error, "give two places"))?;
+    let path_of = timing::Path::through(&points, args.blend_rad.unwrap_or(0.02))
+        .map_err(|error| refused(&error, "give two places"))?;
     along(&path_of, &limits).ok_or_else(|| refused(&"no times were found", "take points out"))
 }

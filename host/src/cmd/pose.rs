@@ -43,6 +43,7 @@ pub struct SaveArgs {
 
 /// Arguments of `list`.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  cubectl pose list --poses cell.toml")]
 pub struct ListArgs {
     /// File with named poses.
     #[command(flatten)]
@@ -54,6 +55,7 @@ pub struct ListArgs {
 
 /// Arguments of `remove`.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  cubectl pose remove park --robot powercube6")]
 pub struct RemoveArgs {
     /// Name of the pose.
     pub name: String,
@@ -79,7 +81,7 @@ pub fn run(verb: &PoseVerb) -> Result<(), ExpectedError> {
 
 fn save(args: &SaveArgs) -> Result<(), ExpectedError> {
     let arm = super::robot(args.bus.cell.robot.as_deref().unwrap_or("powercube6"))?;
-    let mut poses = Poses::read(&args.poses.poses)?;
+    let mut poses = Poses::read(args.poses.path())?;
     let q = match &args.joints {
         Some(Angles(q)) => q.clone(),
         None => measured(args)?,
@@ -93,9 +95,9 @@ fn save(args: &SaveArgs) -> Result<(), ExpectedError> {
         )));
     }
     let was_there = poses.put(NamedPose { name: args.name.clone(), robot: arm.name().to_owned(), q_rad: q });
-    poses.write(&args.poses.poses)?;
+    poses.write(args.poses.path())?;
     let how = if was_there { "replaced" } else { "saved" };
-    console::line!("pose \"{}\" of {} {how} in {}", args.name, arm.name(), args.poses.poses.display());
+    console::line!("pose \"{}\" of {} {how} in {}", args.name, arm.name(), args.poses.path().display());
     Ok(())
 }
 
@@ -117,13 +119,13 @@ fn measured(args: &SaveArgs) -> Result<Vec<f64>, ExpectedError> {
 }
 
 fn list(args: &ListArgs) -> Result<(), ExpectedError> {
-    let poses = Poses::read(&args.poses.poses)?.poses;
+    let poses = Poses::read(args.poses.path())?.poses;
     if args.json {
         print_json(&serde_json::json!(poses));
         return Ok(());
     }
     if poses.is_empty() {
-        console::line!("no poses in {}", args.poses.poses.display());
+        console::line!("no poses in {}", args.poses.path().display());
     }
     for pose in poses {
         let degrees: Vec<String> = pose.q_rad.iter().map(|q| fixed(q.to_degrees(), 2)).collect();
@@ -133,8 +135,8 @@ fn list(args: &ListArgs) -> Result<(), ExpectedError> {
 }
 
 fn remove(args: &RemoveArgs) -> Result<(), ExpectedError> {
-    let mut poses = Poses::read(&args.poses.poses)?;
+    let mut poses = Poses::read(args.poses.path())?;
     poses.of(&args.name, &args.robot)?;
     poses.poses.retain(|pose| (pose.name.as_str(), pose.robot.as_str()) != (&args.name, &args.robot));
-    poses.write(&args.poses.poses)
+    poses.write(args.poses.path())
 }

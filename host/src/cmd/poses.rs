@@ -23,9 +23,15 @@ const SCHEMA_VERSION: u32 = 1;
 /// Which file the named poses are in.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PosesArgs {
-    /// File of named poses; `cubectl pose save` writes it.
-    #[arg(long, default_value = "poses.toml", value_name = "FILE")]
-    pub poses: PathBuf,
+    /// File of named poses; `cubectl pose save` writes it [default: poses.toml].
+    #[arg(long, value_name = "FILE")]
+    pub poses: Option<PathBuf>,
+}
+
+impl PosesArgs {
+    pub(super) fn path(&self) -> &Path {
+        self.poses.as_deref().unwrap_or(Path::new("poses.toml"))
+    }
 }
 
 #[derive(Debug, Clone, Serialize, Deserialize)]

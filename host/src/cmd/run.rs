@@ -81,7 +81,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         homes: args.home,
         start_in: args.start_in.map(Duration::from_secs_f64),
         patience: Duration::from_secs_f64(args.timeout),
-        travel: source.travels.then(|| Travel { share: args.retime.speed_share, ..Travel::default() }),
+        travel: source.travels.then(|| Travel { share: args.retime.share(), ..Travel::default() }),
         ..source.order()
     };
     let words = ["The arm follows the trajectory. Nobody near?"; 2];

@@ -100,17 +100,26 @@ pub(super) struct Source {
 pub(super) fn read(path: &Path, robot: Option<&str>, retime: &RetimeArgs) -> Result<Source, ExpectedError> {
     let bytes = toml_reader::read_bytes(path, planner::plan::file::FILE_MAX_BYTES)
         .map_err(|error| ExpectedError::io(path, &error))?;
-    if bytes.starts_with(&firmware::trajectory_format::MAGIC) {
+    let is_controllers = bytes.starts_with(&firmware::trajectory_format::MAGIC);
+    if let Some(text) = path_file::waypoints_in(&bytes).filter(|_| !is_controllers) {
+        let arm = super::robot(robot.unwrap_or("powercube6"))?;
+        let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
+        let motion = path_file::motion(path, text, &arm, retime)?;
+        return Ok(Source { arm, fingerprint, program: Program::Motion(motion), travels: true });
+    }
+    retime.require_none()?;
+    if is_controllers {
         let arm = super::robot(robot.unwrap_or("powercube6"))?;
         let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
         let motion = motion_of(&bytes).unwrap_or(Motion { knots: Vec::new(), events: Vec::new() });
         return Ok(Source { arm, fingerprint, program: Program::File(bytes, motion), travels: false });
     }
-    if let Some(text) = path_file::waypoints_in(&bytes) {
-        let arm = super::robot(robot.unwrap_or("powercube6"))?;
-        let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
-        let motion = path_file::motion(path, text, &arm, retime)?;
-        return Ok(Source { arm, fingerprint, program: Program::Motion(motion), travels: true });
+    if !bytes.trim_ascii_start().starts_with(b"{") {
+        return Err(ExpectedError::bad_input(&format!(
+            "{}: neither a plan (JSON) nor a trajectory file of a controller (it does not begin with CTRJ), and no waypoints\n  next: \
+             `cubectl plan throw --out FILE` makes a plan",
+            path.display()
+        )));
     }
     let bad = |error: &PlanFileError| ExpectedError::bad_input(error);
     let plan = PlanRecord::read(path).map_err(|error| bad(&error))?;

@@ -135,9 +135,7 @@ impl Steps<'_, '_> {
             self.require(Question::Move)?;
             self.drive(motion)?;
             self.record.approach_s = Some(motion.duration_s());
-            // A straight motion has seven pieces at most.
-            let how = if motion.knots.len() > 8 { "around what is in the way" } else { "straight" };
-            self.end(&format!("{how}, {:.1} s", motion.duration_s()));
+            self.end(&format!("{} legs, {:.1} s", motion.knots.len() - 1, motion.duration_s()));
         }
         self.require(if order.judge.throws() { Question::Throw } else { Question::Move })?;
         self.run(motion)?;

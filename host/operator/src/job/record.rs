@@ -73,7 +73,7 @@ pub enum JobError {
     #[error(transparent)]
     Operator(#[from] OperatorError),
     /// No way to the start.
-    #[error("{0}\n  next: {next}", next = crate::way::next(.0))]
+    #[error(transparent)]
     Way(#[from] NoWay),
     /// A motion is nothing for a controller.
     #[error(transparent)]

@@ -199,15 +199,12 @@ impl Path {
         piece.at(s.clamp(piece.s0, piece.s1) - piece.s0)
     }
 
-    /// Index of the rounded point nearest to the length `s`; `None` if none is rounded.
-    #[must_use]
-    pub fn corner_near(&self, s: f64) -> Option<usize> {
-        let away = |piece: &Piece| (piece.s0 - s).max(s - piece.s1).max(0.0);
-        let corner = |piece: &Piece| match piece.shape {
-            Shape::Corner { corner, .. } => Some((away(piece), corner)),
+    /// The rounded corners: lengths at their beginning and end, and which of the points they round.
+    pub fn corners(&self) -> impl Iterator<Item = (f64, f64, usize)> + '_ {
+        self.pieces.iter().filter_map(|piece| match piece.shape {
+            Shape::Corner { corner, .. } => Some((piece.s0, piece.s1, corner)),
             Shape::Line { .. } => None,
-        };
-        self.pieces.iter().filter_map(corner).min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, corner)| corner)
+        })
     }
 
     /// Angles after the length `s`, rad.

@@ -23,7 +23,7 @@ mod search;
 pub use goal::{Goal, NoGoal};
 pub use line::{LineBreak, LineError};
 
-use robot_model::collision::{Body, CollisionChecker, MotionVerdict, Scene, StraightMove};
+use robot_model::collision::{Body, CollisionChecker, Scene, StraightMove};
 use robot_model::{JointVec, RobotModel};
 
 use crate::motion::Motion;
@@ -226,17 +226,16 @@ fn rounded(checker: &mut CollisionChecker<'_>, corners: &[JointVec], limits: &Li
     let mut blends = vec![BLEND_RAD; points.len()];
     loop {
         let path = Path::rounding(&points, &blends).ok()?;
-        match checker.check_motion(&path, 0.0, path.length(), TOLERANCE_M) {
-            MotionVerdict::Free { .. } => return along(&path, limits),
-            MotionVerdict::Contact { s, .. } => {
-                // Lines are free: the corner nearest to the contact is rounded too much.
-                let corner = path.corner_near(s)?;
-                let blend = &mut blends[corner];
-                if *blend == 0.0 {
-                    return None;
-                }
-                *blend = if *blend > BLEND_MIN_RAD { 0.5 * *blend } else { 0.0 };
-            }
+        // The lines between the corners are parts of those that were proven free.
+        let touches =
+            |(s0, s1, _): &(f64, f64, usize)| !checker.check_motion(&path, *s0, *s1, TOLERANCE_M).is_free();
+        let rounded_too_much: Vec<_> = path.corners().filter(touches).collect();
+        if rounded_too_much.is_empty() {
+            return along(&path, limits);
+        }
+        for (.., corner) in rounded_too_much {
+            let blend = &mut blends[corner];
+            *blend = if *blend > BLEND_MIN_RAD { 0.5 * *blend } else { 0.0 };
         }
     }
 }

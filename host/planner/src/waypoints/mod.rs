@@ -92,7 +92,7 @@ pub fn read(text: &str, joints: &[&str]) -> Result<Waypoints, WaypointError> {
 /// The first line that says something begins a mapping.
 fn is_yaml(text: &str) -> bool {
     let first = text.lines().map(str::trim).find(|line| !line.is_empty() && !line.starts_with('#'));
-    first.is_some_and(|line| line == "---" || line.contains(':') && !line.contains(','))
+    first.is_some_and(|line| line == "---" || line.split(',').next().is_some_and(|word| word.contains(':')))
 }
 
 fn all_or_none(

@@ -1,0 +1,90 @@
+//! `cubectl move`, `pose` and `run` of waypoints in the simulated cell, which judges where the arm stands.
+
+use crate::bus_common::{Folder, code, cubectl, err, out};
+use serde_json::Value;
+
+fn dry(words: &[&str]) -> (i32, Value, String) {
+    let output = cubectl(&[&["move", "--home", "--dry-run", "--json"], words].concat());
+    (code(&output), serde_json::from_str(&out(&output)).unwrap_or_default(), err(&output))
+}
+
+fn angles(found: &Value) -> Vec<f64> {
+    found["to_rad"].as_array().unwrap().iter().map(|q| q.as_f64().unwrap()).collect()
+}
+
+#[test]
+fn arm_moves_to_angles_by_a_difference_and_to_a_named_pose_and_stands_there() {
+    let folder = Folder::new("move");
+    let poses = folder.file("poses.toml");
+    let joints = "0,-60deg,-80deg,0,30deg,0";
+    let moved = cubectl(&["move", "--joints", joints, "--home"]);
+    assert_eq!(code(&moved), 0, "{}", err(&moved));
+    assert!(out(&moved).starts_with("reached: ") && out(&moved).contains("-60.00 -80.00"), "{}", out(&moved));
+
+    let saved = cubectl(&["pose", "save", "ready", "--joints", joints, "--poses", &poses]);
+    assert_eq!(code(&saved), 0, "{}", err(&saved));
+    assert!(out(&cubectl(&["pose", "list", "--poses", &poses])).contains("ready"));
+    let (status, found, told) = dry(&["--pose", "ready", "--poses", &poses]);
+    assert_eq!(status, 0, "{told}");
+    assert!((angles(&found)[1] + 60_f64.to_radians()).abs() < 1e-9, "{found}");
+    assert_eq!(code(&cubectl(&["pose", "remove", "ready", "--poses", &poses])), 0);
+    let gone = cubectl(&["move", "--pose", "ready", "--poses", &poses, "--home"]);
+    assert_eq!(code(&gone), 4);
+    assert!(err(&gone).contains("no pose \"ready\" of powercube6; known: none"), "{}", err(&gone));
+
+    let (status, found, told) = dry(&["--by", "1=+20deg,5=-0.1"]);
+    assert_eq!(status, 0, "{told}");
+    let from: Vec<f64> = found["from_rad"].as_array().unwrap().iter().map(|q| q.as_f64().unwrap()).collect();
+    let by: Vec<f64> = angles(&found).iter().zip(&from).map(|(to, from)| to - from).collect();
+    let wanted = [20_f64.to_radians(), 0.0, 0.0, 0.0, -0.1, 0.0];
+    assert!(by.iter().zip(wanted).all(|(by, wanted)| (by - wanted).abs() < 1e-9), "{by:?}");
+}
+
+#[test]
+fn places_that_cannot_be_reached_are_refused_with_a_next_step_and_nothing_moves() {
+    for (words, status, part) in [
+        (&["--to", "9,0,0"][..], 3, "does not reach that place"),
+        (&["--to", "900,0,0"], 2, "millimetres"),
+        (&["--joints", "0,0,0"], 4, "3 angles for an arm of 6 joints"),
+        (&["--joints", "0,0,0,0,0,99"], 3, "joint 6 at"),
+        (&["--by", "7=0.1"], 4, "joint 7 of an arm of 6 joints"),
+        (&["--to", "0.5,0.2,0.6", "--straight"], 3, "the straight line breaks after"),
+        (
+            &["--joints", "0,-1,-1,0,0,0", "--obstacle", "0,0,1,9,9,0.5"],
+            3,
+            "its present pose the arm touches something",
+        ),
+        (&["--to", "0.5,0.2,0.6", "--calibration", "none.toml"], 4, "none.toml"),
+        (&["--joints", "0,-1,-1,0,0,0", "--poses", "x.toml"], 4, "--poses is for --pose"),
+    ] {
+        let (found, _, told) = dry(words);
+        assert_eq!(found, status, "{words:?}: {told}");
+        assert!(told.contains(part), "{words:?}: {told}");
+        assert!(status == 2 || told.contains("next: "), "{words:?}: {told}");
+    }
+}
+
+#[test]
+fn waypoints_are_followed_through_the_run_of_a_move_that_was_written() {
+    let folder = Folder::new("waypoints");
+    let (plan, table) = (folder.file("move.json"), folder.file("path.csv"));
+    let written =
+        cubectl(&["move", "--joints", "0,-1.2,-1.4,0,0.4,0", "--home", "--dry-run", "--out", &plan]);
+    assert_eq!(code(&written), 0, "{}", err(&written));
+    let run = cubectl(&["run", &plan, "--home"]);
+    assert_eq!(code(&run), 0, "{}", err(&run));
+    assert!(out(&run).starts_with("reached: "), "{}", out(&run));
+
+    let head = "joint1,joint2,joint3,joint4,joint5,joint6\n";
+    std::fs::write(&table, format!("{head}0,-1,-1.4,0,0.5,0\n0.4,-1,-1.4,0,0.5,0\n0.4,-1.3,-1.2,0,0.5,0\n"))
+        .unwrap();
+    let run = cubectl(&["run", &table, "--home"]);
+    assert_eq!(code(&run), 0, "{}", err(&run));
+    assert!(out(&run).starts_with("reached: "), "{}", out(&run));
+
+    std::fs::write(&table, format!("t_s,{head}0,0,-1,-1.4,0,0.5,0\n0.1,1.5,-1,-1.4,0,0.5,0\n")).unwrap();
+    let fast = cubectl(&["run", &table, "--home"]);
+    assert_eq!(code(&fast), 4, "{}", out(&fast));
+    assert!(err(&fast).contains("joint 1: speed") && err(&fast).contains("--retime"), "{}", err(&fast));
+    assert_eq!(code(&cubectl(&["run", &table, "--home", "--retime"])), 0);
+}
