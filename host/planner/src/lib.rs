@@ -18,6 +18,12 @@
 //!    /   |   \
 //!   v    v    v
 //! store flight solve   throws found earlier, as starts; the ball after its release; local solver of any task
+//!   |
+//!   | way   waypoints    the way of the arm from pose to pose; files of waypoints
+//!   |  |
+//!   |  v
+//!   | timing             when the arm is where on a path, within limits of speed, acceleration and jerk
+//!   v  v
 //! motion               knots, the cubics between them, events
 //!   |
 //!   v
