@@ -4,7 +4,7 @@
 //! An arrow goes from user to used; none goes up.
 //!
 //! ```text
-//! request                 throws as a program asks for them, compiled once for each number of joints
+//! request                 throws as a program asks for them
 //! record                  a plan file of any kind, and the schema of all of them
 //!   |
 //!   v
@@ -31,7 +31,7 @@
 //! parallel             work on all cores
 //! ```
 //!
-//! Arms have four to seven joints: the number is a constant parameter `N` of every type; where it is left out, it is six.
+//! Arms have four to seven joints: every vector of joints carries its length. `follow` is for arms of six.
 
 pub mod catch;
 pub mod disc;
