@@ -146,7 +146,7 @@ fn run_in_step(args: &Args, court: CourtOptions, data: SocketAddr) -> Result<(),
     }
     let mut now = Instant::ZERO;
     while now < until && !interrupt.came() && arms.iter().any(|(arm, ..)| arm.members() > 0) {
-        now = now + STEP;
+        now += STEP;
         for (arm, sent, samples) in &mut arms {
             while !arm.has_reached(now) && !interrupt.came() {
                 arm.turn(now, &mut ()).map_err(|error| failed(error.to_string()))?;

@@ -115,7 +115,7 @@ fn straight_line_of_the_hand_stays_on_the_line_or_says_where_it_breaks() {
     for i in 0..=500 {
         let hand = arm.ee_at(&motion.at(motion.duration_s() * f64::from(i) / 500.0).q);
         let off = hand.pos - begin.pos;
-        assert!((off - along * off.dot(&along)).norm() < 5e-4, "{i}: {:?}", off);
+        assert!((off - along * off.dot(&along)).norm() < 5e-4, "{i}: {off:?}");
         assert!((hand.rot - begin.rot).amax() < 2e-3);
     }
     let beyond = straight_to(

@@ -30,7 +30,8 @@ fn column(v: &JointVec) -> DMatrix<f64> {
 
 /// Compares with the matrix of a key, given row by row.
 #[track_caller]
-fn agree(what: &str, ours: DMatrix<f64>, state: &Value, key: &str) {
+fn agree(what: &str, ours: impl Into<DMatrix<f64>>, state: &Value, key: &str) {
+    let ours: DMatrix<f64> = ours.into();
     let golden = numbers(&state[key]);
     assert_eq!(ours.len(), golden.len(), "{what}");
     let golden = DMatrix::from_row_slice(ours.nrows(), ours.ncols(), &golden);
@@ -50,16 +51,16 @@ fn check(name: &str, text: &str) {
         let ball = robot.ball(&frames);
         agree("release frame", fixed(ball.to_matrix()), state, "x_wb");
         let jacobian = frames.jacobian(&ball.pos);
-        agree("Jacobian", jacobian.into(), state, "jacobian");
+        agree("Jacobian", jacobian, state, "jacobian");
         agree("J̇ q̇", fixed(frames.bias_acceleration(&jacobian, &qd)), state, "bias_acceleration");
         agree("torques", column(&robot.inverse_dynamics(&q, &qd, &qdd)), state, "tau");
         agree("gravity torques", column(&robot.gravity_torques(&q)), state, "gravity");
-        agree("mass matrix", robot.mass_matrix(&q).into(), state, "mass");
+        agree("mass matrix", robot.mass_matrix(&q), state, "mass");
         let gradient = robot.inverse_dynamics_gradient(&q, &qd, &qdd);
         agree("torques of the gradient", column(&gradient.tau), state, "tau");
-        agree("∂τ/∂q", gradient.by_q.into(), state, "tau_by_q");
-        agree("∂τ/∂q̇", gradient.by_qd.into(), state, "tau_by_qd");
-        agree("∂τ/∂q̈", gradient.by_qdd.into(), state, "mass");
+        agree("∂τ/∂q", gradient.by_q, state, "tau_by_q");
+        agree("∂τ/∂q̇", gradient.by_qd, state, "tau_by_qd");
+        agree("∂τ/∂q̈", gradient.by_qdd, state, "mass");
         let back = robot.forward_dynamics(&q, &qd, &vector(state, "tau"));
         // Solving with the mass matrix loses as many digits as it is badly conditioned.
         assert!((back - qdd).amax() < 1e-7, "forward dynamics: {}", back - qdd);

@@ -107,7 +107,7 @@ impl Path {
             match kept.last_mut() {
                 // The last point counts, not the one beside it.
                 Some(before) if distance(before, &row) < SAME_RAD && i + 1 == points.len() && i > 0 => {
-                    *before = row
+                    *before = row;
                 }
                 Some(before) if distance(before, &row) < SAME_RAD => {}
                 _ => {

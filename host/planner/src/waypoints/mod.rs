@@ -297,7 +297,10 @@ mod tests {
 
     const JOINTS: [&str; 2] = ["base", "elbow"];
 
-    fn rows(text: &str) -> Vec<(Option<f64>, Vec<f64>, Option<Vec<f64>>)> {
+    /// Time, angles and speeds of a row.
+    type Numbers = (Option<f64>, Vec<f64>, Option<Vec<f64>>);
+
+    fn rows(text: &str) -> Vec<Numbers> {
         let read = read(text, &JOINTS).unwrap();
         read.rows.into_iter().map(|row| (row.t_s, row.q_rad, row.qd_rad_s)).collect()
     }

@@ -117,7 +117,7 @@ impl Led {
         let place = Place::Outside(Live::new(&mut port, time));
         let mut done =
             self.perform(args, (place, interrupt()), &mut |step| ui.answer(step), &mut |lines| {
-                log.write(lines)
+                log.write(lines);
             })?;
         done.lost = log.finish(&path).err();
         done.answering = urgent.map(|urgent| urgent.granted().to_string());
