@@ -114,20 +114,6 @@ fn on_a_line_the_motion_along_a_path_is_the_straight_one_and_rounding_corners_sa
 }
 
 #[test]
-#[ignore = "prints durations, for a person who changes the law"]
-fn durations_by_blend() {
-    let limits = limits(6, 2.0, 8.0, 80.0);
-    for seed in 1..8 {
-        let points = corners(&mut SplitMix64::new(seed), 6);
-        let of = |blend| {
-            let motion = along(&Path::through(&points, blend).unwrap(), &limits).unwrap();
-            (motion.duration_s(), motion.knots.len())
-        };
-        println!("{:?}", [0.0, 0.005, 0.02, 0.05, 0.1, 0.2, 0.4, 0.8].map(of));
-    }
-}
-
-#[test]
 fn without_a_limit_of_jerk_a_path_is_as_fast_as_the_slowest_joint_allows() {
     let limits = Limits::new(&[2.0; 6], &[8.0; 6], &[f64::INFINITY; 6]).unwrap();
     let path = Path::through(&[[0.0; 6], [1.0, 0.5, 0.0, 0.0, 0.0, 0.0]], 0.0).unwrap();
