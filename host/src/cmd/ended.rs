@@ -2,8 +2,10 @@
 
 use std::path::Path;
 
+use operator::bus::Session;
 use operator::dialogue::operator::OperatorError;
-use operator::job::{JobError, Judge, Outcome, Record};
+use operator::job::summary::{Circumstances, summary};
+use operator::job::{JobError, Judge, Order, Outcome, Record};
 
 use crate::error::ExpectedError;
 use crate::exit;
@@ -52,6 +54,41 @@ pub(super) fn off_target(record: &Record, judge: &Judge<'_>) -> Option<ExpectedE
     };
     let code = exit::of_outcome(verdict.outcome)?;
     Some(ExpectedError::new(code, format!("{}\n  next: {next}", verdict.text)))
+}
+
+/// What a session says of its bus, for the summary; read before the session ends.
+pub(super) struct Seen {
+    bus: String,
+    simulated: bool,
+    bus_errors: usize,
+}
+
+impl Seen {
+    pub(super) fn of(session: &Session) -> Self {
+        let (bus, simulated) = (session.name().to_owned(), session.is_simulated());
+        Self { bus, simulated, bus_errors: session.bus_errors().len() }
+    }
+
+    /// Prints the summary of a job that leaves no folder of results.
+    pub(super) fn print(
+        &self,
+        order: &Order<'_>,
+        record: &Record,
+        wrong: Option<&ExpectedError>,
+        wall_s: &[f64],
+    ) {
+        let about = Circumstances {
+            bus: &self.bus,
+            time: if self.simulated { "virtual time" } else { "real time" },
+            controller: "node",
+            exit_code: wrong.map_or(exit::OK, |error| error.code),
+            cause: wrong.map(|error| error.message.as_str()),
+            bus_errors: self.bus_errors,
+            wall_s,
+            ..Circumstances::default()
+        };
+        super::print_json(&summary(order, record, &about));
+    }
 }
 
 /// How a job ends: a result that could not be written never hides the outcome.

@@ -15,7 +15,7 @@ use robot_model::collision::{CollisionChecker, Obb, Scene};
 
 use super::consent::Consent;
 use super::controlled::tell_warnings;
-use super::ended::{failure, off_target, outcome_last};
+use super::ended::{Seen, failure, off_target, outcome_last};
 use super::goal::{Angles, Difference, Hand};
 use super::poses::{Poses, PosesArgs};
 use super::progress::{ProgressView, Ui};
@@ -25,7 +25,6 @@ use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::BusArgs;
 use operator::bus::key_file::KeyArgs;
-use operator::job::summary::{Circumstances, summary};
 use operator::job::{Extent, Judge, Order, Program, perform};
 use operator::port::OnBus;
 
@@ -158,21 +157,10 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     ui.progress.quiet();
     tell_warnings(&mut session);
     let wrong = failure(&record).or_else(|| off_target(&record, &order.judge));
-    let (bus, simulated, bus_errors) =
-        (session.name().to_owned(), session.is_simulated(), session.bus_errors().len());
+    let seen = Seen::of(&session);
     let finished = session.finish().map_err(ExpectedError::from);
     if args.json {
-        let about = Circumstances {
-            bus: &bus,
-            time: if simulated { "virtual time" } else { "real time" },
-            controller: "node",
-            exit_code: wrong.as_ref().map_or(exit::OK, |error| error.code),
-            cause: wrong.as_ref().map(|error| error.message.as_str()),
-            bus_errors,
-            wall_s: &ui.progress.wall_s,
-            ..Circumstances::default()
-        };
-        print_json(&summary(&order, &record, &about));
+        seen.print(&order, &record, wrong.as_ref(), &ui.progress.wall_s);
     } else if wrong.is_none() {
         let motion = Some(order.program.motion());
         say(args, &arm, &Said { from: &from, motion, moved: true, record: Some(&record.verdict.text) });
