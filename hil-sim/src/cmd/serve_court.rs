@@ -216,7 +216,7 @@ fn arm_bus(
     ArmBus { samples, waiting: VecDeque::new(), thread }
 }
 
-/// Serves one bus and sends what its arm does; the largest lag behind the clock.
+/// Serves one bus and sends what its arm does. Returns how late it was at worst: a turn behind the clock, or a frame when it left.
 fn serve(mut realtime: Realtime<Cell>, to: &Sender<ArmNow>, over: &AtomicBool) -> Result<Duration, String> {
     let mut sent = 0;
     while !over.load(Ordering::Relaxed) {
@@ -228,7 +228,7 @@ fn serve(mut realtime: Realtime<Cell>, to: &Sender<ArmNow>, over: &AtomicBool) -
             }
         }
     }
-    Ok(realtime.lag().turns.max().unwrap_or_default())
+    Ok(realtime.lag().turns.max().max(realtime.lateness().max()).unwrap_or_default())
 }
 
 /// The court while it runs.
