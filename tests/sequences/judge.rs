@@ -89,6 +89,8 @@ const START_WITHIN: Duration = Duration::from_millis(8);
 const START_LEAD: Duration = Duration::from_millis(6);
 /// Armed for so long, the drives hold what they must.
 const HELD_AFTER: Duration = Duration::from_millis(150);
+/// Fault of a joint that moves although the group stands.
+const MOVES_UNORDERED: u16 = 108;
 const NEVER: Instant = Instant::FAR_FUTURE;
 
 const PORTS: [Port; 4] = [
@@ -406,6 +408,13 @@ impl Judge {
         }
         if state.state == Fault && before != Some(Fault) {
             self.cleared = None;
+            let second = Duration::from_millis(1_000);
+            let drives_hear = self.restarted_at.is_none_or(|restart| restart + second * 2 < at)
+                && self.deaf_until + second < at;
+            if state.fault_cause == MOVES_UNORDERED && drives_hear {
+                let what = format!("a joint is said to move without an order: {:?}", self.plant);
+                self.broken(Rule::Motion, at, what);
+            }
         }
         if before != Some(state.state) {
             self.state_since = at;

@@ -142,6 +142,28 @@ fn homing_that_is_stopped_as_it_begins_is_halted_until_its_rest_is_measured() {
     keeps([634, 862], 1_225, &steps);
 }
 
+#[test]
+fn set_point_of_a_period_that_is_over_does_not_leave_after_a_late_loop() {
+    let plan = Act::Upload { mrad: [100, 0], ms: 1_000, hand: Hand::Open(32) };
+    let arm = [(0, plan), (0, Act::Commit), (0, Act::Prepare), (8, Act::Confirm)];
+    let run = [(0, Act::RunIn { ms: 40 }), (15, Act::Late(58)), (0, Act::Prepare)];
+    keeps([104, 837], 7_790, &[&arm[..], &run[..]].concat());
+}
+
+#[test]
+fn missed_start_leaves_drives_at_rest_that_have_set_points_of_the_wait() {
+    let plan = Act::Upload { mrad: [100, 0], ms: 1_000, hand: Hand::Nothing };
+    let arm = [(0, plan), (0, Act::Commit), (0, Act::Prepare), (8, Act::Confirm)];
+    let run = [(0, Act::RunIn { ms: 60 }), (42, Act::Late(28)), (8_000, Act::Wait)];
+    keeps([104, 837], 7_790, &[&arm[..], &run[..]].concat());
+}
+
+#[test]
+fn jog_that_is_let_go_before_a_late_loop_does_not_come_back() {
+    let jog = Act::Jog { joint: 0, mrad_s: 250, hold_ms: 186 };
+    keeps([466, -420], 2_803, &[(0, jog), (58, Act::LetGo(0)), (2, Act::Late(5))]);
+}
+
 /// 10 000 steps.
 #[test]
 fn ten_thousand_drawn_steps_break_no_rule() {

@@ -196,8 +196,8 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         }
     }
 
-    /// The plan is at its end: each joint ramps to its last position and stays.
-    fn park(&mut self, now: Instant) {
+    /// The plan is at its end, or was not begun: each joint ramps to where it stands then, and stays.
+    pub(super) fn park(&mut self, now: Instant) {
         let mut longest_s = 0.0;
         for joint in self.settings.joints() {
             longest_s = at_least(self.park_time_s(joint), longest_s);
@@ -206,10 +206,16 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.machine.park(now + span::of_seconds(longest_s) + REST_SLACK);
     }
 
-    /// Longest time that the ramp to the last knot takes, s.
+    /// Last knot of the plan; the first one if it was not begun.
+    fn park_rad(&self, joint: JointIndex) -> f32 {
+        let spline = self.spline.borrow();
+        if self.is_on_plan { spline.end_rad(joint) } else { spline.start_rad(joint) }
+    }
+
+    /// Longest time that the ramp to it takes, s.
     fn park_time_s(&self, joint: JointIndex) -> f32 {
         let limits = self.settings.joint.at(joint);
-        let end_rad = self.spline.borrow().end_rad(joint);
+        let end_rad = self.park_rad(joint);
         let way_rad = self.group.position(joint).map_or(0.0, |position| (position.q_rad - end_rad).abs());
         // Brakes from the speed it has, and goes back and the rest of the way at the speed of a jog.
         let v_rad_s = self.trackers.at(joint).qd_rad_s().abs();
@@ -219,7 +225,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     }
 
     fn park_joint(&mut self, now: Instant, joint: JointIndex) {
-        let q_rad = self.spline.borrow().end_rad(joint);
+        let q_rad = self.park_rad(joint);
         self.group.command(now, &self.settings, Command::MoveTo { joint, q_rad });
     }
 }

@@ -101,6 +101,8 @@ pub struct Controller<S, M, G> {
     late_in_row: u32,
     /// The run has begun a period within its plan.
     is_on_plan: bool,
+    /// Motions that the group had ordered when the run began.
+    motions_before: u32,
     /// New end states taken since the start of the run.
     targets_taken: u16,
     /// Where each joint stood when the group came to rest, rad.
@@ -173,6 +175,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             foreign_bits: 0,
             late_in_row: 0,
             is_on_plan: false,
+            motions_before: 0,
             targets_taken: 0,
             stood_at_rad: default_in_place(),
             halt_due: Instant::ZERO,

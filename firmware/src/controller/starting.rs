@@ -40,6 +40,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             }
         }
         (self.late_in_row, self.targets_taken, self.is_on_plan) = (0, 0, false);
+        self.motions_before = self.group.counters().motions;
         self.enter(now, State::Running { clock: PathClock::starting(start), parking: None });
     }
 
@@ -50,15 +51,21 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         if self.is_on_plan || s_us <= 0 {
             return false;
         }
-        self.is_on_plan = true;
         let period_us = self.group.profile(&self.settings).period.as_micros() as i64;
-        s_us > 2 * period_us && !self.any_moves(now)
+        self.is_on_plan = s_us <= 2 * period_us || self.any_moves(now);
+        !self.is_on_plan
     }
 
-    /// Ends a run, or the wait for it, before anything has moved.
+    /// Ends a run, or the wait for it, before anything has moved. Drives that have got set points of the wait ramp to rest
+    /// where the plan begins: a drive keeps the last acceleration that it got.
     pub(super) fn not_begun(&mut self, now: Instant, cause: Cause) {
         self.gripper.cancel();
         self.note(now, TraceEvent::Refused(OrderKind::Run, cause));
-        self.enter_standing(now, State::Ready);
+        let is_running = matches!(self.machine.state(), State::Running { .. });
+        if is_running && self.group.counters().motions != self.motions_before {
+            self.park(now);
+        } else {
+            self.enter_standing(now, State::Ready);
+        }
     }
 }

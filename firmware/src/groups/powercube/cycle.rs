@@ -18,7 +18,7 @@ use super::slots::Slots;
 use super::{Mode, PowerCubes};
 use crate::group::{GroupEvent, PositionSample, SetPoint, Taken};
 use crate::joints::{PerJoint, at_least, clamp};
-use crate::reach::SoftLimits;
+use crate::reach::{self, SoftLimits};
 use crate::settings::Settings;
 use crate::span;
 
@@ -26,6 +26,8 @@ use crate::span;
 const POS_STATE_GATE: Gate = Gate::From2518Or3518;
 /// From the order to stop to the drive braking: two requests and their answers.
 const BRAKE_LEAD: Duration = Duration::from_micros(700);
+/// From a motion's leaving to the drive braking: its frame.
+const MOTION_LEAD: Duration = Duration::from_micros(150);
 /// Added to the computed time of a ramp to rest.
 const BRAKE_SLACK: Duration = Duration::from_millis(40);
 /// Pull of the generator model to the measured speed, 1/s: against drift by jitter of the slots; slow, because the
@@ -338,6 +340,17 @@ impl PowerCubes {
         self.plan(settings, joint, &command);
         let braking_s = state.v_rad_s.abs() / command.acceleration_rad_s2.unwrap_or(a_rad_s2).max(0.1);
         now + BRAKE_LEAD + span::of_seconds(1.1 * braking_s) + BRAKE_SLACK
+    }
+
+    /// The motion of a ramp to rest, as it leaves: the write before it may have been answered late, and the joint has gone on. A target
+    /// of that time lies behind: the drive would go back to it.
+    pub(super) fn stop_from_here(&self, now: Instant, settings: &Settings, joint: JointIndex) -> Request {
+        let limits = settings.joint.at(joint);
+        let RampState { q_rad, v_rad_s } = self.axes.at(joint).model.generator_at(now + MOTION_LEAD);
+        let soft = SoftLimits::kept(limits, self.drives.at(joint).is_homed());
+        let a_rad_s2 = self.drives.at(joint).loaded.a_rad_s2.unwrap_or(limits.a_max_rad_s2);
+        let target = Radians::new(limits.to_drive_rad(reach::rest_rad(q_rad, v_rad_s, a_rad_s2, soft)));
+        Request::Move(MotionRequest::extended(MotionCommand::Ramp { target }))
     }
 
     /// Reads position and state word of a drive in turn, once it has nothing else to do.

@@ -20,9 +20,13 @@ use crate::supervisor;
 const SLOW_DEADLINE: Duration = Duration::from_millis(100);
 
 impl PowerCubes {
-    /// Sends what may be sent now.
+    /// Sends what may be sent now. After a call that comes late the period that is due decides first: what is left of the old one
+    /// may not apply any more.
     pub(super) fn pump(&mut self, now: Instant, settings: &Settings) {
         self.pump_gripper(now, settings);
+        if self.cycle.due <= now {
+            return;
+        }
         let window = settings.in_flight_max as usize;
         let mut round = self.schedule.round(now, settings.joints(), &self.drives);
         // Each turn puts one more drive in flight, so it ends after at most `joints` turns.
@@ -39,10 +43,14 @@ impl PowerCubes {
         lane: Lane,
         request: &Request,
     ) {
+        let mut request = *request;
         // The one place where motion leaves: a mode that must not move cannot make it.
         if matches!(request, Request::Move(_)) {
             if !self.mode.may_move() {
                 return;
+            }
+            if self.mode.ramps_to_rest() {
+                request = self.stop_from_here(now, settings, joint);
             }
             self.counters.motions = self.counters.motions.wrapping_add(1);
             if let Mode::Jogging(jog) = &mut self.mode {
@@ -56,7 +64,7 @@ impl PowerCubes {
             self.drives.at_mut(joint).rest.forget();
         }
         let deadline = now + self.reply_deadline(settings);
-        self.drives.at_mut(joint).begin(now, lane, request, deadline);
+        self.drives.at_mut(joint).begin(now, lane, &request, deadline);
         self.send(&request.encode(settings.joint.at(joint).module()));
     }
 

@@ -45,6 +45,13 @@ enum Step {
     Restoring,
 }
 
+impl Jog {
+    /// The joint ramps to rest.
+    pub(super) const fn is_releasing(self) -> bool {
+        matches!(self.step, Step::Releasing { .. })
+    }
+}
+
 impl PowerCubes {
     /// Begins a jog, or goes on with the one at work.
     pub(super) fn jog(

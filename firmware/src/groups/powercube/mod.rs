@@ -107,6 +107,15 @@ impl Mode {
         !matches!(self, Self::Finding(_) | Self::Standing { .. })
     }
 
+    /// Motions that leave are ramps to rest.
+    const fn ramps_to_rest(self) -> bool {
+        match self {
+            Self::Braking { .. } => true,
+            Self::Jogging(jog) => jog.is_releasing(),
+            _ => false,
+        }
+    }
+
     /// Led by the control cycle.
     const fn is_cyclic(self) -> bool {
         matches!(self, Self::Tracking | Self::Parking | Self::Braking { .. } | Self::Halted)
