@@ -59,6 +59,7 @@ fn places(record: &Record, seen: &Seen) -> Vec<(&'static str, Instant, bool)> {
         ("to the start", begun(Step::Approach) + Duration::from_millis(800), true),
         ("question", ended(Step::Approach) + Duration::from_secs(1), true),
         ("throw, ball held", released.saturating_sub(started) + Duration::from_millis(200), true),
+        ("throw, just before the release", released.saturating_sub(Duration::from_millis(150)), true),
         ("throw, ball free", released + Duration::from_millis(150), false),
     ]
 }
@@ -130,6 +131,7 @@ fn signal_in_every_step_of_a_throw_over_rsi_stops_the_arm_and_nothing_is_thrown_
         assert_eq!(record.verdict.outcome, expected, "{what}");
         assert_eq!(seen.released.is_none(), held, "{what}");
         stands(&seen, &what);
+        assert_eq!(seen.fault, None, "{what}: the robot need not stop by itself");
         if !held {
             // It flew on as it was thrown.
             assert!(error_m(&seen).is_some_and(|error_m| error_m < HIT_M), "{what}");
