@@ -5,8 +5,8 @@ use host::cmd::report;
 use operator::job::throw::computed_landing;
 use operator::job::verdict::judge;
 use operator::job::{BallOutcome, Order, Outcome, Record};
-use operator::way::Travel;
 use planner::plan::file::PlanFile;
+use planner::way::Travel;
 use serde_json::Value;
 
 /// A throw in the simulated cell with `faults`; its exit code, what it printed, and its summary.

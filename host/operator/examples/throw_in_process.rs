@@ -15,10 +15,10 @@ use operator::bus::sim::SimSetup;
 use operator::job::cell::take_plan;
 use operator::job::{Answer, Order, Outcome, perform};
 use operator::port::{BallSeen, InProcess};
-use operator::way::Travel;
 use planner::plan::statistics::Noise;
 use planner::plan::{Arm, Budget, Kept, Options, Watch, seeds};
 use planner::request::{Request, Wanted};
+use planner::way::Travel;
 use robot_model::RobotModel;
 
 const SEED: u64 = 1;

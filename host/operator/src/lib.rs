@@ -16,7 +16,7 @@
 //!   |     |  \            |
 //!   |     |   rsi         |            an industrial robot behind its sensor interface, and the link to it
 //!   |     |     \         |
-//!   |     |      way  trajectory       from rest to rest around everything; motions as files of a controller
+//!   |     |         trajectory         motions as files of a controller
 //!   |     v               v
 //!   |     dialogue ------------------  questions to drives, orders to a controller
 //!   |        |
@@ -53,4 +53,3 @@ pub mod samples;
 pub mod tap;
 pub mod tracker;
 pub mod trajectory;
-pub mod way;

@@ -12,9 +12,9 @@ use operator::dialogue::registers::Numbers;
 use operator::job::cell::take_plan;
 use operator::job::{Answer, JobError, Order, Outcome, Record, Step, perform};
 use operator::port::{BallSeen, InProcess, OnBus, Operator};
-use operator::way::Travel;
 use planner::plan::Arm;
 use planner::plan::file::PlanFile;
+use planner::way::Travel;
 use protocol::Duration;
 use protocol::cyphal::id::NodeId;
 

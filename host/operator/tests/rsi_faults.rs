@@ -10,8 +10,8 @@ use operator::job::{Outcome, Record};
 use operator::rsi::cell::{self, Seen};
 use operator::rsi::program::{leading, start_of, station, travel};
 use operator::rsi::station::Stage;
-use operator::way::way;
 use planner::follow::limits::Axes;
+use planner::way::way;
 use protocol::{Duration, Instant};
 use robot_model::collision::Scene;
 

@@ -10,10 +10,10 @@ use operator::job::{
     default_tolerance_m, perform,
 };
 use operator::port::{BallSeen, InProcess, OnBus, Operator};
-use operator::way::Travel;
 use planner::motion::{Knot, Motion};
 use planner::plan::file::PlanFile;
 use planner::plan::{Arm, Joints};
+use planner::way::Travel;
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, ExtendedId, Frame, Instant, JointIndex, ModuleId, StandardId};
 

@@ -87,6 +87,23 @@ fn ways_between_random_poses_are_free_within_limits_and_end_where_they_should() 
 }
 
 #[test]
+fn way_around_stays_inside_a_narrower_range() {
+    let (arm, scene) = (arm(), &scenes()[1]);
+    let (from, to) = (deg([-50.0, -20.0, -90.0, 0.0, 0.0, 0.0]), deg([50.0, -20.0, -90.0, 0.0, 0.0, 0.0]));
+    let range =
+        (deg([-60.0, -150.0, -120.0, -20.0, -40.0, -10.0]), deg([60.0, 0.0, -20.0, 20.0, 40.0, 10.0]));
+    for seed in 1..4 {
+        let travel = Travel { range: Some(range), seed, ..Travel::default() };
+        let motion = way(&arm, scene, &travel, &from, &to).unwrap().unwrap();
+        require_free_and_within_limits(&arm, scene, &motion, 0.3);
+        for i in 0..=500 {
+            let q = motion.at(motion.duration_s() * f64::from(i) / 500.0).q;
+            assert!((0..6).all(|j| q[j] >= range.0[j] - 1e-9 && q[j] <= range.1[j] + 1e-9), "{i}: {q:?}");
+        }
+    }
+}
+
+#[test]
 fn hand_comes_to_a_point_and_to_a_pose() {
     let (arm, scene) = (arm(), Scene::default());
     let from = deg([0.0, -20.0, -90.0, 0.0, 0.0, 0.0]);

@@ -17,7 +17,7 @@ use operator::bus::BusArgs;
 use operator::bus::key_file::KeyArgs;
 use operator::job::{Order, perform};
 use operator::port::OnBus;
-use operator::way::Travel;
+use planner::way::Travel;
 
 /// Longest time that a run is ordered ahead, s: the controller takes 30 s, of which the order needs a little.
 const START_IN_MAX_S: f64 = 29.0;

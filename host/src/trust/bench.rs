@@ -22,9 +22,9 @@ use operator::dialogue::operator::OperatorError;
 use operator::job::cell::take_plan;
 use operator::job::{Answer, JobError, Judge, Order, Outcome, Record, Step, default_tolerance_m, perform};
 use operator::port::OnBus;
-use operator::way::Travel;
 use planner::plan::Arm;
 use planner::plan::file::PlanFile;
+use planner::way::Travel;
 use tuner::gains::gains_file::GainsFile;
 
 /// Robot of the bench.

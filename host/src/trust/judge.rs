@@ -4,7 +4,7 @@ use hil_sim::drive::COUNT_LOSS_RAD_S;
 use hil_sim::fault::{Fault, FaultKind, PhysicalFault, Target, WireFault};
 use hil_sim::scenario::{Action, Scenario};
 use hil_sim::witness::Trace;
-use protocol::cyphal::cubecell::group_state::State;
+use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::{Duration, Instant};
 
 use super::evidence::{Evidence, ReportedOutcome, Seen};
@@ -14,6 +14,8 @@ use planner::plan::Arm;
 
 /// A run that lasts longer than the nominal one by more than this hangs: start-up may take 20 s.
 const LONGER_MAX: Duration = Duration::from_secs(30);
+/// Longest time that the frames of a message take on the bus.
+const MESSAGE_MAX: Duration = Duration::from_millis(50);
 /// A joint slower than this rests, rad/s: the drives themselves tell a slower one as standing.
 const REST_RAD_S: f64 = 0.02;
 /// The end of a run in which all joints must rest.
@@ -318,6 +320,7 @@ fn supervised(run: &Evidence, hidden: &[Window], found: &mut impl FnMut(Rule, St
     let trace = &run.trace;
     let mut fault_since = None;
     for (k, (at, group)) in run.bus.states.iter().enumerate() {
+        let at = &made_at(*at, group);
         if group.state == State::Fault {
             fault_since = fault_since.or(Some(*at));
         } else {
@@ -325,7 +328,8 @@ fn supervised(run: &Evidence, hidden: &[Window], found: &mut impl FnMut(Rule, St
         }
         let next = run.bus.states.get(k + 1);
         // Without further messages the state stands until the end.
-        let (until, next_state) = next.map_or((run.end, group.state), |(at, group)| (*at, group.state));
+        let (until, next_state) =
+            next.map_or((run.end, group.state), |(at, group)| (made_at(*at, group), group.state));
         if group.state.may_move() || next_state.may_move() {
             continue;
         }
@@ -350,6 +354,13 @@ fn supervised(run: &Evidence, hidden: &[Window], found: &mut impl FnMut(Rule, St
             return;
         }
     }
+}
+
+/// When a state was published, by the controller's clock, which starts with the cell's. Its frames wait for the control cycle: the last
+/// one leaves up to 12 ms later.
+fn made_at(ended: Instant, group: &GroupState) -> Instant {
+    let made = Instant::from_micros(group.uptime_us);
+    if made <= ended && ended < made + MESSAGE_MAX { made } else { ended }
 }
 
 /// When the throw was stopped: the first halt or message of it.

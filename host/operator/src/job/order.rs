@@ -9,11 +9,11 @@ use super::throw::default_tolerance_m;
 use crate::rsi::plan::motion_of;
 use crate::rsi::program::Lag;
 use crate::trajectory::robot_crc32;
-use crate::way::Travel;
 use planner::follow::plan::FollowPlan;
 use planner::motion::Motion;
 use planner::plan::Arm;
 use planner::plan::file::PlanFile;
+use planner::way::Travel;
 use tuner::gains::gains_file::GainsFile;
 
 /// What is run.

@@ -15,9 +15,9 @@ use crate::dialogue::registers::{Numbers, settings_of, to_host};
 use crate::port::Operator;
 use crate::samples::drives::Drives;
 use crate::trajectory::{TrajectoryError, encode};
-use crate::way::{NoWay, way};
 use planner::motion::Motion;
 use planner::plan::Joints;
+use planner::way::{WayError, way};
 use tuner::gains::choose::built_in_of;
 use tuner::gains::gains_file::REGISTERS;
 
@@ -104,7 +104,7 @@ impl Steps<'_, '_> {
         let motion = order.program.motion();
         // A robot that waits for answers is not left alone while a way is looked for.
         let foreseen =
-            self.operator.foreseen_pose().map(|from| Ok::<_, NoWay>((from, self.to_start(&from)?)));
+            self.operator.foreseen_pose().map(|from| Ok::<_, WayError>((from, self.to_start(&from)?)));
         let foreseen = foreseen.transpose()?;
         let found = self.find_drives()?;
         if order.extent == Extent::Upload {
@@ -233,11 +233,11 @@ impl Steps<'_, '_> {
     }
 
     /// The way from a pose to where the program begins; none without [`Order::travel`].
-    fn to_start(&self, from: &Joints) -> Result<Option<Motion>, NoWay> {
+    fn to_start(&self, from: &Joints) -> Result<Option<Motion>, WayError> {
         self.way(&self.order.scene, from, &self.order.program.motion().start_rad())
     }
 
-    fn way(&self, scene: &Scene, from: &Joints, to: &Joints) -> Result<Option<Motion>, NoWay> {
+    fn way(&self, scene: &Scene, from: &Joints, to: &Joints) -> Result<Option<Motion>, WayError> {
         let order = self.order;
         order.travel.map_or(Ok(None), |travel| way(order.arm, scene, &travel, from, to))
     }

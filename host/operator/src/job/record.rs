@@ -17,8 +17,8 @@ use crate::dialogue::operator::OperatorError;
 use crate::rsi::operator::Led;
 use crate::samples::drives::Drives;
 use crate::trajectory::TrajectoryError;
-use crate::way::NoWay;
 use planner::plan::Joints;
+use planner::way::WayError;
 use tuner::gains::gains_file::GainsFileError;
 
 /// A step of the job.
@@ -66,6 +66,17 @@ impl Step {
     }
 }
 
+/// What helps where there is no way to the start.
+const fn next_of(error: &WayError) -> &'static str {
+    match error {
+        WayError::Blocked { .. } => "jog the arm free with `cubectl jog`",
+        WayError::Share { .. } => "give a share above 0 and at most 1",
+        WayError::NoWay { .. } | WayError::Goal(_) | WayError::Line(_) => {
+            "jog the arm nearer to the start, or plan another motion"
+        }
+    }
+}
+
 /// Why the job ended early.
 #[derive(Debug, thiserror::Error)]
 pub enum JobError {
@@ -73,8 +84,8 @@ pub enum JobError {
     #[error(transparent)]
     Operator(#[from] OperatorError),
     /// No way to the start.
-    #[error(transparent)]
-    Way(#[from] NoWay),
+    #[error("{0}\n  next: {next}", next = next_of(.0))]
+    Way(#[from] WayError),
     /// A motion is nothing for a controller.
     #[error(transparent)]
     Trajectory(#[from] TrajectoryError),

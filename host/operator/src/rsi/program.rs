@@ -16,7 +16,7 @@ use super::plan::{Timing, motion_of, settings_of};
 use super::station::Station;
 use super::wire::{ConfigUnfit, Names, Wire};
 use crate::trajectory::{TrajectoryError, encode, robot_crc32};
-use crate::way::Travel;
+use planner::way::Travel;
 
 /// Distance of correction limits from the range of an axis, degrees: a program whose limits reach the range is refused.
 const INSIDE_DEG: f64 = 0.01;

@@ -37,7 +37,7 @@ const MARGIN_RAD: f64 = 0.03;
 /// A pose outside its range by this is still one to start from, rad.
 const OUTSIDE_RAD: f64 = 0.02;
 /// A pose nearer than this is reached, rad.
-pub const THERE_RAD: f64 = 1e-3;
+const THERE_RAD: f64 = 1e-3;
 /// Corners are rounded by as much as this at first; below the second number not at all, rad.
 const BLEND_RAD: f64 = 0.4;
 const BLEND_MIN_RAD: f64 = 0.01;
@@ -78,7 +78,7 @@ pub enum WayError {
     #[error(transparent)]
     Line(#[from] LineError),
     /// The share is no number above 0 and at most 1.
-    #[error("a share of {share} of the limits is none: above 0 and at most 1")]
+    #[error("a share of {share} of the limits is not above 0 and at most 1")]
     Share { share: f64 },
 }
 

@@ -29,10 +29,10 @@ use operator::interrupt::interrupt;
 use operator::job::cell::take_plan;
 use operator::job::{Extent, JobError, Judge, Order, Outcome, Record, Step, perform};
 use operator::port::OnBus;
-use operator::way::Travel;
 use planner::plan::Arm;
 use planner::plan::file::PlanFile;
 use planner::verify;
+use planner::way::Travel;
 use tuner::gains::gains_file::GainsFile;
 
 /// Answers to a controller that was taken off the bus have come by then.

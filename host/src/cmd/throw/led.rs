@@ -181,11 +181,15 @@ impl Led {
 /// What a person reads of a job that ended early.
 fn explained(record: &Record, mut shown: ExpectedError, heard: &str) -> ExpectedError {
     match &record.ended {
-        Some(JobError::Way(_)) => {
-            shown.code = exit::BAD_INPUT;
-            shown.message.truncate(shown.message.find('\n').unwrap_or(shown.message.len()));
-            shown.message += "\n  next: let the robot's program begin at another start pose (start_deg of the description), or plan \
-                              another throw";
+        Some(JobError::Way(way)) => {
+            shown = ExpectedError::new(
+                exit::BAD_INPUT,
+                format!(
+                    "{}: {way}\n  next: let the robot's program begin at another start pose (start_deg of the description), or plan \
+                     another throw",
+                    Step::Approach.name()
+                ),
+            );
         }
         Some(JobError::Operator(OperatorError::Interrupted))
             if record.at_work.is_some_and(|(step, _)| step == Step::Drives) =>
