@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use planner::motion::Motion;
 use planner::plan::rng::SplitMix64;
 use planner::plan::{Arm, Joints};
-use planner::way::{Goal, LineBreak, LineError, Travel, WayError, straight_to, way, way_to};
+use planner::way::{Goal, LineBreak, LineError, Travel, WayError, is_straight, straight_to, way, way_to};
 use robot_model::Pose;
 use robot_model::collision::{CollisionChecker, Obb, Scene, StraightMove};
 
@@ -96,6 +96,7 @@ fn way_around_stays_inside_a_narrower_range() {
         let travel = Travel { range: Some(range), seed, ..Travel::default() };
         let motion = way(&arm, scene, &travel, &from, &to).unwrap().unwrap();
         require_free_and_within_limits(&arm, scene, &motion, 0.3);
+        assert!(!is_straight(&motion));
         for i in 0..=500 {
             let q = motion.at(motion.duration_s() * f64::from(i) / 500.0).q;
             assert!((0..6).all(|j| q[j] >= range.0[j] - 1e-9 && q[j] <= range.1[j] + 1e-9), "{i}: {q:?}");

@@ -17,7 +17,7 @@ use crate::samples::drives::Drives;
 use crate::trajectory::{TrajectoryError, encode};
 use planner::motion::Motion;
 use planner::plan::Joints;
-use planner::way::{WayError, way};
+use planner::way::{WayError, is_straight, way};
 use tuner::gains::choose::built_in_of;
 use tuner::gains::gains_file::REGISTERS;
 
@@ -135,7 +135,8 @@ impl Steps<'_, '_> {
             self.require(Question::Move)?;
             self.drive(motion)?;
             self.record.approach_s = Some(motion.duration_s());
-            self.end(&format!("{} legs, {:.1} s", motion.knots.len() - 1, motion.duration_s()));
+            let kind = if is_straight(motion) { "straight" } else { "around what is in the way" };
+            self.end(&format!("{kind}, {:.1} s", motion.duration_s()));
         }
         self.require(if order.judge.throws() { Question::Throw } else { Question::Move })?;
         self.run(motion)?;

@@ -110,6 +110,17 @@ pub fn way(
         .ok_or(WayError::NoWay { tries: search::SAMPLES_MAX })
 }
 
+/// Whether the motion is a line in joint space: nothing was in the way of it.
+#[must_use]
+pub fn is_straight(motion: &Motion) -> bool {
+    let (from, to) = (motion.start_rad(), motion.stop_rad());
+    let along = to - from;
+    motion.knots.iter().all(|knot| {
+        let off = knot.q_rad - from;
+        (off - along * (off.dot(&along) / along.norm_squared().max(f64::MIN_POSITIVE))).amax() < THERE_RAD
+    })
+}
+
 /// As [`way`], to the cheapest of the poses in which the hand is where `goal` says.
 ///
 /// # Errors
