@@ -1,13 +1,16 @@
 //! `cubectl catch`: a disc with a four-axis arm, or a ball with a six-axis arm.
 
 mod ball;
+pub mod catching;
 mod disc;
 pub mod for_programs;
 mod on_controller;
+pub mod outcome;
 mod witness_words;
 
 use std::path::PathBuf;
 
+use self::catching::Catching;
 use super::plan::options::point;
 use crate::error::ExpectedError;
 
@@ -40,9 +43,6 @@ pub struct Args {
     /// Spin of the disc, rad/s.
     #[arg(long, default_value_t = 50.0, value_name = "RAD/S", allow_hyphen_values = true, requires = "air")]
     pub spin: f64,
-    /// Keep the jerk limits as well.
-    #[arg(long)]
-    pub jerk: bool,
     /// Only the rule of the paper, without joint limits.
     #[arg(long, conflicts_with_all = ["air", "jerk"])]
     pub no_limits: bool,
@@ -60,7 +60,10 @@ pub struct Args {
     pub ball: Option<[f64; 6]>,
     /// How the ball is caught.
     #[command(flatten)]
-    pub catching: super::rally::Catching,
+    pub catching: Catching,
+    /// The catcher knows beforehand where the ball starts and how fast.
+    #[arg(long, requires = "ball")]
+    pub cooperative: bool,
     /// Write a report with paths, joint angles, distances and an animation.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
