@@ -14,6 +14,11 @@ fn every_command_line_that_is_printed_can_be_given() {
 
 #[test]
 fn every_option_that_a_message_names_exists_in_the_verb_that_prints_it() {
-    let seen = require_options(&lab::cli::Cli::command(), "host/lab/src/cmd", &SOURCES);
+    let seen = require_options(
+        &lab::cli::Cli::command(),
+        &[host::cli::Cli::command()],
+        "host/lab/src/cmd",
+        &SOURCES,
+    );
     assert!(seen > 20, "{seen}");
 }

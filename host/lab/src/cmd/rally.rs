@@ -16,6 +16,9 @@ use crate::rally::exchange::{Partners, Rally, RallyEnd};
 use crate::rally::study::{self, Row, StudyOptions};
 use crate::report;
 
+/// Options that change nothing in a study.
+const NOT_OF_A_STUDY: [&str; 6] = ["throws", "eyes_only", "hand", "jerk", "trouble", "report"];
+
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
@@ -32,10 +35,10 @@ pub struct Args {
     #[command(flatten)]
     pub catching: Catching,
     /// Instead of a rally: shares of caught balls over this many throws each, by setting, flight time and fault.
-    #[arg(long, value_name = "THROWS", conflicts_with_all = ["throws", "eyes_only", "hand", "jerk", "trouble", "report"], value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    #[arg(long, value_name = "THROWS", conflicts_with_all = NOT_OF_A_STUDY, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub study: Option<u32>,
     /// Of the study only settings whose name has this in it.
-    #[arg(long, value_name = "TEXT", requires = "study")]
+    #[arg(long, value_name = "TEXT", requires = "study", conflicts_with_all = NOT_OF_A_STUDY)]
     pub only: Option<String>,
     /// One throw over the wire.
     #[command(flatten)]

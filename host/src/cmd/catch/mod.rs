@@ -62,7 +62,7 @@ pub struct Args {
     #[command(flatten)]
     pub catching: Catching,
     /// The catcher knows beforehand where the ball starts and how fast.
-    #[arg(long, requires = "ball")]
+    #[arg(long, requires = "ball", conflicts_with_all = ["disc", "start"])]
     pub cooperative: bool,
     /// Write a report with paths, joint angles, distances and an animation.
     #[arg(long, value_name = "FILE")]
