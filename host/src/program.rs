@@ -11,7 +11,6 @@ use crate::error::ExpectedError;
 use crate::{complete, exit};
 
 /// Runs the program with the command line `C`. `complete_variable` is the environment variable by which its completion script asks it.
-#[must_use]
 pub fn run<C: CommandFactory + FromArgMatches>(
     complete_variable: &'static str,
     verb: fn(C) -> Result<(), ExpectedError>,
@@ -47,7 +46,6 @@ fn output_is_whole() -> Result<(), ExpectedError> {
 }
 
 /// What stands below the list of verbs: examples and exit codes.
-#[must_use]
 pub fn after_help(examples: &str) -> String {
     let mut text = format!("{examples}\n\nExit codes:\n");
     for (code, meaning, _) in exit::TABLE {

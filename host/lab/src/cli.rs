@@ -36,9 +36,6 @@ pub enum Verb {
 }
 
 /// Runs the verb.
-///
-/// # Errors
-/// [`ExpectedError`] with the exit code.
 pub fn run(cli: Cli) -> Result<(), ExpectedError> {
     match cli.verb {
         Verb::Rally(args) => cmd::rally::run(&args),

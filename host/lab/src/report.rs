@@ -7,7 +7,6 @@ use operator::ball_catch::trial::Pair;
 use crate::rally::exchange::{Exchange, Rally};
 
 /// Page of a rally: its exchanges, and the last one in full.
-#[must_use]
 pub(crate) fn rally(rally: &Rally, pair: &Pair, last: &Exchange, jerk: bool) -> String {
     let tone = if last.outcome.caught { Tone::Good } else { Tone::Warn };
     let text = format!("{} catches in a row", rally.length());

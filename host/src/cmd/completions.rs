@@ -17,7 +17,6 @@ pub struct Args {
 }
 
 /// Examples of this verb of `program`.
-#[must_use]
 pub fn after_help(program: &str) -> String {
     format!(
         "Examples:

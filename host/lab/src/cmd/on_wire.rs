@@ -48,9 +48,6 @@ impl Wire {
     }
 
     /// Draws a throw, throws and catches.
-    ///
-    /// # Errors
-    /// A bus or the tracker is not there, a controller refuses, or no throw has a place where it can be caught.
     pub(super) fn run(
         &self,
         court: CourtOptions,

@@ -8,12 +8,13 @@ use host::cmd::catch::outcome::{as_json, ended, reported_text, why_not_caught};
 use host::cmd::print_json;
 use host::error::ExpectedError;
 use host::exit;
+use operator::ball_catch::limits::Executed;
 use operator::ball_catch::trial::{CatchOutcome, TrialOptions};
 use serde_json::{Value, json};
 
 use super::on_wire::{self, Wire};
 use crate::rally::exchange::{Partners, Rally, RallyEnd};
-use crate::rally::study::{self, Row, StudyOptions};
+use crate::rally::study::{self, Row, Share, StudyOptions};
 use crate::report;
 
 /// Options that change nothing in a study.
@@ -52,9 +53,6 @@ pub struct Args {
 }
 
 /// Runs the verb.
-///
-/// # Errors
-/// The court is refused, the rally ends before its throws are made, or the report cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let court = args.catching.court()?;
     if let Some(throws) = args.study {
@@ -180,53 +178,33 @@ fn study_of(args: &Args, court: &CourtOptions, throws: u32) -> Result<(), Expect
 }
 
 fn row_text(row: &Row) -> String {
-    let (low, high) = row.caught.wilson();
-    let bins: Vec<String> =
-        row.by_flight.iter().map(|share| format!("{:.0}/{}", share.value() * 100.0, share.of)).collect();
-    let possible: Vec<String> = row
-        .possible_by_flight
-        .iter()
-        .map(|share| format!("{:.1}/{}", share.value() * 100.0, share.of))
-        .collect();
-    let (possible_low, possible_high) = row.of_possible.wilson();
-    let (possible_low, possible_high) = (possible_low * 100.0, possible_high * 100.0);
-    let first: Vec<String> = row
-        .first_decision
-        .0
-        .iter()
-        .filter(|bin| bin.of > 0)
-        .map(|bin| format!("{:.2}: {}/{}", bin.predicted, bin.caught, bin.of))
-        .collect();
+    let Row { name, caught_without_place, declined, safe, silent, limit_passed, not_clear, .. } = row;
+    let Row { declined_at_base, refusals, judged, wait_deg, .. } = row;
+    let share = |share: &Share| {
+        let (low, high) = share.wilson();
+        format!("{:.1} % [{:.1}, {:.1}] of {}", share.value() * 100.0, low * 100.0, high * 100.0, share.of)
+    };
+    let by_flight = |shares: &[Share], digits: usize| {
+        let shares = shares.iter().map(|share| format!("{:.digits$}/{}", share.value() * 100.0, share.of));
+        shares.collect::<Vec<_>>().join(" ")
+    };
+    let executed = |arm: &Executed| format!("{:.0} / {:.0} %", arm.speed * 100.0, arm.acceleration * 100.0);
+    let first = row.first_decision.0.iter().filter(|bin| bin.of > 0);
+    let first: Vec<String> =
+        first.map(|bin| format!("{:.2}: {}/{}", bin.predicted, bin.caught, bin.of)).collect();
     format!(
-        "{}\n  caught {:.1} % [{:.1}, {:.1}] of {}; of those with a place {:.1} % [{possible_low:.1}, {possible_high:.1}] of {} (without one {}); by the rule {:.1} %; by flight time {}; with a place {}\n  miss {:.1} mm (50 %), {:.1} mm (95 %); declined {}; not caught and reported {}; reported wrongly {:?}; limit passed {:?}; touched although declined {:?} (and column or turntable {}); refused {}\n  largest speed and acceleration: thrower {:.0} / {:.0} %, catcher {:.0} / {:.0} %\n  decision {:.0} / {:.0} us (50 / 99 %), {:.0} candidates; waits at {:.0?} deg\n  first decision, predicted: caught of all {}; Brier score {:.3}\n",
-        row.name,
-        row.caught.value() * 100.0,
-        low * 100.0,
-        high * 100.0,
-        row.caught.of,
-        row.of_possible.value() * 100.0,
-        row.of_possible.of,
-        row.caught_without_place,
+        "{name}\n  caught {}; of those with a place {} (without one {caught_without_place}); by the rule {:.1} %; by flight time {}; with a place {}\n  miss {:.1} mm (50 %), {:.1} mm (95 %); declined {declined}; not caught and reported {safe}; reported wrongly {silent:?}; limit passed {limit_passed:?}; touched although declined {not_clear:?} (and column or turntable {declined_at_base}); refused {refusals}\n  largest speed and acceleration: thrower {}, catcher {}\n  decision {:.0} / {:.0} us (50 / 99 %), {judged:.0} candidates; waits at {wait_deg:.0?} deg\n  first decision, predicted: caught of all {}; Brier score {:.3}\n",
+        share(&row.caught),
+        share(&row.of_possible),
         row.by_rule.value() * 100.0,
-        bins.join(" "),
-        possible.join(" "),
+        by_flight(&row.by_flight, 0),
+        by_flight(&row.possible_by_flight, 1),
         row.miss_mm.0,
         row.miss_mm.1,
-        row.declined,
-        row.safe,
-        row.silent,
-        row.limit_passed,
-        row.not_clear,
-        row.declined_at_base,
-        row.refusals,
-        row.executed[0].speed * 100.0,
-        row.executed[0].acceleration * 100.0,
-        row.executed[1].speed * 100.0,
-        row.executed[1].acceleration * 100.0,
+        executed(&row.executed[0]),
+        executed(&row.executed[1]),
         row.decision_us.0,
         row.decision_us.1,
-        row.judged,
-        row.wait_deg,
         first.join(", "),
         row.first_decision.1
     )

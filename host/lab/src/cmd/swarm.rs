@@ -93,9 +93,6 @@ struct Work<'a> {
 }
 
 /// Runs the verb.
-///
-/// # Errors
-/// A rule was broken, Ctrl-C came, or a file cannot be read or written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let stop = interrupt();
     let swarm = Swarm::new().map_err(|error| ExpectedError::new(exit::BUG, error))?;

@@ -12,14 +12,11 @@ pub struct CalibrationBin {
     pub up_to: f64,
     /// Mean of the predictions; zero without any.
     pub predicted: f64,
-    /// Balls caught.
     pub caught: usize,
-    /// Predictions.
     pub of: usize,
 }
 
 /// Bins of pairs (predicted probability, caught).
-#[must_use]
 pub fn calibration(predictions: &[(f64, bool)]) -> Vec<CalibrationBin> {
     let mut bins = ENDS.map(|up_to| CalibrationBin { up_to, ..CalibrationBin::default() });
     for (predicted, caught) in predictions {
@@ -35,7 +32,6 @@ pub fn calibration(predictions: &[(f64, bool)]) -> Vec<CalibrationBin> {
 }
 
 /// Mean squared difference of prediction and result (Brier score); NaN without predictions.
-#[must_use]
 pub fn brier(predictions: &[(f64, bool)]) -> f64 {
     let off = |(predicted, caught): &(f64, bool)| (predicted - f64::from(u8::from(*caught))).powi(2);
     predictions.iter().map(off).sum::<f64>() / predictions.len() as f64

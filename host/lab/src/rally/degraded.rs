@@ -8,7 +8,6 @@ use operator::ball_catch::trial::{TrialOptions, Trouble};
 pub type TrialOf = Box<dyn Fn(usize) -> TrialOptions + Sync>;
 
 /// Every fault with its court and its trials. Catches of either kind, eyes only if nothing else is said.
-#[must_use]
 pub fn degradations(court: &CourtOptions) -> Vec<(&'static str, CourtOptions, TrialOf)> {
     let base = TrialOptions::default;
     // Moments spread evenly by the golden ratio: each throw has its own.

@@ -26,7 +26,6 @@ pub struct EstimatorRow {
 }
 
 /// Errors at 0.6 s of simulated flights with a drag drawn 10 % about the ball's.
-#[must_use]
 pub fn estimator(runs: usize, seed: u64) -> Vec<EstimatorRow> {
     const CATCH_S: f64 = 0.6;
     const SIGMA_M: f64 = 0.002;

@@ -56,13 +56,11 @@ pub enum RallyEnd {
 pub struct Rally {
     /// The exchanges, the last one caught or not.
     pub exchanges: Vec<Exchange>,
-    /// Why it ended.
     pub end: RallyEnd,
 }
 
 impl Rally {
     /// Catches in a row.
-    #[must_use]
     pub fn length(&self) -> usize {
         self.exchanges.iter().filter(|exchange| exchange.outcome.caught).count()
     }
@@ -80,9 +78,6 @@ pub struct Partners {
 
 impl Partners {
     /// The arms of a court. A ball is gripped where it comes to rest in the cup, and thrown from there.
-    ///
-    /// # Errors
-    /// An arm cannot hold a cup.
     pub fn new(mut court: CourtOptions) -> Result<Self, NotACatcher> {
         let rest_e_m = court.cup.rest_e_m(court.ball.radius_m);
         for arm in &mut court.arms {
@@ -97,13 +92,11 @@ impl Partners {
     }
 
     /// The pair in which arm `thrower` throws.
-    #[must_use]
     pub fn pair(&self, thrower: usize) -> &Pair {
         &self.pairs[thrower]
     }
 
     /// Up to `throws` throws; arm 0 begins. The same seed gives the same rally.
-    #[must_use]
     pub fn play(&self, throws: usize, options: &TrialOptions, seed: u64) -> Rally {
         let mut q = [options.wait; 2];
         let mut exchanges = Vec::new();

@@ -49,13 +49,11 @@ pub struct Failure {
 }
 
 /// The decision that began the first motion of a catch.
-#[must_use]
 pub fn first_begun(outcome: &Outcome) -> Option<&Logged> {
     outcome.log.iter().find(|logged| logged.decision == Decision::Begun)
 }
 
 /// Describes a throw that was not caught.
-#[must_use]
 pub fn failure(throw: usize, aimed: &Aimed, place: bool, outcome: &Outcome) -> Failure {
     let release_s = outcome.planned_s.0;
     let begun = first_begun(outcome);

@@ -33,19 +33,14 @@ const STANDING_US: u32 = 20_000_000;
 /// Why there is no arm.
 #[derive(Debug, thiserror::Error)]
 pub enum NoArm {
-    /// The simulated bus cannot be opened.
     #[error(transparent)]
     Bus(#[from] BusFailure),
-    /// The controller refuses or fails.
     #[error(transparent)]
     Operator(#[from] OperatorError),
-    /// The plan that stands still cannot be written.
     #[error("the plan that stands still cannot be written")]
     Plan,
-    /// The waiting pose was refused.
     #[error("the controller refuses the way to the waiting pose: {0}")]
     Wait(String),
-    /// The controller has reported no joints.
     #[error("the controller reports no joints")]
     NoJoints,
 }
@@ -70,17 +65,11 @@ impl ControllerArm {
     pub const ACTUATION_S: f64 = 0.017;
 
     /// A simulated arm in virtual time that is homed, has gone to `wait` and takes end states. Some tens of seconds of virtual time.
-    ///
-    /// # Errors
-    /// [`NoArm`].
     pub fn new(wait: &Joints) -> Result<Self, NoArm> {
         Self::on(BusArgs::default().open_with_controller()?, &Settings::powercube6(), wait)
     }
 
     /// The same on a session whose bus has six drives and a controller with `settings`.
-    ///
-    /// # Errors
-    /// [`NoArm`].
     pub fn on(session: Session, settings: &Settings, wait: &Joints) -> Result<Self, NoArm> {
         let mut arm = Self::at(session, settings, wait)?;
         arm.begin()?;
@@ -89,9 +78,6 @@ impl ControllerArm {
 
     /// An arm that rests at `pose`; homed before, if it was not. The way there is straight in the joints and takes four seconds:
     /// nothing looks for contact on it.
-    ///
-    /// # Errors
-    /// [`NoArm`].
     pub fn at(mut session: Session, settings: &Settings, pose: &Joints) -> Result<Self, NoArm> {
         session.watch_stops();
         let node = session.find_controller(None)?;
@@ -129,9 +115,6 @@ impl ControllerArm {
     }
 
     /// Begins to take end states. The time of the trial is zero now.
-    ///
-    /// # Errors
-    /// [`NoArm`].
     pub fn begin(&mut self) -> Result<(), NoArm> {
         self.stand()?;
         self.session.read_clock(self.node, &mut self.clock)?;
@@ -147,15 +130,11 @@ impl ControllerArm {
     }
 
     /// Time of the trial, s.
-    #[must_use]
     pub fn now_s(&self) -> f64 {
         self.session.now().as_secs_f64() - self.zero.as_secs_f64()
     }
 
     /// Begins a run whose end state is rest at `to`, in four seconds. The time of the trial begins again at zero.
-    ///
-    /// # Errors
-    /// [`NoArm`].
     pub fn begin_way(&mut self, to: &Joints) -> Result<(), NoArm> {
         self.stand()?;
         self.zero = self.session.now();
@@ -174,9 +153,6 @@ impl ControllerArm {
     }
 
     /// Halts the arm and lets it come to rest.
-    ///
-    /// # Errors
-    /// The controller does not answer.
     pub fn stop(&mut self) -> Result<(), NoArm> {
         self.session.halt(Reason::OPERATOR)?;
         self.session.pass(HALTED)?;

@@ -66,7 +66,6 @@ const ACTUATION_S: f64 = 0.016;
 /// Largest datagram, bytes.
 const DATAGRAM_MAX: usize = 32_768;
 
-/// Where everything is.
 #[derive(Clone, Debug)]
 pub struct WireOptions {
     /// Bus of the thrower.
@@ -83,7 +82,6 @@ pub struct WireOptions {
 
 impl WireOptions {
     /// Buses and tracker have one virtual time.
-    #[must_use]
     pub const fn is_in_step(&self) -> bool {
         matches!(self.catcher, BusSpec::Lockstep { .. })
     }
@@ -92,29 +90,18 @@ impl WireOptions {
 /// Why there was no trial, or why it ended before its time.
 #[derive(Debug, thiserror::Error)]
 pub enum WireError {
-    /// The robot makes no settings.
     #[error(transparent)]
     Settings(#[from] NoSettings),
-    /// No gains for the period.
     #[error(transparent)]
     Period(#[from] NoPeriod),
-    /// The throw is nothing that the controller would take.
     #[error(transparent)]
     Trajectory(#[from] TrajectoryError),
-    /// A bus cannot be reached.
     #[error(transparent)]
     Bus(#[from] BusFailure),
-    /// A controller refuses or fails.
     #[error(transparent)]
     Operator(#[from] OperatorError),
-    /// An arm does not get to where it should wait.
     #[error("{arm}: {why}")]
-    Arm {
-        /// Which.
-        arm: &'static str,
-        why: Box<NoArm>,
-    },
-    /// The socket of the tracker.
+    Arm { arm: &'static str, why: Box<NoArm> },
     #[error(
         "{address}: {error}\n  next: name an address of this machine and a free port, where the tracker sends its data"
     )]
@@ -123,12 +110,10 @@ pub enum WireError {
         /// What the system says.
         error: std::io::Error,
     },
-    /// The tracker sends nothing.
     #[error(
         "{address}: no frame of the tracker came\n  next: start the tracker and let it send to this address; nothing was thrown"
     )]
     Silent { address: String },
-    /// The thrower was not ready in time, or its thread ended.
     #[error("the thrower did not get ready\n  next: look at its bus with `cubectl status --bus SPEC`")]
     NotReady,
 }
@@ -255,7 +240,6 @@ enum Begin {
     InStep(Instant),
 }
 
-/// The tracker's data.
 enum Eyes {
     Socket(UdpSocket),
     /// In lock step: where they are, and the connection from the first question on.
@@ -361,7 +345,6 @@ fn settle(
     Ok((stream, frames))
 }
 
-/// The catcher's side.
 #[expect(clippy::too_many_arguments, reason = "both ends of a channel, and what a trial is made of")]
 fn catch(
     pair: &Pair,

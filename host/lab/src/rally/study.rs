@@ -33,25 +33,21 @@ const Z: f64 = 1.959_964;
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Share {
     pub hits: usize,
-    /// Trials.
     pub of: usize,
 }
 
 impl Share {
-    /// Counts one more.
     pub fn count(&mut self, hit: bool) {
         self.hits += usize::from(hit);
         self.of += 1;
     }
 
     /// Share, 0..=1; zero without trials.
-    #[must_use]
     pub fn value(&self) -> f64 {
         self.hits as f64 / self.of.max(1) as f64
     }
 
     /// 95 % interval of Wilson.
-    #[must_use]
     pub fn wilson(&self) -> (f64, f64) {
         if self.of == 0 {
             return (0.0, 1.0);
@@ -113,7 +109,6 @@ pub struct Row {
 }
 
 /// Caught by the rule of the task.
-#[must_use]
 pub fn by_rule(outcome: &Outcome, settings: &Settings) -> bool {
     let fast = settings.allowed == Allowed::Matched;
     outcome
@@ -122,7 +117,6 @@ pub fn by_rule(outcome: &Outcome, settings: &Settings) -> bool {
 }
 
 /// All throws in one setting; `exists` says for which of them there is a place.
-#[must_use]
 pub fn row(
     name: &str,
     pair: &Pair,
@@ -240,10 +234,8 @@ impl StudyOptions {
 /// Why there is no study.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NoStudy {
-    /// An arm of the court cannot catch.
     #[error("an arm of the court cannot catch balls: {0}")]
     NotACatcher(#[from] NotACatcher),
-    /// The thrower cannot reach the catcher.
     #[error("the thrower cannot throw to the catcher {distance_m} m away")]
     OutOfReach { distance_m: f64 },
 }
@@ -263,9 +255,6 @@ const RALLY_THROWS: usize = 40;
 const THROWS_PER_RALLY: usize = 10;
 
 /// Makes the study; `done` gets each row when it is there.
-///
-/// # Errors
-/// The court is none for this.
 pub fn run(
     court: &CourtOptions,
     options: &StudyOptions,
@@ -343,7 +332,6 @@ fn trial(allowed: Allowed, cooperative: bool, share: f64, jerk: bool) -> TrialOp
     }
 }
 
-/// Settings by window.
 fn goals() -> [(Window, Vec<(&'static str, TrialOptions)>); 2] {
     let all = Window::default();
     let long = Window { flight_s: (0.55, 0.9), ..all };
@@ -365,7 +353,6 @@ fn goals() -> [(Window, Vec<(&'static str, TrialOptions)>); 2] {
 
 impl Study {
     /// The tables besides the rows, as text.
-    #[must_use]
     pub fn as_text(&self) -> String {
         let mut out =
             "estimate at 0.6 s: drag, seen ms, rms mm, bound mm, mean squared error over covariance [band]\n"

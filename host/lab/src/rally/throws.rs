@@ -30,7 +30,6 @@ const DRAWN_PER_POSSIBLE: usize = 10;
 /// Throws at a court, drawn from a seed.
 ///
 /// `None` if the thrower cannot reach the window.
-#[must_use]
 pub fn draw_throws(pair: &Pair, window: &Window, count: usize, seed: u64) -> Option<Vec<Aimed>> {
     let first = count.min(FIRST);
     let mut throws = draw_from(pair, window, 0..first, seed)?;
@@ -53,8 +52,6 @@ pub struct Drawn<'a> {
 }
 
 impl<'a> Drawn<'a> {
-    /// None yet.
-    #[must_use]
     pub fn new(pair: &'a Pair, window: Window, seed: u64) -> Self {
         Self { pair, window, seed, numbers: 0, throws: Vec::new() }
     }
@@ -101,14 +98,12 @@ fn draw_from(pair: &Pair, window: &Window, numbers: Range<usize>, seed: u64) -> 
 
 /// Whether a place to catch this throw exists for an arm that knows it, at one of some times. A partner keeps clear of the thrower's way,
 /// whoever knows no plan of its whole reach.
-#[must_use]
 pub fn place_exists(pair: &Pair, aimed: &Aimed, options: &TrialOptions) -> bool {
     KNOWN_S.iter().any(|at_s| reached_from(pair, aimed, options, &options.wait, *at_s).is_some())
 }
 
 /// The catch that the search finds for an arm that rests at `wait` and knows the throw `known_s` after its release: the largest
 /// share of an acceleration or jerk limit that its motion uses. `None` if it finds none.
-#[must_use]
 pub(super) fn reached_from(
     pair: &Pair,
     aimed: &Aimed,
@@ -125,7 +120,6 @@ pub(super) fn reached_from(
 }
 
 /// The flight of the planned throw as it is, released at `release_s`.
-#[must_use]
 pub fn true_forecast(ball: &BallOptions, aimed: &Aimed, release_s: f64, gravity_m_s2: f64) -> Forecast {
     let mut at = LooseBall { p_m: aimed.p_m, v_m_s: aimed.v_m_s, spin_rad_s: Vector3::zeros() };
     let points = (0..240).map(|k| {

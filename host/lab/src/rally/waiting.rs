@@ -33,7 +33,6 @@ pub struct Wait {
 
 /// The best waiting pose that the search finds for these throws; at least as good as that of `options` and the built-in ones. The same
 /// arguments give the same pose.
-#[must_use]
 pub fn find_wait(pair: &Pair, options: &TrialOptions, throws: &[Aimed], seed: u64) -> Wait {
     let worth = |q: &Joints| worth(pair, options, throws, q);
     let given = [WAIT_MATCHED_DEG, WAIT_HOLD_DEG].map(|deg| Joints::from(deg.map(f64::to_radians)));

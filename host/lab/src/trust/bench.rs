@@ -50,9 +50,6 @@ pub struct Bench {
 
 impl Bench {
     /// Loads the throw and the gains for it.
-    ///
-    /// # Errors
-    /// In words; only a broken installation leads to one.
     pub fn new() -> Result<Self, String> {
         let robot = RobotModel::load(ROBOT).map_err(|error| error.to_string())?;
         let arm = robot.clone();
@@ -74,13 +71,11 @@ impl Bench {
     }
 
     /// Node number of the controller.
-    #[must_use]
     pub fn controller(&self) -> NodeId {
         NodeId::from_low_bits(self.settings.node_id as u8)
     }
 
     /// A cell whose arm stands homed beside the start of the plan.
-    #[must_use]
     pub fn scenario(&self, seed: u64) -> Scenario {
         let mut scenario = Scenario { name: "trust".to_owned(), seed, ..Scenario::default() };
         scenario.duration = Duration::from_secs(60);
@@ -91,7 +86,6 @@ impl Bench {
     }
 
     /// A cell whose joints have to find their zeros first.
-    #[must_use]
     pub fn scenario_without_zeros(&self, seed: u64) -> Scenario {
         let mut scenario = self.scenario(seed);
         scenario.cell.drive.starts_homed = false;
@@ -100,7 +94,6 @@ impl Bench {
         scenario
     }
 
-    #[must_use]
     pub fn throw(&self, scenario: &Scenario) -> Evidence {
         match catch_unwind(AssertUnwindSafe(|| self.try_throw(scenario))) {
             Ok(Ok(evidence)) => evidence,

@@ -40,7 +40,6 @@ pub enum ReportedOutcome {
     },
     /// The job ended with another error.
     Failed(String),
-    /// The program panicked.
     Panicked(String),
 }
 
@@ -67,7 +66,6 @@ pub enum Seen {
 
 impl Seen {
     /// From the report of the cell, and the target.
-    #[must_use]
     pub fn of(ball: &ThrowReport, target_m: &Vector3<f64>, tolerance_m: f64) -> Self {
         if ball.released_at.is_none() {
             return Self::NotReleased;
@@ -85,7 +83,6 @@ impl Seen {
     }
 }
 
-/// One run.
 #[derive(Clone, Debug)]
 pub struct Evidence {
     /// What the program reports.
@@ -94,7 +91,6 @@ pub struct Evidence {
     pub reported_ball: BallOutcome,
     /// Truth of the ball.
     pub seen: Seen,
-    /// Its times.
     pub ball: ThrowReport,
     /// Truth of the joints.
     pub trace: Trace,
@@ -112,7 +108,6 @@ pub struct Evidence {
 
 impl Evidence {
     /// When a step began.
-    #[must_use]
     pub fn step(&self, wanted: Step) -> Option<(Instant, Instant)> {
         self.steps.iter().find(|(step, ..)| *step == wanted).map(|(_, begin, end)| (*begin, *end))
     }
@@ -123,7 +118,6 @@ impl Evidence {
 pub struct BusLog {
     /// Every message of the controller's state.
     pub states: Vec<(Instant, GroupState)>,
-    /// Halt broadcasts.
     pub halts: Vec<Instant>,
     /// Commands beyond the limits of the robot file, as text.
     pub beyond: Vec<String>,
@@ -131,7 +125,6 @@ pub struct BusLog {
 
 impl BusLog {
     /// First message that reports `wanted`, at or after `from`.
-    #[must_use]
     pub fn first(&self, from: Instant, wanted: impl Fn(State) -> bool) -> Option<Instant> {
         self.states.iter().find(|(at, group)| *at >= from && wanted(group.state)).map(|(at, _)| *at)
     }
@@ -147,7 +140,6 @@ pub struct BusTap {
 
 impl BusTap {
     /// For the drives of an arm.
-    #[must_use]
     pub fn new(arm: &Arm) -> Self {
         let drives = arm.drives().into_iter().flatten();
         let limits = arm.joints().iter().zip(drives).map(|(joint, drive)| {
@@ -157,7 +149,6 @@ impl BusTap {
     }
 
     /// The log so far.
-    #[must_use]
     pub fn take(&self) -> BusLog {
         self.log.take()
     }

@@ -63,7 +63,6 @@ pub enum Rule {
 pub struct Finding {
     /// The rule that was broken.
     pub rule: Rule,
-    /// How, as text.
     pub what: String,
 }
 
@@ -82,7 +81,6 @@ pub struct Verdict {
 
 impl Verdict {
     /// All rules were kept.
-    #[must_use]
     pub fn ok(&self) -> bool {
         self.findings.is_empty()
     }
@@ -97,7 +95,6 @@ pub struct Judge<'a> {
 
 impl Judge<'_> {
     /// Judges a run of a scenario.
-    #[must_use]
     pub fn judge(&self, scenario: &Scenario, run: &Evidence) -> Verdict {
         let mut findings = Vec::new();
         let mut found = |rule, what: String| findings.push(Finding { rule, what });

@@ -53,7 +53,6 @@ const fn ms(ms: u64) -> Duration {
     Duration::from_millis(ms)
 }
 
-#[must_use]
 pub fn variants() -> Vec<Variant> {
     use PhysicalFault as P;
     use Where::{Bus, Gripper, Joints, Supplies};

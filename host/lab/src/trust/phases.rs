@@ -18,11 +18,8 @@ pub enum Phase {
     Approach,
     /// The plan is being uploaded.
     Upload,
-    /// Armed, at rest.
     Armed,
-    /// Before the release.
     Accelerate,
-    /// After the release.
     Brake,
     /// At rest, after the end of the run.
     After,
@@ -41,13 +38,10 @@ impl Phase {
     ];
 
     /// The cell must start without its zeros.
-    #[must_use]
     pub const fn needs_homing(self) -> bool {
         matches!(self, Self::Home)
     }
 
-    /// In one word.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Scan => "scan",
@@ -70,9 +64,6 @@ pub struct Phases {
 
 impl Phases {
     /// From the events of a run that landed.
-    ///
-    /// # Errors
-    /// The run did not land, or a step of it is missing, as text.
     pub fn of(run: &Evidence, plan: &PlanFile) -> Result<Self, String> {
         if run.reported != ReportedOutcome::Landed {
             return Err(format!("the nominal run did not land: {:?}", run.reported));
@@ -106,7 +97,6 @@ impl Phases {
     }
 
     /// The instant in a phase; `None` if the run did not have it.
-    #[must_use]
     pub fn at(&self, wanted: Phase) -> Option<Instant> {
         self.at.iter().find(|(phase, _)| *phase == wanted).map(|(_, at)| *at)
     }

@@ -42,9 +42,6 @@ pub struct Swarm {
 
 impl Swarm {
     /// Plans the throw and runs it once from each kind of start.
-    ///
-    /// # Errors
-    /// In words; only a broken installation leads to one.
     pub fn new() -> Result<Self, String> {
         let bench = Bench::new()?;
         let drives = bench.arm.drives().into_iter().flatten();
@@ -59,9 +56,6 @@ impl Swarm {
     }
 
     /// The scenario of a seed.
-    ///
-    /// # Errors
-    /// What was drawn cannot be written as a file: a defect.
     pub fn draw(&self, seed: u64) -> Result<Scenario, String> {
         let rng = &mut Rng::stream(seed, "trust");
         let mut scenario = if rng.chance(UNHOMED_SHARE) {
@@ -87,8 +81,6 @@ impl Swarm {
         canonical(&scenario)
     }
 
-    /// Throws and judges.
-    #[must_use]
     pub fn run(&self, scenario: &Scenario) -> Verdict {
         let judge = Judge { arm: &self.bench.arm, nominal: self.nominal(scenario) };
         judge.judge(scenario, &self.bench.throw(scenario))
@@ -96,9 +88,6 @@ impl Swarm {
 }
 
 /// The scenario as its file says it.
-///
-/// # Errors
-/// The file is refused.
 pub fn canonical(scenario: &Scenario) -> Result<Scenario, String> {
     let text = write::scenario(scenario, &[]);
     Scenario::from_toml(&scenario.file, &text).map_err(|error| format!("{error}\n{text}"))

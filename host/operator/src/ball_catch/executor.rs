@@ -11,38 +11,26 @@ use planner::catch::search::Choice;
 /// Why a motion is not taken over; the one under way goes on.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Refused {
-    /// Its start has passed.
     #[error("it begins at {start_s:.3} s, but it is {now_s:.3} s already")]
     TooLate { start_s: f64, now_s: f64 },
-    /// It does not begin where the arm will be.
     #[error("joint {joint} would jump by {by_rad:.5} rad or {by_rad_s:.4} rad/s")]
     Jump {
-        /// Joint, from 1.
+        /// From 1.
         joint: usize,
-        /// Angle.
         by_rad: f64,
-        /// Speed.
         by_rad_s: f64,
     },
-    /// A limit of the robot file is passed.
     #[error("it uses {share:.3} times a limit of the joints")]
-    Limit {
-        /// Largest share.
-        share: f64,
-    },
-    /// A joint leaves its range.
+    Limit { share: f64 },
     #[error("joint {joint} leaves its range")]
     Range {
-        /// Joint, from 1.
+        /// From 1.
         joint: usize,
     },
-    /// The arm has stopped because of a fault.
     #[error("the arm has stopped because of a fault")]
     Halted,
-    /// The controller refuses the end state.
     #[error("the controller refuses the end state: {0:?}")]
     Controller(Refusal),
-    /// The end state could not be sent.
     #[error("the end state could not be sent to the controller")]
     NotSent,
 }
@@ -50,7 +38,6 @@ pub enum Refused {
 /// What an arm is to do.
 #[derive(Debug, Clone, Copy)]
 pub struct Order<'a> {
-    /// The motion.
     pub motion: &'a CatchMotion,
     /// A state on it that matters: time, s.
     pub t_s: f64,

@@ -30,7 +30,6 @@ impl Executed {
     }
 }
 
-/// Watches one arm.
 #[derive(Debug)]
 pub(super) struct LimitWatch<'a> {
     model: &'a RobotModel,

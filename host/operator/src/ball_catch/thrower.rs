@@ -37,10 +37,7 @@ pub enum ThrowFault {
     /// The fingers stay closed.
     NotReleased,
     /// The arm stops this long before the release, and keeps the ball, s.
-    Stops {
-        /// Before the release.
-        before_s: f64,
-    },
+    Stops { before_s: f64 },
 }
 
 #[derive(Debug, Clone)]

@@ -49,10 +49,7 @@ pub enum Trouble {
     /// The tracker's data end.
     TrackerDead { at_s: f64 },
     /// Frames are lost with this probability.
-    FramesLost {
-        /// Probability of each.
-        probability: f64,
-    },
+    FramesLost { probability: f64 },
     /// All positions are off by this much in each axis, mm.
     Bias { by_mm: f64 },
     /// This many false markers in each frame.
@@ -74,7 +71,6 @@ pub struct TrialOptions {
     pub blind: bool,
     /// Jerk limits are kept too.
     pub jerk: bool,
-    /// Of the throw.
     pub scatter: Scatter,
     /// Drag that the catcher believes in, as a factor on the ball's; and its standard deviation as a share.
     pub drag: (f64, f64),
@@ -128,9 +124,7 @@ pub struct Outcome {
     pub crossing: Option<Crossing>,
     /// What the court saw, s.
     pub events: Vec<(f64, CourtEvent)>,
-    /// The last choice.
     pub choice: Option<Choice>,
-    /// All decisions.
     pub log: Vec<Logged>,
     /// Motions that the executor refused.
     pub refusals: Vec<Refused>,
@@ -146,7 +140,6 @@ pub struct Outcome {
     pub seen_s: f64,
     /// Distance of the ball from the cup's axis at the catch, by the last forecast, m.
     pub off_m: Option<f64>,
-    /// Places, for pictures.
     pub trace: Vec<Moment>,
 }
 

@@ -65,7 +65,6 @@ fn trouble(text: &str) -> Result<Trouble, String> {
 
 impl Catching {
     /// Options of a trial.
-    #[must_use]
     pub fn trial(&self) -> TrialOptions {
         let (allowed, wait) = match self.hand {
             Hand::Matched => (Allowed::Matched, WAIT_MATCHED_DEG),

@@ -22,7 +22,6 @@ pub fn ended(outcome: &Outcome) -> Result<(), ExpectedError> {
 }
 
 /// Why a ball was not caught, with the exit code.
-#[must_use]
 pub fn why_not_caught(reported: CatchOutcome) -> ExpectedError {
     let (code, what) = match reported {
         CatchOutcome::Caught => (exit::MISSED, "the ball was not caught, although the catcher reports a catch\n  next: `--report` shows where it passed".to_owned()),
@@ -42,7 +41,6 @@ pub fn why_not_caught(reported: CatchOutcome) -> ExpectedError {
 }
 
 /// What the catcher reports, as text.
-#[must_use]
 pub fn reported_text(reported: CatchOutcome) -> String {
     match reported {
         CatchOutcome::Caught => "caught".to_owned(),
@@ -62,7 +60,6 @@ fn mode_word(mode: Mode) -> &'static str {
 }
 
 /// One outcome as text.
-#[must_use]
 pub fn as_text(outcome: &Outcome) -> String {
     let mut out = format!(
         "reported: {}; the simulated ball is {}the cup\n",
@@ -98,7 +95,6 @@ pub fn as_text(outcome: &Outcome) -> String {
 }
 
 /// One outcome as JSON.
-#[must_use]
 pub fn as_json(outcome: &Outcome) -> Value {
     json!({
         "caught": outcome.caught,
