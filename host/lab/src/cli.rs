@@ -14,7 +14,6 @@ pub const COMPLETE_VARIABLE: &str = "CUBELAB_COMPLETE";
 #[derive(Debug, Parser)]
 #[command(name = "cubelab", version, about, after_help = program::after_help(EXAMPLES))]
 pub struct Cli {
-    /// What to do.
     #[command(subcommand)]
     pub verb: Verb,
 }
@@ -23,7 +22,6 @@ const EXAMPLES: &str = "Examples:
   cubelab rally --throws 20 --report rally.html
   cubelab swarm --seeds 200";
 
-/// The verbs.
 #[derive(Debug, Subcommand)]
 pub enum Verb {
     /// Let two arms throw a ball to each other and catch it.
@@ -35,7 +33,6 @@ pub enum Verb {
     Completions(completions::Args),
 }
 
-/// Runs the verb.
 pub fn run(cli: Cli) -> Result<(), ExpectedError> {
     match cli.verb {
         Verb::Rally(args) => cmd::rally::run(&args),

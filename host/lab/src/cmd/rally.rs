@@ -20,7 +20,6 @@ use crate::report;
 /// Options that change nothing in a study.
 const NOT_OF_A_STUDY: [&str; 6] = ["throws", "eyes_only", "hand", "jerk", "trouble", "report"];
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubelab rally --throws 20 --report rally.html\n  cubelab rally --throws 4 --trouble frames-lost:0.1 --trouble bias:2\n  cubelab rally --study 500 --json > study.json          # the tables of shares; some minutes\n  cubelab rally --bus-thrower socketcand://127.0.0.1:29536/can0 --bus-catcher socketcand://127.0.0.1:29537/can0 \\\n      --tracker 127.0.0.1:5000                           # one throw in real time, with `hil-sim serve-court` or with arms\n\nTwo arms of the court throw a ball to each other and catch it with open cups, in virtual time. The partners cooperate: the\ncatcher knows the plan of the throw, and the thrower takes the throw that is most surely caught. Whether a ball is caught\nis decided by the simulated contact of ball and cup; what the catcher reports comes from what its tracker saw."
@@ -52,7 +51,6 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Runs the verb.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let court = args.catching.court()?;
     if let Some(throws) = args.study {

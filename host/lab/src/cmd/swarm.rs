@@ -22,7 +22,6 @@ const SHRINK_RUNS_MAX: usize = 150;
 /// Findings that are made smaller and written; more are only counted.
 const FINDINGS_MAX: usize = 50;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubelab swarm --seeds 200\n  cubelab swarm --for 10m --out found\n  cubelab swarm --scenario found/speed-17.toml         # one run, judged again\n\nEach seed draws a cell with faults, an arm that is not the model, and sometimes another host on the bus. The throw, the\ncontroller and the host job are the real ones, in virtual time. The run is judged from the simulated plant: limits, distance\nfrom the path, rest at the end, no release after a stop, and whether the reported outcome is the outcome seen. A run that breaks\na rule is made smaller and written as a scenario file.\n\nExit codes: 0 no rule was broken; 9 a rule was broken (also after Ctrl-C); 6 Ctrl-C, and nothing was found; 10 a file could\nnot be written."
@@ -92,7 +91,6 @@ struct Work<'a> {
     silent: AtomicU64,
 }
 
-/// Runs the verb.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let stop = interrupt();
     let swarm = Swarm::new().map_err(|error| ExpectedError::new(exit::BUG, error))?;

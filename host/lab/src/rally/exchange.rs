@@ -42,9 +42,7 @@ pub struct Exchange {
 /// Why a rally ended before its number of throws.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RallyEnd {
-    /// All throws were made and caught.
     Complete,
-    /// The ball was not caught.
     NotCaught,
     /// No throw was found that the other arm catches.
     NoThrow,
@@ -60,7 +58,6 @@ pub struct Rally {
 }
 
 impl Rally {
-    /// Catches in a row.
     pub fn length(&self) -> usize {
         self.exchanges.iter().filter(|exchange| exchange.outcome.caught).count()
     }
@@ -158,7 +155,6 @@ impl Partners {
     }
 }
 
-/// Whether the arm can stand there.
 fn stands(arm: &CatchArm, wall: &Scene, q: &Joints) -> bool {
     check(arm, &mut CollisionChecker::new(arm.model(), wall), &CatchMotion::rest(q), None).is_ok()
 }

@@ -13,7 +13,6 @@ pub const RULE: (f64, f64, f64) = (0.040, 30.0 * std::f64::consts::PI / 180.0, 2
 /// What kept a ball from being caught.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub enum Cause {
-    /// The catcher never began.
     NeverBegun,
     /// A catch under way was given up.
     GivenUp,

@@ -1,6 +1,6 @@
 //! An arm of six drives behind its controller, on a simulated bus in virtual time or on a bus in real time.
 //!
-//! The controller runs a plan that stands still and takes new end states over in flight ([`crate::dialogue::online`]). It solves and
+//! The controller runs a plan that stands still and takes new end states over in flight ([`operator::dialogue::online`]). It solves and
 //! checks the way to each of them itself; what comes back is taken, or refused with the cause. Time zero of the trial is a time
 //! of the session; the controller's clock is related to it by readings.
 
@@ -129,7 +129,6 @@ impl ControllerArm {
         (&mut self.session, self.node, &mut self.clock)
     }
 
-    /// Time of the trial, s.
     pub fn now_s(&self) -> f64 {
         self.session.now().as_secs_f64() - self.zero.as_secs_f64()
     }

@@ -11,7 +11,7 @@
 //! # Times
 //!
 //! Time zero is that of the catcher's run, on the monotonic clock of this machine. Each controller's clock is related to it by readings
-//! with bounds ([`crate::dialogue::clock`]), before the throw and once more after it. The tracker's clock is related to it by the least
+//! with bounds ([`operator::dialogue::clock`]), before the throw and once more after it. The tracker's clock is related to it by the least
 //! late datagram ([`MarkerStream`]).
 //!
 //! In lock step both buses and the tracker's data have one virtual time ([`hil_sim::court::in_step`]). The court gives turns to the
@@ -59,7 +59,6 @@ const TURN_S: f64 = 0.5e-3;
 const TRIAL_MAX_S: f64 = 12.0;
 /// Longest time until both arms are ready: homing takes most of it.
 const READY_MAX: Duration = Duration::from_secs(180);
-/// Longest run of a throw.
 const RUN_MAX: Duration = Duration::from_secs(20);
 /// A message on a bus that the drives share, a decision, and the lag of the drives, s; two control periods come on top.
 const ACTUATION_S: f64 = 0.016;
@@ -68,15 +67,11 @@ const DATAGRAM_MAX: usize = 32_768;
 
 #[derive(Clone, Debug)]
 pub struct WireOptions {
-    /// Bus of the thrower.
     pub thrower: BusSpec,
-    /// Bus of the catcher.
     pub catcher: BusSpec,
     /// Address of this machine to which the tracker sends; in lock step where the court has its data.
     pub tracker: String,
-    /// Robot of both arms.
     pub robot: String,
-    /// Control period of both controllers, µs.
     pub period_us: u32,
 }
 
@@ -105,11 +100,7 @@ pub enum WireError {
     #[error(
         "{address}: {error}\n  next: name an address of this machine and a free port, where the tracker sends its data"
     )]
-    Tracker {
-        address: String,
-        /// What the system says.
-        error: std::io::Error,
-    },
+    Tracker { address: String, error: std::io::Error },
     #[error(
         "{address}: no frame of the tracker came\n  next: start the tracker and let it send to this address; nothing was thrown"
     )]
@@ -118,7 +109,6 @@ pub enum WireError {
     NotReady,
 }
 
-/// How the clocks are related.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clocks {
     /// Clock of this machine minus the tracker's, s; by the least late of so many datagrams.
@@ -133,7 +123,6 @@ pub struct Clocks {
 /// What this side knows of a throw and its catch.
 #[derive(Debug)]
 pub struct WireOutcome {
-    /// What the catcher reports.
     pub reported: CatchOutcome,
     /// How the thrower's run ended, by its controller.
     pub thrown: Result<(), OperatorError>,
@@ -231,7 +220,6 @@ fn open(spec: &BusSpec, cell: &Cell, settings: &Settings) -> Result<Session, Wir
     Ok(args.open_cell(cell, Some(settings))?)
 }
 
-/// When the throw begins.
 #[derive(Clone, Copy)]
 enum Begin {
     /// By the clock of this machine.

@@ -59,10 +59,8 @@ impl Share {
     }
 }
 
-/// Results of one setting.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Row {
-    /// Name of the setting.
     pub name: String,
     /// Where the catcher waits, deg.
     pub wait_deg: [f64; 6],
@@ -80,13 +78,11 @@ pub struct Row {
     pub possible_by_flight: Vec<Share>,
     /// Predicted probability of the first decision to move against what came of it, and its Brier score.
     pub first_decision: (Vec<CalibrationBin>, f64),
-    /// Throws that were not caught.
     pub failures: Vec<Failure>,
     /// Lateral miss of the balls that crossed the mouth plane, mm: 50 %, 95 %.
     pub miss_mm: (f64, f64),
     /// Throws for which the catcher declined, and its most frequent reason.
     pub declined: usize,
-    /// Reasons, with how often.
     pub reasons: Vec<(String, usize)>,
     /// Tried and not caught, and reported so or as not known.
     pub safe: usize,
@@ -100,7 +96,6 @@ pub struct Row {
     pub declined_at_base: usize,
     /// Largest use of speed and acceleration limits by thrower and catcher, from their joints as they moved.
     pub executed: [Executed; 2],
-    /// Motions that the executor refused.
     pub refusals: usize,
     /// Decision times, µs: 50 %, 99 %, most. Not part of the result: of the machine.
     pub decision_us: (f64, f64, f64),
@@ -214,12 +209,10 @@ fn quantile(values: &mut [f64], share: f64) -> f64 {
     values.get(place.saturating_sub(1).min(values.len().saturating_sub(1))).copied().unwrap_or(f64::NAN)
 }
 
-/// What a study is made of.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StudyOptions {
     /// Throws per setting: for shares of caught balls, those for which a place exists.
     pub throws: usize,
-    /// Seed of all chance.
     pub seed: u64,
     /// Only settings whose name has this in it.
     pub only: Option<String>,
@@ -231,7 +224,6 @@ impl StudyOptions {
     }
 }
 
-/// Why there is no study.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NoStudy {
     #[error("an arm of the court cannot catch balls: {0}")]

@@ -27,7 +27,6 @@ use tuner::gains::gains_file::GainsFile;
 
 use super::evidence::{BusTap, Evidence, ReportedOutcome, Seen};
 
-/// Robot of the bench.
 pub const ROBOT: &str = "powercube6";
 /// A throw to (1, 1, -1) m in the default form. It is kept as a file: what a scenario shows depends on the path of the arm,
 /// and must not change with the planner.
@@ -70,7 +69,6 @@ impl Bench {
         })
     }
 
-    /// Node number of the controller.
     pub fn controller(&self) -> NodeId {
         NodeId::from_low_bits(self.settings.node_id as u8)
     }

@@ -25,7 +25,6 @@ const BEYOND_MAX: usize = 8;
 /// The outcome as the program reports it.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ReportedOutcome {
-    /// The ball landed on the target.
     Landed,
     /// The ball landed too far from the target, or touched the arm.
     Missed,
@@ -33,7 +32,6 @@ pub enum ReportedOutcome {
     NotReleased,
     /// The controller stopped or refused, and named the cause.
     Cause {
-        /// Number of the cause.
         cause: u16,
         /// Joint from 1; 0 for the group.
         joint: u8,
@@ -48,19 +46,16 @@ pub enum ReportedOutcome {
 pub enum Seen {
     /// It left the hand and landed within the tolerance.
     Landed {
-        /// Distance from the target, m.
         error_m: f64,
     },
     /// It left the hand and landed too far away.
     Missed {
-        /// Distance from the target, m.
         error_m: f64,
     },
     /// It left the hand and touched the arm.
     Touched,
     /// It left the hand and does not come down on the plane of the target.
     Away,
-    /// It is in the hand.
     NotReleased,
 }
 
@@ -85,7 +80,6 @@ impl Seen {
 
 #[derive(Clone, Debug)]
 pub struct Evidence {
-    /// What the program reports.
     pub reported: ReportedOutcome,
     /// What it reports of the ball, also after a stop.
     pub reported_ball: BallOutcome,
@@ -94,26 +88,22 @@ pub struct Evidence {
     pub ball: ThrowReport,
     /// Truth of the joints.
     pub trace: Trace,
-    /// Frames of the bus.
     pub bus: BusLog,
     /// Steps of the job that ended, and the one at work when it failed.
     pub steps: Vec<(Step, Instant, Instant)>,
     /// When the job ended; the trace goes on after it.
     pub job_end: Instant,
-    /// When the run ended.
     pub end: Instant,
     /// The simulated world broke down, as text.
     pub broken: Option<String>,
 }
 
 impl Evidence {
-    /// When a step began.
     pub fn step(&self, wanted: Step) -> Option<(Instant, Instant)> {
         self.steps.iter().find(|(step, ..)| *step == wanted).map(|(_, begin, end)| (*begin, *end))
     }
 }
 
-/// What was on the bus.
 #[derive(Clone, Debug, Default)]
 pub struct BusLog {
     /// Every message of the controller's state.
@@ -148,7 +138,6 @@ impl BusTap {
         Self { decoder: Decoder::default(), limits: Rc::new(limits.collect()), log: Rc::default() }
     }
 
-    /// The log so far.
     pub fn take(&self) -> BusLog {
         self.log.take()
     }

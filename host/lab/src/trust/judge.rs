@@ -48,7 +48,6 @@ pub enum Rule {
     Command,
     /// The joints stay near the path of the nominal run.
     Excursion,
-    /// All joints rest at the end.
     Rest,
     /// Nothing moves while the controller reports a standing state.
     Supervised,
@@ -58,15 +57,12 @@ pub enum Rule {
     Outcome,
 }
 
-/// A rule that was broken.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finding {
-    /// The rule that was broken.
     pub rule: Rule,
     pub what: String,
 }
 
-/// The judgement of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Verdict {
     /// Rules broken; empty if all is well.
@@ -80,7 +76,6 @@ pub struct Verdict {
 }
 
 impl Verdict {
-    /// All rules were kept.
     pub fn ok(&self) -> bool {
         self.findings.is_empty()
     }
@@ -94,7 +89,6 @@ pub struct Judge<'a> {
 }
 
 impl Judge<'_> {
-    /// Judges a run of a scenario.
     pub fn judge(&self, scenario: &Scenario, run: &Evidence) -> Verdict {
         let mut findings = Vec::new();
         let mut found = |rule, what: String| findings.push(Finding { rule, what });

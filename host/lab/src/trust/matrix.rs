@@ -7,12 +7,9 @@ use super::phases::Phase;
 
 /// Length of a short fault.
 pub const SHORT: Duration = Duration::from_millis(50);
-/// Joints of the robot.
 const JOINTS: u8 = 6;
-/// Supplies of the robot.
 const SUPPLIES: u8 = 2;
 
-/// Where a variant can act.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Where {
     Joints,
@@ -99,12 +96,9 @@ pub fn variants() -> Vec<Variant> {
     ]
 }
 
-/// One run of the matrix.
 #[derive(Clone, Debug)]
 pub struct Entry {
-    /// Name of the variant.
     pub variant: &'static str,
-    /// When the fault begins.
     pub phase: Phase,
     /// The fault; its start is that of the phase.
     pub fault: Fault,

@@ -14,9 +14,7 @@ pub enum Phase {
     Scan,
     /// A joint looks for its zero.
     Home,
-    /// On the way to the start.
     Approach,
-    /// The plan is being uploaded.
     Upload,
     Armed,
     Accelerate,

@@ -10,7 +10,6 @@ use protocol::{Duration, Instant};
 
 use super::swarm::canonical;
 
-/// Shortest length that is tried.
 const LENGTH_MIN: Duration = Duration::from_millis(1);
 
 /// Shrinks `scenario`. `fails` runs a candidate and returns whether it still breaks the rule; it is called at most

@@ -19,7 +19,6 @@ use super::bench::Bench;
 use super::evidence::Evidence;
 use super::judge::{Judge, Verdict};
 
-/// Most faults at once.
 const FAULTS_MAX: u64 = 4;
 /// Most actions of strangers.
 const ACTIONS_MAX: u64 = 3;
@@ -55,7 +54,6 @@ impl Swarm {
         if scenario.cell.drive.starts_homed { &self.homed } else { &self.unhomed }
     }
 
-    /// The scenario of a seed.
     pub fn draw(&self, seed: u64) -> Result<Scenario, String> {
         let rng = &mut Rng::stream(seed, "trust");
         let mut scenario = if rng.chance(UNHOMED_SHARE) {

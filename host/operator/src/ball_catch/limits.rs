@@ -18,12 +18,10 @@ pub struct Executed {
     pub speed: f64,
     /// Largest share of an acceleration limit: change of the mean speed from one 40 ms to the next.
     pub acceleration: f64,
-    /// A joint was outside its range.
     pub left_range: bool,
 }
 
 impl Executed {
-    /// No limit was passed.
     #[must_use]
     pub fn within(&self) -> bool {
         self.speed <= 1.0 && self.acceleration <= 1.0 && !self.left_range

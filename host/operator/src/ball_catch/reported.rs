@@ -31,7 +31,6 @@ pub enum CatchOutcome {
     Unknown,
     /// No catch was tried; why.
     Declined(Decline),
-    /// No ball was seen in flight.
     NothingThrown,
     /// The arm stopped because of a fault.
     Halted,

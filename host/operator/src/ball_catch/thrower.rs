@@ -31,13 +31,13 @@ const HAND_SIGMA_M: f64 = 0.002;
 /// A ball that no arm throws is announced to this, m and m/s.
 const ANNOUNCED_SIGMA: (f64, f64) = (0.005, 0.1);
 
-/// What goes wrong with a throw.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ThrowFault {
-    /// The fingers stay closed.
     NotReleased,
     /// The arm stops this long before the release, and keeps the ball, s.
-    Stops { before_s: f64 },
+    Stops {
+        before_s: f64,
+    },
 }
 
 #[derive(Debug, Clone)]

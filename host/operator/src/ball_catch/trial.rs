@@ -60,7 +60,6 @@ pub enum Trouble {
     Throw(ThrowFault),
 }
 
-/// How a trial is made.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrialOptions {
     /// What counts as a catch.
@@ -103,7 +102,6 @@ impl Default for TrialOptions {
     }
 }
 
-/// Where things were, for pictures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moment {
     /// Time, s.
@@ -113,12 +111,10 @@ pub struct Moment {
     pub ball_m: Vector3<f64>,
 }
 
-/// What happened in a trial.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
     /// The ball lay in the catcher's cup at the end: the court's word.
     pub caught: bool,
-    /// What the catcher reported.
     pub reported: CatchOutcome,
     /// How the ball crossed the plane of the mouth.
     pub crossing: Option<Crossing>,
@@ -126,7 +122,6 @@ pub struct Outcome {
     pub events: Vec<(f64, CourtEvent)>,
     pub choice: Option<Choice>,
     pub log: Vec<Logged>,
-    /// Motions that the executor refused.
     pub refusals: Vec<Refused>,
     /// Times of planned release and planned passage of the window, s.
     pub planned_s: (f64, f64),
@@ -134,7 +129,6 @@ pub struct Outcome {
     pub used: [f64; 3],
     /// Limits of thrower and catcher against their joints as they moved.
     pub executed: [Executed; 2],
-    /// Links of both arms overlapped at some time.
     pub arms_touched: bool,
     /// Time from the first to the last sample of the flight.
     pub seen_s: f64,
