@@ -3,7 +3,7 @@
 use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use hil_sim::scenario::{Scenario, write};
@@ -207,9 +207,14 @@ fn in_json(found: &Found) -> serde_json::Value {
 }
 
 impl Work<'_> {
+    fn result(&self) -> MutexGuard<'_, Result<Vec<Found>, ExpectedError>> {
+        self.result.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     fn is_over(&self) -> bool {
-        let failed = self.result.lock().unwrap_or_else(PoisonError::into_inner).is_err();
-        failed || self.stop.load(Ordering::Relaxed) || self.until.is_some_and(|until| Instant::now() >= until)
+        self.result().is_err()
+            || self.stop.load(Ordering::Relaxed)
+            || self.until.is_some_and(|until| Instant::now() >= until)
     }
 
     /// Takes a seed; false if there is none left.
@@ -244,18 +249,12 @@ impl Work<'_> {
     }
 
     fn fail(&self, error: ExpectedError) {
-        *self.result.lock().unwrap_or_else(PoisonError::into_inner) = Err(error);
+        *self.result() = Err(error);
     }
 
     /// Makes the scenario smaller, writes it and says so.
     fn keep(&self, seed: u64, scenario: &Scenario, verdict: Verdict) {
-        let is_full = self
-            .result
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .as_ref()
-            .map_or(true, |found| found.len() >= FINDINGS_MAX);
-        if is_full {
+        if self.result().as_ref().map_or(true, |found| found.len() >= FINDINGS_MAX) {
             return;
         }
         let Some(rule) = verdict.findings.first().map(|finding| finding.rule) else { return };
@@ -295,7 +294,7 @@ impl Work<'_> {
                 );
             });
         }
-        if let Ok(found) = &mut *self.result.lock().unwrap_or_else(PoisonError::into_inner) {
+        if let Ok(found) = &mut *self.result() {
             found.push(Found { seed, file: Some(file), verdict: last });
         }
     }
