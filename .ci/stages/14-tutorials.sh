@@ -1,5 +1,5 @@
-# Every command block of the pages below docs/ and of the boards' README, page by page, from the root. `cubectl` is the
-# program of the stage test.
+# Every command block of the pages below docs/ and of the boards' README, page by page, from the root. `cubectl` and
+# `cubelab` are the programs of the stage test.
 . .ci/debug-build.sh
 . .ci/pages.sh
 export PATH=$PWD/target/debug:$PATH

@@ -6,7 +6,7 @@ PAIRS=400 cargo test --workspace --locked --test trust -- --ignored --nocapture
 # Latencies of stops, and how far from its gate the model of a healthy drive stays, over 200 arms.
 SEEDS=200 cargo test --workspace --locked --test controller two_hundred -- --ignored --nocapture
 rm -rf target/swarm-found
-target/debug/cubectl swarm --first 0 --seeds 1000 --out target/swarm-found
+target/debug/cubelab swarm --first 0 --seeds 1000 --out target/swarm-found
 # 100 000 drawn steps of orders and faults against the controller; the test stage plays the 10 000 before them, and without SEEDS it
 # is a million.
 SEEDS=167..1834 cargo test --workspace --locked --test sequences -- --ignored --nocapture

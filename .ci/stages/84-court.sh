@@ -1,5 +1,5 @@
 # Throws and their catches in real time through the public doors: `hil-sim serve-court` plays two arms on two buses, ball and
-# tracker, `cubectl rally` throws and catches. What is reported must be what happened; the simulated court is the judge. The last throw
+# tracker, `cubelab rally` throws and catches. What is reported must be what happened; the simulated court is the judge. The last throw
 # is with a tracker that loses one frame in ten.
 #
 # First in lock step: buses, tracker and programs have one virtual time, so each ball is caught, and a second run, at the same time as the
@@ -10,13 +10,13 @@
 # lag, which the program under test does not see: such a throw is counted as held up, and its report is judged all the same. The stage
 # fails if a report is not what happened, if an arm stops by itself and the court was on time, or if each throw was held up.
 . .ci/wait.sh
-cargo build --quiet --release --locked -p host -p hil-sim --bins
+cargo build --quiet --release --locked -p lab -p hil-sim --bins
 out=target/court
 rm -rf "$out" && mkdir -p "$out"
 cp hil-sim/src/court/two_arms.toml "$out/lossy.toml"
 printf '\n[[fault]]\nkind = "frames-lost"\nprobability = 0.1\n' >>"$out/lossy.toml"
 
-in_step() { # name, first port, court file, options of cubectl
+in_step() { # name, first port, court file, options of cubelab
     local name=$out/$1 first=$2 file=$3 court status=0
     shift 3
     local places=(--bus-thrower "lockstep://127.0.0.1:$first/can0" --bus-catcher "lockstep://127.0.0.1:$((first + 1))/can0")
@@ -24,15 +24,15 @@ in_step() { # name, first port, court file, options of cubectl
         --bus-catcher "${places[3]}?clients=2" --data "127.0.0.1:$((first + 2))" >"$name.court" 2>&1 </dev/null &
     court=$!
     wait_for $court says "$name.court" '"event":"lock step"' || { cat "$name.court"; return 1; }
-    timeout 300 target/release/cubectl rally --yes --json --court "$file" "${places[@]}" --tracker "127.0.0.1:$((first + 2))" "$@" \
-        >"$name.told" 2>"$name.words" </dev/null || status=$?
+    timeout 300 target/release/cubelab rally --yes --json --court "$file" "${places[@]}" --tracker "127.0.0.1:$((first + 2))" "$@" \
+        >"$name.reported" 2>"$name.words" </dev/null || status=$?
     # It ends with its clients.
     [ $status = 0 ] || kill -INT $court
     wait $court && [ $status = 0 ] || { cat "$name.words" "$name.court"; return 1; }
     # Without the ports, and how long this machine took to decide.
     sed '/"event":"\(serving\|lock step\)"/d' "$name.court" >"$name.outcome"
-    sed '/longest_decision_s/d' "$name.told" >>"$name.outcome"
-    grep -q '"caught":true' "$name.outcome" && grep -q '"told": "caught"' "$name.outcome" || { cat "$name.outcome"; return 1; }
+    sed '/longest_decision_s/d' "$name.reported" >>"$name.outcome"
+    grep -q '"caught":true' "$name.outcome" && grep -q '"reported": "caught"' "$name.outcome" || { cat "$name.outcome"; return 1; }
 }
 step_twice() { # as in_step
     local name=$1 first=$2 again
@@ -44,7 +44,7 @@ step_twice() { # as in_step
     echo "$name: $(grep '"event":"report"' "$out/$name.outcome")"
 }
 
-throw() { # name, first port, court file, options of cubectl
+throw() { # name, first port, court file, options of cubelab
     local name=$out/$1 first=$2 file=$3 court status=0
     shift 3
     local places=(--bus-thrower "socketcand://127.0.0.1:$first/can0" --bus-catcher "socketcand://127.0.0.1:$((first + 1))/can0")
@@ -52,8 +52,8 @@ throw() { # name, first port, court file, options of cubectl
         --duration-s 60 >"$name.court" 2>&1 </dev/null &
     court=$!
     wait_for $court says "$name.court" '"event":"real time"' || { cat "$name.court"; return 1; }
-    target/release/cubectl rally --yes --json --court "$file" "${places[@]}" --tracker "127.0.0.1:$((first + 2))" "$@" \
-        >"$name.told" 2>"$name.words" </dev/null || status=$?
+    target/release/cubelab rally --yes --json --court "$file" "${places[@]}" --tracker "127.0.0.1:$((first + 2))" "$@" \
+        >"$name.reported" 2>"$name.words" </dev/null || status=$?
     kill -INT $court
     wait $court || { cat "$name.court"; return 1; }
     python3 - "$name" $status <<'PY' || return $?
@@ -72,7 +72,7 @@ court = [json.loads(line) for line in open(name + ".court")][-1]
 held_up = max(court["worst_lag_ms"]) > REPLY_DEADLINE_MS
 caught = court["caught"]
 try:
-    told = json.load(open(name + ".told"))
+    reported = json.load(open(name + ".reported"))
 except ValueError:
     # A fault or a refusal before the throw.
     words = open(name + ".words").read()
@@ -81,15 +81,15 @@ except ValueError:
         sys.exit(1)
     print("held up", file=open(name + ".caught", "w"))
     sys.exit(0)
-word = told["told"]
-print(f"{name}: told {word} ({status}); caught: {caught}; released: {court['released']}; "
-      f"{(court['crossing'] or {}).get('miss_m')} m off the axis; clocks {told['clocks']}; lag {court['worst_lag_ms']} ms")
+word = reported["reported"]
+print(f"{name}: reported {word} ({status}); caught: {caught}; released: {court['released']}; "
+      f"{(court['crossing'] or {}).get('miss_m')} m off the axis; clocks {reported['clocks']}; lag {court['worst_lag_ms']} ms")
 if word == "caught" and not caught or word.startswith(("missed", "declined", "nothing")) and caught:
-    wrong("what was told is not what happened")
-if (word == "caught" and told["thrown"] == "ended") != (status == 0):
-    wrong("the exit code is not what was told")
-if told["thrown"] == "ended" and not court["released"]:
-    wrong("the thrower told the end of a throw, and the ball was not released")
+    wrong("what was reported is not what happened")
+if (word == "caught" and reported["thrown"] == "ended") != (status == 0):
+    wrong("the exit code is not what was reported")
+if reported["thrown"] == "ended" and not court["released"]:
+    wrong("the thrower reported the end of a throw, and the ball was not released")
 print("caught" if caught else "held up" if held_up else "missed", file=open(name + ".caught", "w"))
 PY
 }

@@ -1,19 +1,30 @@
 //! Command line of `cubectl`: which verb, with which arguments.
 
-use clap::{ArgMatches, Command, CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
-use crate::cmd;
+use crate::cmd::{self, completions};
 use crate::error::ExpectedError;
-use crate::exit;
+use crate::program;
+
+/// Environment variable by which a completion script asks this program.
+pub const COMPLETE_VARIABLE: &str = "CUBECTL_COMPLETE";
 
 /// Plan, check and run throws with PowerCube arms.
 #[derive(Debug, Parser)]
-#[command(name = "cubectl", version, about, after_help = after_help())]
+#[command(name = "cubectl", version, about, after_help = program::after_help(EXAMPLES))]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]
     pub verb: Verb,
 }
+
+const EXAMPLES: &str = "Examples:
+  cubectl plan throw --target 1.0,1.0,-1.0 --report plan.html
+  cubectl doctor --bus can0                      # what is wrong, and what to do
+  cubectl home --bus can0 && cubectl jog 6 --bus can0
+  cubectl report throw1                          # look at a recorded run
+
+The bus is `sim` unless --bus says otherwise: a simulated cell inside this program, in virtual time.";
 
 /// The verbs.
 #[derive(Debug, Subcommand)]
@@ -30,8 +41,6 @@ pub enum Verb {
     Pose(cmd::pose::PoseVerb),
     /// Catch a flying disc with a four-axis arm, or a ball with a six-axis arm.
     Catch(Box<cmd::catch::Args>),
-    /// Let two arms throw a ball to each other and catch it.
-    Rally(Box<cmd::rally::Args>),
     /// Check a plan file again, by other means than the planner's.
     Check(cmd::check::Args),
     /// Make, check and draw robot files.
@@ -64,8 +73,6 @@ pub enum Verb {
     Tracker(cmd::tracker::TrackerVerb),
     /// Serve the simulated cell to other programs, in real time.
     Sim(cmd::sim::Args),
-    /// Throw in random simulated cells with faults, and judge each throw from the plant.
-    Swarm(cmd::swarm::Args),
     /// Write what passes on the bus to a candump and an MCAP file.
     Record(cmd::record::Args),
     /// Run the controller on a recording: it must send the recorded frames, bit for bit.
@@ -88,62 +95,33 @@ pub enum Verb {
     /// Explain a fault number, an exit code, a word of a module's state, or the faults that a scenario can have.
     Explain(cmd::explain::Args),
     /// Write a completion script for a shell.
-    Completions(cmd::completions::Args),
+    #[command(after_help = completions::after_help("cubectl"))]
+    Completions(completions::Args),
     /// Show the manual page, or write the pages of all verbs.
     Man(cmd::man::Args),
     /// Measure the constants of a joint's drive: current per speed and torque, friction, lag, delay.
     Identify(cmd::identify::Args),
     /// Design gains with a certificate.
     Tune(cmd::tune::Args),
+    /// In `cubelab` now.
+    #[command(hide = true, disable_help_flag = true)]
+    Rally(cmd::moved::Args),
+    /// In `cubelab` now.
+    #[command(hide = true, disable_help_flag = true)]
+    Swarm(cmd::moved::Args),
 }
 
-/// Examples and exit codes below the list of verbs.
-fn after_help() -> String {
-    let mut text = "Examples:
-  cubectl plan throw --target 1.0,1.0,-1.0 --report plan.html
-  cubectl doctor --bus can0                      # what is wrong, and what to do
-  cubectl home --bus can0 && cubectl jog 6 --bus can0
-  cubectl report throw1                          # look at a recorded run
-
-The bus is `sim` unless --bus says otherwise: a simulated cell inside this program, in virtual time.
-
-Exit codes:
-"
-    .to_owned();
-    for (code, meaning, _) in exit::TABLE {
-        text += &format!("  {code:2}  {meaning}\n");
-    }
-    text + "`cubectl explain exit` tells what to do next."
-}
-
-/// Whether everything that was written to standard output is there.
-///
-/// # Errors
-/// Part of it could not be written, as to a full disk. A reader that left is none.
-pub fn output_is_whole() -> Result<(), ExpectedError> {
-    console::lost().map_or(Ok(()), |error| {
-        Err(ExpectedError::new(
-            exit::OUTPUT,
-            format!(
-                "standard output is not whole: {error}\n  next: free space where it goes to, and run again"
-            ),
-        ))
-    })
-}
-
-/// Runs the verb of `cli`, which `program` read from `matches`.
+/// Runs the verb.
 ///
 /// # Errors
 /// [`ExpectedError`] with the exit code.
-pub fn run(cli: Cli, program: &Command, matches: &ArgMatches) -> Result<(), ExpectedError> {
-    cmd::meaning::require_on_bus(program, matches)?;
+pub fn run(cli: Cli) -> Result<(), ExpectedError> {
     match cli.verb {
         Verb::Throw(args) => cmd::throw::run(&args),
         Verb::Plan(verb) => cmd::plan::run(*verb),
         Verb::Move(args) => cmd::move_arm::run(&args),
         Verb::Pose(verb) => cmd::pose::run(&verb),
         Verb::Catch(args) => cmd::catch::run(&args),
-        Verb::Rally(args) => cmd::rally::run(&args),
         Verb::Check(args) => cmd::check::run(&args),
         Verb::Robot(verb) => cmd::robot::run(&verb),
         Verb::Export(args) => cmd::export::run(&args),
@@ -159,7 +137,6 @@ pub fn run(cli: Cli, program: &Command, matches: &ArgMatches) -> Result<(), Expe
         Verb::Controller(args) => cmd::controller::run(&args),
         Verb::Tracker(verb) => cmd::tracker::run(&verb),
         Verb::Sim(args) => cmd::sim::run(&args),
-        Verb::Swarm(args) => cmd::swarm::run(&args),
         Verb::Record(args) => cmd::record::run(&args),
         Verb::Replay(args) => cmd::replay::run(&args),
         Verb::Report(args) => cmd::report::run(&args),
@@ -168,10 +145,12 @@ pub fn run(cli: Cli, program: &Command, matches: &ArgMatches) -> Result<(), Expe
         Verb::Registers(verb) => cmd::registers::run(&verb),
         Verb::Key(verb) => cmd::key::run(&verb),
         Verb::Unlock(args) => cmd::unlock::run(&args),
-        Verb::Completions(args) => cmd::completions::run(&args),
+        Verb::Completions(args) => completions::run(&args, "cubectl", COMPLETE_VARIABLE),
         Verb::Man(args) => cmd::man::run(&args, Cli::command()),
         Verb::Explain(args) => cmd::explain::run(&args),
         Verb::Identify(args) => cmd::identify::run(&args),
         Verb::Tune(args) => cmd::tune::run(&args),
+        Verb::Rally(args) => Err(cmd::moved::to_lab("rally", &args)),
+        Verb::Swarm(args) => Err(cmd::moved::to_lab("swarm", &args)),
     }
 }

@@ -12,9 +12,10 @@ use protocol::powercube::CubeState;
 /// `ARPHRD_CAN`: what `/sys/class/net/NAME/type` says of a CAN interface.
 const CAN_INTERFACE: &str = "280";
 
-/// The command line, with what its values can be.
-pub fn command() -> Command {
-    with_values(crate::cli::Cli::command())
+/// The command line of a program, with what its values can be.
+#[must_use]
+pub fn command<C: CommandFactory>() -> Command {
+    with_values(C::command())
 }
 
 fn with_values(command: Command) -> Command {
@@ -99,7 +100,8 @@ mod tests {
     fn offered(words: &[&str]) -> Vec<String> {
         let words: Vec<_> = std::iter::once("cubectl").chain(words.iter().copied()).map(Into::into).collect();
         let at = words.len() - 1;
-        let found = clap_complete::engine::complete(&mut command(), words, at, None).unwrap();
+        let found =
+            clap_complete::engine::complete(&mut command::<crate::cli::Cli>(), words, at, None).unwrap();
         found.iter().map(|candidate| candidate.get_value().to_string_lossy().into_owned()).collect()
     }
 

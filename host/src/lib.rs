@@ -4,17 +4,16 @@
 //! An arrow goes from user to used; none goes up.
 //!
 //! ```text
-//! complete            what a shell offers for the values of options
-//!  |
-//!  v
 //! cli                 command line: which verb, with which arguments
-//!  |
-//!  v
-//! cmd                 one verb per file
-//!  |   \     \
-//!  v    v     v
-//! report trust error  summaries, HTML reports, pictures; throws with faults, judged from the plant; expected errors
-//!    advice            command lines in messages, for the bus of the command that prints them
+//!  |    \
+//!  |     v
+//!  |    program        what surrounds a verb: completions, the command line, how it ends; the same for `cubelab`
+//!  |     |     \
+//!  v     v      v
+//! cmd  advice  complete  one verb per file; command lines in messages, for the bus of the command that prints them;
+//!  |   \                 what a shell offers for the values of options
+//!  v    v
+//! report error         summaries, HTML reports, pictures; expected errors
 //!                |
 //!                v
 //!               exit  documented exit codes
@@ -32,6 +31,6 @@ pub mod cmd;
 pub mod complete;
 pub mod error;
 pub mod exit;
+pub mod program;
 pub mod report;
 mod tables;
-pub mod trust;

@@ -1,26 +1,11 @@
-//! Every option of every verb: it changes the result, or it is refused by name. The list of options is that of the program; one
-//! without a row in [`ROWS`] fails.
+//! Every option of every verb of `cubectl`: it changes the result, or it is refused by name.
 
-use std::collections::BTreeMap;
-
-use clap::{Command, CommandFactory};
+use clap::CommandFactory;
 use host::cli::Cli;
 
-use crate::bus_common::{Folder, code, cubectl, err, out};
-
-/// What a row shows.
-#[derive(Clone, Copy, PartialEq)]
-enum Shows {
-    /// The words change exit code, output or files of the verb.
-    Change,
-    /// The words are refused; the message names the option.
-    Refusal,
-    /// The option is the same as that of another verb, which has a row: same id, same help.
-    SameAs(&'static str),
-    /// No effect can be seen here; the words say why, or which test sees it.
-    Elsewhere,
-}
-use Shows::{Change, Elsewhere, Refusal, SameAs};
+use crate::bus_common::{Folder, code, cubectl, err};
+use crate::option_walk::Shows::{Change, Elsewhere, Refusal, SameAs};
+use crate::option_walk::{Row, Walk};
 
 /// What the verbs are run with besides the words of a row. `{d}` is an empty folder, `{plan}` a plan.
 const BASE: &[(&str, &str)] = &[
@@ -48,7 +33,7 @@ const BASE: &[(&str, &str)] = &[
 ];
 
 /// Verbs (`*`: every one that has the option; the first row counts), option, what the words show, words.
-const ROWS: &[(&str, &str, Shows, &str)] = &[
+const ROWS: &[Row] = &[
     // Plans.
     ("throw", "target", Change, "--target 1,1,-1"),
     ("throw", "plan", Change, "--plan {d}/none.json"),
@@ -220,11 +205,9 @@ const ROWS: &[(&str, &str, Shows, &str)] = &[
 
 /// Verbs whose options other tests see: they serve, listen, or run for long.
 const ELSEWHERE: &[(&str, &str)] = &[
-    ("catch", "tests/rally_verbs.rs, host/planner/tests/catch_rates.rs"),
-    ("rally", "tests/rally_verbs.rs"),
+    ("catch", "tests/ball_catch.rs, host/planner/tests/catch_rates.rs"),
     ("controller", "tests/bus_live.rs"),
     ("sim", "tests/bus_live.rs, tests/robot_link.rs"),
-    ("swarm", "tests/swarm.rs"),
     ("tracker show", "tests of operator::tracker"),
     ("tracker calibrate", "tests of operator::tracker"),
     ("replay", "tests/throw_job.rs, tests/recordings.rs"),
@@ -238,116 +221,12 @@ const ELSEWHERE: &[(&str, &str)] = &[
     ("key remove", "tests/registers.rs"),
 ];
 
-/// Every verb without subcommands, with its options.
-fn verbs(command: &Command, name: &str, found: &mut BTreeMap<String, Command>) {
-    if !command.has_subcommands() {
-        found.insert(name.to_owned(), command.clone());
-    }
-    for verb in command.get_subcommands().filter(|verb| verb.get_name() != "help") {
-        let below =
-            if name.is_empty() { verb.get_name().to_owned() } else { format!("{name} {}", verb.get_name()) };
-        verbs(verb, &below, found);
-    }
-}
-
-/// The row for an option of a verb.
-fn row(verb: &str, option: &str) -> Option<(Shows, &'static str)> {
-    let fits = |(verbs, named, ..): &&(&str, &str, Shows, &str)| {
-        (*verbs == "*" || verbs.split(',').any(|known| known == verb)) && (*named == "*" || *named == option)
-    };
-    ROWS.iter().find(fits).map(|(.., shows, words)| (*shows, *words))
-}
-
-fn options(verb: &Command) -> impl Iterator<Item = &clap::Arg> {
-    verb.get_arguments().filter(|arg| arg.get_long().is_some_and(|long| !matches!(long, "help" | "version")))
-}
-
-/// What a verb does: exit code, output, names of files and what pictures and tables show; and what it says beside it.
-fn run(verb: &str, folder: &str, plan: &str, words: &str) -> (i32, String, String) {
-    let _ = std::fs::remove_dir_all(folder);
-    std::fs::create_dir_all(folder).unwrap();
-    // A later value of an option that takes one replaces that of the common words.
-    let base = BASE.iter().find(|(known, _)| *known == verb).map_or("", |(_, base)| base);
-    let given: Vec<&str> = words.split_whitespace().collect();
-    let mut all: Vec<String> = verb.split(' ').map(str::to_owned).collect();
-    let mut common = base.split_whitespace().peekable();
-    while let Some(word) = common.next() {
-        let name = word.split('=').next().unwrap_or(word);
-        let replaced = name.starts_with("--") && given.iter().any(|g| g.split('=').next() == Some(name));
-        let has_value = !word.contains('=') && common.peek().is_some_and(|next| !next.starts_with("--"));
-        let value = if name.starts_with("--") && has_value { common.next() } else { None };
-        if !replaced {
-            all.extend([Some(word), value].into_iter().flatten().map(str::to_owned));
-        }
-    }
-    all.extend(given.iter().map(|word| (*word).to_owned()));
-    let all: Vec<String> = all.iter().map(|w| w.replace("{d}", folder).replace("{plan}", plan)).collect();
-    let output = cubectl(&all.iter().map(String::as_str).collect::<Vec<_>>());
-    let mut files = Vec::new();
-    let mut left = vec![std::path::PathBuf::from(folder)];
-    while let Some(path) = left.pop() {
-        for entry in std::fs::read_dir(path).unwrap().map(|entry| entry.unwrap().path()) {
-            let is_read = entry.extension().is_some_and(|ext| ext == "svg" || ext == "csv");
-            let content = if is_read { std::fs::read_to_string(&entry).unwrap() } else { String::new() };
-            files.push(format!("{} {content}", entry.display()));
-            left.extend(entry.is_dir().then_some(entry));
-        }
-    }
-    files.sort();
-    // Times by the wall are of no account.
-    let shown = out(&output);
-    let shown: Vec<&str> =
-        shown.lines().filter(|line| !line.contains(" s in all") && !line.contains(" s of search")).collect();
-    // In what is said beside it, numbers may be times.
-    let said: String = err(&output).chars().map(|c| if c.is_ascii_digit() { '0' } else { c }).collect();
-    (code(&output), format!("{}\n{said}\n{files:?}", shown.join("\n")), err(&output))
-}
-
 #[test]
 fn every_option_of_every_verb_changes_the_result_or_is_refused_by_name() {
     let folder = Folder::new("every-option");
     let (work, plan) = (folder.file("work"), folder.file("plan.json"));
     let made = cubectl(&["plan", "throw", "--target", "1.0,1.0,-1.0", "--fast", "--out", &plan]);
     assert_eq!(code(&made), 0, "{}", err(&made));
-    let mut all = BTreeMap::new();
-    verbs(&Cli::command(), "", &mut all);
-    let mut plain = BTreeMap::new();
-    let mut wrong = Vec::new();
-    for (name, verb) in &all {
-        for option in options(verb) {
-            let long = option.get_long().unwrap();
-            let place = format!("{name} --{long}");
-            let known = row(name, long);
-            let elsewhere = ELSEWHERE.iter().any(|(known, _)| known == name);
-            match known.filter(|_| !elsewhere) {
-                None if elsewhere => {}
-                None => wrong.push(format!("{place}: no row")),
-                Some((Elsewhere, why)) => assert!(!why.is_empty(), "{place}"),
-                Some((SameAs(other), _)) => {
-                    let same = options(&all[other])
-                        .any(|o| o.get_id() == option.get_id() && o.get_help() == option.get_help());
-                    if !same {
-                        wrong.push(format!("{place}: not that of {other}, and no row"));
-                    }
-                }
-                Some((Refusal, words)) => {
-                    let (code, _, told) = run(name, &work, &plan, words);
-                    if !matches!(code, 2 | 4) || !told.contains(&format!("--{long}")) {
-                        wrong.push(format!("{place}: {code} {told}"));
-                    }
-                }
-                Some((Change, words)) => {
-                    let base = words.contains("--json") && long != "json";
-                    let plain = plain
-                        .entry((name.clone(), base))
-                        .or_insert_with(|| run(name, &work, &plan, if base { "--json" } else { "" }));
-                    let (code, shown, told) = run(name, &work, &plan, words);
-                    if (code, &shown) == (plain.0, &plain.1) {
-                        wrong.push(format!("{place}: no change, {code} {told}"));
-                    }
-                }
-            }
-        }
-    }
-    assert!(wrong.is_empty(), "{} of the options:\n{}", wrong.len(), wrong.join("\n"));
+    let walk = Walk { program: cubectl, base: BASE, rows: ROWS, elsewhere: ELSEWHERE };
+    walk.require_effects(&Cli::command(), &[("{d}", &work), ("{plan}", &plan)]);
 }

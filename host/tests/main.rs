@@ -1,10 +1,12 @@
 //! The tests of this package as one program: it is linked once.
 
 mod advice;
+mod ball_catch;
 mod ball_mass;
 mod bus_common;
 mod bus_live;
 mod bus_verbs;
+mod command_lines;
 mod doctor;
 mod every_option;
 mod home_verify;
@@ -12,6 +14,7 @@ mod identify_report;
 mod job_rules;
 mod lock_step;
 mod move_verb;
+mod option_walk;
 mod other_arms;
 mod output;
 mod plan_claims;
@@ -20,14 +23,12 @@ mod plan_is_the_source;
 mod plan_lists;
 mod plan_shards;
 mod program;
-mod rally_verbs;
 mod recordings;
 mod registers;
 mod robot_link;
 mod robot_throw;
 mod robot_verbs;
 mod robots_and_gains;
-mod swarm;
 mod throw_failures;
 mod throw_job;
 mod throw_outcome;

@@ -11,6 +11,7 @@ const PACKAGES: &[&[&str]] = &[
     &["board-example", "planner", "sequences", "tuner"],
     &["operator"],
     &["host"],
+    &["lab"],
     &["cell-tests", "cubecell-python", "layers"],
 ];
 

@@ -4,7 +4,7 @@
 //! An arrow goes from user to used; none goes up.
 //!
 //! ```text
-//! rally                                one arm throws, another catches, in virtual time
+//! ball_catch                           a ball that an arm catches with a cup, on the simulated court
 //!   |
 //!   v
 //! disc    flight_estimator             a catch of a disc as a run of a controller; a ball seen by a tracker
@@ -35,6 +35,7 @@
 //! ```
 
 pub mod analysis;
+pub mod ball_catch;
 pub mod bus;
 pub mod dialogue;
 pub mod disc;
@@ -47,7 +48,6 @@ pub mod log;
 pub mod machine;
 pub mod node;
 pub mod port;
-pub mod rally;
 pub mod rsi;
 pub mod samples;
 pub mod tap;

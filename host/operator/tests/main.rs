@@ -3,14 +3,11 @@
 mod analysis;
 mod bus_operator;
 mod bus_session;
-mod catch_degradation;
-mod catch_truth;
 mod common;
 mod disc;
 mod live;
 mod online;
 mod operators;
-mod rally;
 mod rsi_common;
 mod rsi_faults;
 mod rsi_files;

@@ -40,7 +40,7 @@ def test_a_trial_is_that_of_the_program(options: dict[str, Any]) -> None:
     mine = cubecell.catch_ball(BALL[:3], BALL[3:], **options)
     assert mine.exit_code == told.returncode
     theirs = json.loads(told.stdout)
-    assert (mine.told, mine.caught) == (theirs["told"], theirs["caught"])
+    assert (mine.reported, mine.caught) == (theirs["reported"], theirs["caught"])
     assert (mine.crossing is None) == (theirs["crossing"] is None) and (mine.choice is None) == (theirs["choice"] is None)
     for name, value in (theirs["crossing"] or {}).items():
         assert getattr(mine.crossing, name) == value

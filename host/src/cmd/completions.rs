@@ -1,4 +1,4 @@
-//! `cubectl completions`
+//! `completions` of each program
 
 use std::io::Write;
 
@@ -11,22 +11,29 @@ use crate::exit;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
-#[command(
-    after_help = "Examples:\n  cubectl completions bash > ~/.local/share/bash-completion/completions/cubectl\n  cubectl completions zsh > ~/.zfunc/_cubectl\n  cubectl completions fish > ~/.config/fish/completions/cubectl.fish\n\nThe script asks `cubectl`, which must be in the search path, for what fits: verbs, options, robots, the buses of this machine,\nfault numbers and files."
-)]
 pub struct Args {
     /// Which shell.
     pub shell: Shell,
 }
 
-/// Environment variable by which a completion script asks this program.
-pub const VARIABLE: &str = "CUBECTL_COMPLETE";
+/// Examples of this verb of `program`.
+pub fn after_help(program: &str) -> String {
+    format!(
+        "Examples:
+  {program} completions bash > ~/.local/share/bash-completion/completions/{program}
+  {program} completions zsh > ~/.zfunc/_{program}
+  {program} completions fish > ~/.config/fish/completions/{program}.fish
 
-/// Runs the verb.
+The script asks `{program}`, which must be in the search path, for what fits: verbs, options, robots, the buses of this machine,
+fault numbers and files."
+    )
+}
+
+/// Writes the script of `program`, which is asked through the environment variable `variable`.
 ///
 /// # Errors
 /// The terminal cannot be written to.
-pub fn run(args: &Args) -> Result<(), ExpectedError> {
+pub fn run(args: &Args, program: &str, variable: &str) -> Result<(), ExpectedError> {
     let shell = args.shell.to_possible_value();
     let shells = Shells::builtins();
     let completer = shell.as_ref().and_then(|shell| shells.completer(shell.get_name()));
@@ -42,7 +49,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     })?;
     let mut script = Vec::new();
     completer
-        .write_registration(VARIABLE, "cubectl", "cubectl", "cubectl", &mut script)
+        .write_registration(variable, program, program, program, &mut script)
         .map_err(|error| ExpectedError::new(exit::OUTPUT, format!("completion script: {error}")))?;
     to_terminal(&script)
 }

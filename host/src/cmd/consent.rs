@@ -25,7 +25,7 @@ const LOOK_NS: i64 = 100_000_000;
 
 /// Whether and how a person is asked.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Consent {
+pub struct Consent {
     asks: bool,
     /// The question under way.
     asked: Option<&'static str>,
@@ -36,7 +36,7 @@ impl Consent {
     ///
     /// # Errors
     /// [`exit::USAGE`] where a person must be asked and there is no terminal.
-    pub(super) fn on(bus: &BusSpec, yes: bool) -> Result<Self, ExpectedError> {
+    pub fn on(bus: &BusSpec, yes: bool) -> Result<Self, ExpectedError> {
         let asks = !yes && *bus != BusSpec::Sim;
         if asks && !std::io::stdin().is_terminal() {
             return Err(ExpectedError::new(
@@ -51,7 +51,7 @@ impl Consent {
     }
 
     /// Shows `question` once, and looks for the answer without waiting. Only an empty line is a yes.
-    pub(super) fn look(&mut self, question: &'static str) -> Answer {
+    pub fn look(&mut self, question: &'static str) -> Answer {
         self.wait(question, 0)
     }
 
@@ -59,7 +59,7 @@ impl Consent {
     ///
     /// # Errors
     /// [`exit::INTERRUPTED`] for any answer but Enter, and for a signal: `stop` is set by then.
-    pub(super) fn require(&mut self, question: &'static str, stop: &AtomicBool) -> Result<(), ExpectedError> {
+    pub fn require(&mut self, question: &'static str, stop: &AtomicBool) -> Result<(), ExpectedError> {
         loop {
             match self.wait(question, LOOK_NS) {
                 Answer::Waiting if !stop.load(Ordering::Relaxed) => {}

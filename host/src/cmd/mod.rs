@@ -19,12 +19,11 @@ pub mod man;
 pub mod meaning;
 pub mod monitor;
 pub mod move_arm;
+pub mod moved;
 mod path_file;
 pub mod plan;
 pub mod pose;
 mod poses;
-pub mod rally;
-mod rally_on_wire;
 pub mod record;
 pub mod registers;
 pub mod replay;
@@ -37,7 +36,6 @@ pub mod sim;
 pub mod sim_robot;
 pub mod status;
 pub mod stop;
-pub mod swarm;
 pub mod throw;
 pub mod tracker;
 pub mod tune;
@@ -46,7 +44,7 @@ pub mod upload;
 pub mod web;
 
 mod bus_errors;
-mod consent;
+pub mod consent;
 mod controlled;
 mod ended;
 mod last_look;
@@ -84,7 +82,7 @@ pub(crate) fn fixed(value: f64, digits: usize) -> String {
 }
 
 /// Prints a value as JSON.
-pub(crate) fn print_json(value: &serde_json::Value) {
+pub fn print_json(value: &serde_json::Value) {
     console::line!("{value:#}");
 }
 

@@ -11,6 +11,7 @@
 //! | [`run`] | HTML report of a recorded run against its plan |
 //! | [`identify`] | HTML report of an identification |
 //! | [`catch`] | HTML report of catching a disc |
+//! | [`ball_catch`] | HTML report of catching a ball |
 //! | [`live`] | page of the live view of a bus |
 //! | [`reach`] | map of what a sweep reached |
 //! | [`robot`] | a robot at zero and in a pose, as a picture |
@@ -20,6 +21,7 @@
 //! | [`landing`] | landing about the target |
 //! | [`timeline`] | frames on the bus |
 
+pub mod ball_catch;
 pub mod catch;
 pub mod chart;
 pub mod follow;
@@ -31,7 +33,6 @@ pub mod live;
 pub mod motion;
 pub mod page;
 pub mod plan;
-pub mod rally;
 pub mod reach;
 pub mod robot;
 pub mod run;

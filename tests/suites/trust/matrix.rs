@@ -8,10 +8,10 @@ use cell_tests::page;
 use hil_sim::rng::Rng;
 use hil_sim::scenario::Scenario;
 use hil_sim::scenario::write::fault_lines;
-use host::trust::judge::Judge;
-use host::trust::matrix::{Entry, entries};
-use host::trust::phases::{Phase, Phases};
-use host::trust::{Bench, Evidence, ReportedOutcome, Verdict};
+use lab::trust::judge::Judge;
+use lab::trust::matrix::{Entry, entries};
+use lab::trust::phases::{Phase, Phases};
+use lab::trust::{Bench, Evidence, ReportedOutcome, Verdict};
 use rayon::prelude::*;
 
 /// Cell and nominal run of one kind of start.
@@ -60,7 +60,7 @@ impl Matrix {
         scenario.faults.extend(entries.iter().map(|entry| entry.fault.clone()));
         let run = self.bench.throw(&scenario);
         let judge = Judge { arm: &self.bench.arm, nominal: &start.nominal };
-        (judge.judge(&scenario, &run), run.told)
+        (judge.judge(&scenario, &run), run.reported)
     }
 }
 
@@ -84,7 +84,7 @@ fn rows<'a, 'b>(
     results: impl Iterator<Item = (&'a str, &'b (Verdict, ReportedOutcome))>,
 ) -> BTreeMap<&'a str, Row> {
     let mut rows: BTreeMap<&str, Row> = BTreeMap::new();
-    for (name, (verdict, told)) in results {
+    for (name, (verdict, reported)) in results {
         for name in [name, ALL] {
             let row = rows.entry(name).or_default();
             row.runs += 1;
@@ -94,7 +94,7 @@ fn rows<'a, 'b>(
                 row.wrong += 1;
                 continue;
             }
-            match told {
+            match reported {
                 ReportedOutcome::Landed => row.landed += 1,
                 ReportedOutcome::Missed | ReportedOutcome::NotReleased => row.missed += 1,
                 ReportedOutcome::Cause { .. } => row.stopped += 1,
@@ -172,11 +172,11 @@ fn run<'a>(matrix: &Matrix, entries: &'a [Entry]) -> (Vec<String>, BTreeMap<&'a 
         let rules: Vec<String> =
             verdict.findings.iter().map(|finding| format!("{:?}: {}", finding.rule, finding.what)).collect();
         wrong.push(format!(
-            "{}{} | {} | told {} | {}",
+            "{}{} | {} | reported {} | {}",
             if verdict.silent { "SILENT " } else { "" },
             entry.phase.name(),
             fault_lines(&entry.fault).join(", "),
-            verdict.told,
+            verdict.reported,
             rules.join("; ")
         ));
     }
@@ -249,7 +249,7 @@ fn every_fault_in_every_phase_is_told_as_it_is_seen() {
         let stale = stale(&by_kind);
         assert!(
             stale.is_empty(),
-            "docs/trust.md tells {stale:#?}; its table is now\n{}",
+            "docs/trust.md says {stale:#?}; its table is now\n{}",
             page_table(&by_kind)
         );
     }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use cell_tests::page;
-use host::trust::matrix::entries;
+use lab::trust::matrix::entries;
 use protocol::Instant;
 
 #[test]

@@ -1,6 +1,6 @@
-//! Random throws. `cubectl swarm` runs more of them and looks for the smallest scenario.
+//! Random throws. `cubelab swarm` runs more of them and looks for the smallest scenario.
 
-use host::trust::Swarm;
+use lab::trust::Swarm;
 use rayon::prelude::*;
 
 #[test]
@@ -10,7 +10,8 @@ fn random_throws_break_no_rule() {
         .into_par_iter()
         .filter_map(|seed| {
             let verdict = swarm.run(&swarm.draw(seed).unwrap());
-            (!verdict.ok()).then(|| format!("seed {seed}: told {}; {:?}", verdict.told, verdict.findings))
+            (!verdict.ok())
+                .then(|| format!("seed {seed}: reported {}; {:?}", verdict.reported, verdict.findings))
         })
         .collect();
     assert!(wrong.is_empty(), "{wrong:#?}");

@@ -94,8 +94,8 @@ class Trace:
 class BallCatch:
     """One trial on the simulated court."""
 
-    #: What the catcher tells, from what its tracker saw: ``caught``, ``missed``, ``declined: ...`` and so on.
-    told: str
+    #: What the catcher reports, from what its tracker saw: ``caught``, ``missed``, ``declined: ...`` and so on.
+    reported: str
     #: Whether the ball lay in the cup at the end: the word of the witness, which the catcher cannot see.
     caught: bool
     #: The exit code of ``cubectl catch``, and its text.
@@ -155,7 +155,7 @@ def catch_ball(
         return [decision[name] for decision in told["decisions"]]
 
     return BallCatch(
-        told=told["told"],
+        reported=told["reported"],
         caught=told["caught"],
         exit_code=told["exit_code"],
         text=told["text"],

@@ -2,14 +2,14 @@
 
 use hil_sim::court::CourtOptions;
 use nalgebra::Vector3;
-use operator::rally::trial::{Outcome, Pair};
+use operator::ball_catch::trial::{Outcome, Pair};
 use robot_model::RobotModel;
 
 use super::super::print_json;
-use super::super::rally::{as_json, as_text, court, ended};
 use super::Args;
+use super::outcome::{as_json, as_text, ended};
 use crate::error::ExpectedError;
-use crate::report::rally as report;
+use crate::report::ball_catch as report;
 
 /// Farthest place (m) and largest speed (m/s) of a ball that is taken.
 const BALL_MAX: (f64, f64) = (10.0, 15.0);
@@ -23,7 +23,7 @@ pub(super) struct Trial {
 pub(super) fn run(args: &Args, ball: &[f64; 6]) -> Result<(), ExpectedError> {
     let Trial { pair, outcome } = trial(args, ball)?;
     if let Some(file) = &args.report {
-        let page = report::one(&pair, &outcome, args.jerk);
+        let page = report::one(&pair, &outcome, args.catching.jerk);
         std::fs::write(file, page).map_err(|e| ExpectedError::output(file, &e))?;
     }
     if args.json {
@@ -39,9 +39,9 @@ pub(super) fn run(args: &Args, ball: &[f64; 6]) -> Result<(), ExpectedError> {
 
 /// Makes the trial; nothing is written or printed.
 pub(super) fn trial(args: &Args, ball: &[f64; 6]) -> Result<Trial, ExpectedError> {
-    let mut options = args.catching.trial()?;
-    options.jerk = args.jerk;
-    let mut court = court(args.catching.court.as_deref())?;
+    let mut options = args.catching.trial();
+    options.cooperative = args.cooperative;
+    let mut court = args.catching.court()?;
     place_robot(&mut court, args.robot.as_deref().unwrap_or("powercube6"))?;
     let [x, y, z, vx, vy, vz] = *ball;
     let (p, v) = (Vector3::new(x, y, z), Vector3::new(vx, vy, vz));

@@ -95,7 +95,7 @@ pub(super) fn look(args: &Args) -> Result<Looked, ExpectedError> {
     let path =
         Path::flown(&body, &air, &DiscState::released(&throw, Vector3::z(), spin_rad_s, &body), HORIZON_S);
     let rule = (!args.air).then(|| by_rule(&arm, &throw));
-    let plan = (!args.no_limits).then(|| within_limits(&arm, &path, args.jerk));
+    let plan = (!args.no_limits).then(|| within_limits(&arm, &path, args.catching.jerk));
     let executed = match &plan {
         Some(Ok((plan, _))) if args.on_controller => {
             Some(on_controller::run(&robot, &arm, &path, plan, &args.catching.trouble)?)

@@ -6,8 +6,7 @@ use planner::catch::Joints;
 use serde_json::{Map, Value, json};
 
 use super::ball::Trial;
-use super::{Args, ball, disc};
-use crate::cmd::rally;
+use super::{Args, ball, disc, outcome};
 use crate::cmd::words;
 use crate::error::ExpectedError;
 use crate::exit;
@@ -28,16 +27,17 @@ pub fn ball(words: &[String], step_s: f64) -> Result<Value, ExpectedError> {
     let trial = ball::trial(&args, &thrown)?;
     let outcome = &trial.outcome;
     let release_s = outcome.planned_s.0;
-    let mut told = rally::as_json(outcome);
-    let end = rally::ended(outcome).err();
+    let mut result = outcome::as_json(outcome);
+    let end = outcome::ended(outcome).err();
     let x_wb = trial.pair.court.arms[1].x_wb.to_matrix();
-    told["exit_code"] = json!(end.as_ref().map_or(exit::OK, |error| error.code));
-    told["text"] = json!(end.map_or_else(|| "caught".to_owned(), |error| error.message));
-    told["x_wb"] = json!(rows(&x_wb));
-    told["within_limits"] = json!(outcome.within_limits(args.jerk));
-    told["events"] = outcome.events.iter().map(|(at_s, event)| event_json(at_s - release_s, event)).collect();
-    told["trace"] = trace(&trial, args.jerk);
-    told["motion"] = outcome.choice.as_ref().map_or(Value::Null, |choice| {
+    result["exit_code"] = json!(end.as_ref().map_or(exit::OK, |error| error.code));
+    result["text"] = json!(end.map_or_else(|| "caught".to_owned(), |error| error.message));
+    result["x_wb"] = json!(rows(&x_wb));
+    result["within_limits"] = json!(outcome.within_limits(args.catching.jerk));
+    result["events"] =
+        outcome.events.iter().map(|(at_s, event)| event_json(at_s - release_s, event)).collect();
+    result["trace"] = trace(&trial, args.catching.jerk);
+    result["motion"] = outcome.choice.as_ref().map_or(Value::Null, |choice| {
         let motion = &choice.motion;
         let states = steps(motion.start_s, motion.end_s(), step_s).map(|t_s| {
             let at = motion.at(t_s);
@@ -45,7 +45,7 @@ pub fn ball(words: &[String], step_s: f64) -> Result<Value, ExpectedError> {
         });
         table(states)
     });
-    Ok(told)
+    Ok(result)
 }
 
 /// What `cubectl catch --disc --json` tells, and more: how the program ends, and tables of the flight of the disc and of the
@@ -59,28 +59,28 @@ pub fn disc(words: &[String], step_s: f64) -> Result<Value, ExpectedError> {
         return Err(ExpectedError::new(exit::USAGE, "--ball is no disc\n  next: leave --ball out"));
     }
     let looked = disc::look(&args)?;
-    let mut told = looked.as_json();
+    let mut result = looked.as_json();
     let end = looked.ended(args.air).err();
-    told["exit_code"] = json!(end.as_ref().map_or(exit::OK, |error| error.code));
+    result["exit_code"] = json!(end.as_ref().map_or(exit::OK, |error| error.code));
     let good = if looked.plan.is_some() { "caught" } else { "only the rule of the paper was looked at" };
-    told["text"] = json!(end.map_or_else(|| good.to_owned(), |error| error.message));
+    result["text"] = json!(end.map_or_else(|| good.to_owned(), |error| error.message));
     let planned = looked.plan.as_ref().and_then(|plan| plan.as_ref().ok()).map(|(plan, _)| &plan.motion);
     let until_s = planned.map_or(looked.path.end_s(), |motion| motion.end_s().min(looked.path.end_s()));
     let flight: Vec<_> = steps(0.0, until_s, step_s).map(|t_s| (t_s, looked.path.at(t_s))).collect();
-    told["flight"] = json!({
+    result["flight"] = json!({
         "t_s": flight.iter().map(|(t_s, _)| *t_s).collect::<Vec<_>>(),
         "position_m": flight.iter().map(|(_, disc)| disc.p_m.as_slice()).collect::<Vec<_>>(),
         "velocity_m_s": flight.iter().map(|(_, disc)| disc.v_m_s.as_slice()).collect::<Vec<_>>(),
         "normal": flight.iter().map(|(_, disc)| disc.normal.as_slice()).collect::<Vec<_>>(),
     });
-    told["motion"] = planned.map_or(Value::Null, |motion| {
+    result["motion"] = planned.map_or(Value::Null, |motion| {
         let states = steps(motion.from_s, motion.end_s(), step_s).map(|t_s| {
             let at: [_; 4] = std::array::from_fn(|joint| motion.at(joint, t_s));
             (t_s, [at.map(|joint| joint.q), at.map(|joint| joint.v), at.map(|joint| joint.a)])
         });
         table(states)
     });
-    Ok(told)
+    Ok(result)
 }
 
 fn args(words: &[String], step_s: f64) -> Result<Args, ExpectedError> {
@@ -118,7 +118,7 @@ fn table<const N: usize>(states: impl Iterator<Item = (f64, [[f64; N]; 3])>) -> 
 /// Where ball, arms and the mouth of the cup were, in the world of the court.
 fn trace(trial: &Trial, jerk: bool) -> Value {
     let (arm, outcome) = (trial.pair.catcher(jerk), &trial.outcome);
-    let column = |of: &dyn Fn(&operator::rally::trial::Moment) -> Value| -> Value {
+    let column = |of: &dyn Fn(&operator::ball_catch::trial::Moment) -> Value| -> Value {
         outcome.trace.iter().map(of).collect()
     };
     json!({
@@ -141,15 +141,15 @@ fn event_json(after_release_s: f64, event: &CourtEvent) -> Value {
         CourtEvent::Rests { arm } => ("rests in the cup", Some(arm), None),
         CourtEvent::FellOut { arm } => ("fell out of the cup", Some(arm), None),
     };
-    let mut told = Map::new();
-    told.insert("after_release_s".to_owned(), json!(after_release_s));
-    told.insert("event".to_owned(), json!(what));
+    let mut result = Map::new();
+    result.insert("after_release_s".to_owned(), json!(after_release_s));
+    result.insert("event".to_owned(), json!(what));
     let arm = arm.map(|arm| if *arm == 0 { "thrower" } else { "catcher" });
-    told.insert("arm".to_owned(), json!(arm));
+    result.insert("arm".to_owned(), json!(arm));
     if let Some((name, value)) = more {
-        told.insert(name.to_owned(), value);
+        result.insert(name.to_owned(), value);
     }
-    Value::Object(told)
+    Value::Object(result)
 }
 
 fn rows(matrix: &Matrix4<f64>) -> Vec<Vec<f64>> {

@@ -1,19 +1,21 @@
 //! `cubectl catch`: a disc with a four-axis arm, or a ball with a six-axis arm.
 
 mod ball;
+pub mod catching;
 mod disc;
 pub mod for_programs;
 mod on_controller;
+pub mod outcome;
 mod witness_words;
 
 use std::path::PathBuf;
 
+use self::catching::Catching;
 use super::plan::options::point;
 use crate::error::ExpectedError;
 
 pub use disc::DiscName;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl catch --robot pincher4 --disc flat --report catch.html\n  cubectl catch --disc oblique --no-limits                            # only the rule of the paper\n  cubectl catch --start 0.5,-2.2,0.7 --velocity 0,3.8,1.5 --air --wind 0.5,0,0\n  cubectl catch --disc flat --on-controller\n  cubectl catch --robot powercube6 --ball 2.2,0.1,0.4,-2.6,-0.1,3.0 --report ball.html\n\nThe rule of the paper knows no joint limits: it shows where its steps end, what the gripper has there, and which joint\nspeeds it demands. The plan keeps the limits of the robot file. Both are judged by the geometry of disc and gripper.\n\nA ball is seen by a simulated tracker (120 Hz, 2 mm, 15 ms) and caught with a cup by an arm with the lag of its drives, in virtual\ntime. Whether it is caught is decided by the simulated contact of ball and cup."
@@ -40,9 +42,6 @@ pub struct Args {
     /// Spin of the disc, rad/s.
     #[arg(long, default_value_t = 50.0, value_name = "RAD/S", allow_hyphen_values = true, requires = "air")]
     pub spin: f64,
-    /// Keep the jerk limits as well.
-    #[arg(long)]
-    pub jerk: bool,
     /// Only the rule of the paper, without joint limits.
     #[arg(long, conflicts_with_all = ["air", "jerk"])]
     pub no_limits: bool,
@@ -60,7 +59,10 @@ pub struct Args {
     pub ball: Option<[f64; 6]>,
     /// How the ball is caught.
     #[command(flatten)]
-    pub catching: super::rally::Catching,
+    pub catching: Catching,
+    /// The catcher knows beforehand where the ball starts and how fast.
+    #[arg(long, requires = "ball", conflicts_with_all = ["disc", "start"])]
+    pub cooperative: bool,
     /// Write a report with paths, joint angles, distances and an animation.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,

@@ -1,8 +1,8 @@
 //! `cubectl catch --disc --on-controller`
 
+use operator::ball_catch::trial::Trouble;
 use operator::dialogue::operator::OperatorError;
 use operator::disc::{DriveLost, Judged, NoRun, run as run_plan};
-use operator::rally::trial::Trouble;
 use planner::disc::arm::DiscArm;
 use planner::disc::flight::Path;
 use planner::disc::intercept::Plan;

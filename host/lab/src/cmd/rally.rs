@@ -1,0 +1,209 @@
+//! `cubelab rally`
+
+use std::path::PathBuf;
+
+use hil_sim::court::CourtOptions;
+use host::cmd::catch::catching::Catching;
+use host::cmd::catch::outcome::{as_json, ended, reported_text, why_not_caught};
+use host::cmd::print_json;
+use host::error::ExpectedError;
+use host::exit;
+use operator::ball_catch::limits::Executed;
+use operator::ball_catch::trial::{CatchOutcome, TrialOptions};
+use serde_json::{Value, json};
+
+use super::on_wire::{self, Wire};
+use crate::rally::exchange::{Partners, Rally, RallyEnd};
+use crate::rally::study::{self, Row, Share, StudyOptions};
+use crate::report;
+
+/// Options that change nothing in a study.
+const NOT_OF_A_STUDY: [&str; 6] = ["throws", "eyes_only", "hand", "jerk", "trouble", "report"];
+
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  cubelab rally --throws 20 --report rally.html\n  cubelab rally --throws 4 --trouble frames-lost:0.1 --trouble bias:2\n  cubelab rally --study 500 --json > study.json          # the tables of shares; some minutes\n  cubelab rally --bus-thrower socketcand://127.0.0.1:29536/can0 --bus-catcher socketcand://127.0.0.1:29537/can0 \\\n      --tracker 127.0.0.1:5000                           # one throw in real time, with `hil-sim serve-court` or with arms\n\nTwo arms of the court throw a ball to each other and catch it with open cups, in virtual time. The partners cooperate: the\ncatcher knows the plan of the throw, and the thrower takes the throw that is most surely caught. Whether a ball is caught\nis decided by the simulated contact of ball and cup; what the catcher reports comes from what its tracker saw."
+)]
+pub struct Args {
+    /// Throws at most; the rally ends with the first ball that is not caught.
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub throws: u32,
+    /// Without the thrower's plan: the catcher has its tracker only.
+    #[arg(long)]
+    pub eyes_only: bool,
+    /// How the ball is caught.
+    #[command(flatten)]
+    pub catching: Catching,
+    /// Instead of a rally: shares of caught balls over this many throws each, by setting, flight time and fault.
+    #[arg(long, value_name = "THROWS", conflicts_with_all = NOT_OF_A_STUDY, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub study: Option<u32>,
+    /// Of the study only settings whose name has this in it.
+    #[arg(long, value_name = "TEXT", requires = "study", conflicts_with_all = NOT_OF_A_STUDY)]
+    pub only: Option<String>,
+    /// One throw over the wire.
+    #[command(flatten)]
+    pub wire: Wire,
+    /// Write a report of the last exchange: both arms, predicted and actual miss, probability over time, decisions.
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    /// Print the result as JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    let court = args.catching.court()?;
+    if let Some(throws) = args.study {
+        return study_of(args, &court, throws);
+    }
+    let mut options = args.catching.trial();
+    options.cooperative = !args.eyes_only;
+    if args.wire.is_meant() {
+        return on_wire(args, court, &options);
+    }
+    let refused = |why: &dyn std::fmt::Display| {
+        ExpectedError::bad_input(&format!(
+            "an arm of the court cannot catch balls: {why}\n  next: `robot = \"powercube6\"`"
+        ))
+    };
+    let partners = Partners::new(court).map_err(|why| refused(&why))?;
+    let rally = partners.play(args.throws as usize, &options, args.catching.seed);
+    if let (Some(file), Some(last)) = (&args.report, rally.exchanges.last()) {
+        let page = report::rally(&rally, partners.pair(last.thrower), last, options.jerk);
+        std::fs::write(file, page).map_err(|e| ExpectedError::output(file, &e))?;
+    }
+    if args.json {
+        print_json(&rally_json(&rally));
+    } else {
+        console::text!("{}", rally_text(&rally));
+        if let (Some(file), true) = (&args.report, !rally.exchanges.is_empty()) {
+            console::line!("report: {}", file.display());
+        }
+    }
+    match (rally.end, rally.exchanges.last()) {
+        (RallyEnd::Complete, _) => Ok(()),
+        (RallyEnd::NotCaught, Some(last)) => ended(&last.outcome),
+        (RallyEnd::NoThrow, _) => Err(ExpectedError::new(
+            exit::NO_THROW,
+            "no throw was found that the other arm catches\n  next: set the arms of the court 2 to 3 m apart, or another --seed",
+        )),
+        (RallyEnd::NoTransit | RallyEnd::NotCaught, _) => Err(ExpectedError::new(
+            exit::NO_THROW,
+            "an arm found no way to its next pose without contact\n  next: another --seed",
+        )),
+    }
+}
+
+/// One throw over two buses in real time.
+fn on_wire(args: &Args, court: CourtOptions, options: &TrialOptions) -> Result<(), ExpectedError> {
+    let outcome = args.wire.run(court, options, args.catching.seed)?;
+    if args.json {
+        print_json(&on_wire::as_json(&outcome, &reported_text(outcome.reported)));
+    } else {
+        console::text!("{}", on_wire::as_text(&outcome, &reported_text(outcome.reported)));
+    }
+    if let Some(why) = on_wire::not_thrown(outcome.thrown) {
+        return Err(why);
+    }
+    match outcome.reported {
+        CatchOutcome::Caught => Ok(()),
+        other => Err(why_not_caught(other)),
+    }
+}
+
+fn rally_text(rally: &Rally) -> String {
+    let mut out = format!("{} catches in a row\n", rally.length());
+    for (k, exchange) in rally.exchanges.iter().enumerate() {
+        let outcome = &exchange.outcome;
+        let crossing = outcome.crossing.map_or_else(String::new, |c| {
+            format!(", {:.1} mm off, {:.2} m/s against the hand", c.miss_m * 1e3, c.speed_m_s)
+        });
+        out += &format!(
+            "  {:2}: arm {} throws, flight {:.2} s: {}{crossing}\n",
+            k + 1,
+            exchange.thrower + 1,
+            exchange.aimed.flight_s,
+            reported_text(outcome.reported)
+        );
+    }
+    out
+}
+
+fn rally_json(rally: &Rally) -> Value {
+    json!({
+        "length": rally.length(),
+        "complete": rally.end == RallyEnd::Complete,
+        "exchanges": rally.exchanges.iter().map(|e| json!({
+            "thrower": e.thrower + 1, "flight_s": e.aimed.flight_s, "transit_s": e.transit_s, "outcome": as_json(&e.outcome),
+        })).collect::<Vec<_>>(),
+    })
+}
+
+fn study_of(args: &Args, court: &CourtOptions, throws: u32) -> Result<(), ExpectedError> {
+    let options = StudyOptions { throws: throws as usize, seed: args.catching.seed, only: args.only.clone() };
+    let mut rows = Vec::new();
+    let study = study::run(court, &options, |row| {
+        if args.json {
+            console::note!("{}: {} of {} caught", row.name, row.caught.hits, row.caught.of);
+        } else {
+            console::text!("{}", row_text(row));
+        }
+        rows.push(row.clone());
+    });
+    let study = study.map_err(|why| {
+        if args.json && !rows.is_empty() {
+            print_json(&json!({"rows": rows}));
+        }
+        let next = "look at the arms of the court file: the study sets them 2, 2.5 and 3 m apart and leaves the rest; \
+                    `--only \"D 2 m\"` makes the rows of that distance alone";
+        ExpectedError::new(exit::NO_THROW, format!("{why}\n  next: {next}"))
+    })?;
+    if args.json {
+        print_json(&json!({"rows": rows, "estimator": study.estimator, "rallies": study.rallies}));
+    } else {
+        console::text!("{}", study.as_text());
+    }
+    let wrong: usize = rows.iter().map(|row| row.silent.len() + row.limit_passed.len()).sum();
+    if wrong > 0 {
+        return Err(ExpectedError::new(
+            exit::FINDINGS,
+            format!(
+                "{wrong} trials passed a limit or reported what did not happen\n  next: the rows above show in which setting"
+            ),
+        ));
+    }
+    Ok(())
+}
+
+fn row_text(row: &Row) -> String {
+    let Row { name, caught_without_place, declined, safe, silent, limit_passed, not_clear, .. } = row;
+    let Row { declined_at_base, refusals, judged, wait_deg, .. } = row;
+    let share = |share: &Share| {
+        let (low, high) = share.wilson();
+        format!("{:.1} % [{:.1}, {:.1}] of {}", share.value() * 100.0, low * 100.0, high * 100.0, share.of)
+    };
+    let by_flight = |shares: &[Share], digits: usize| {
+        let shares = shares.iter().map(|share| format!("{:.digits$}/{}", share.value() * 100.0, share.of));
+        shares.collect::<Vec<_>>().join(" ")
+    };
+    let executed = |arm: &Executed| format!("{:.0} / {:.0} %", arm.speed * 100.0, arm.acceleration * 100.0);
+    let first = row.first_decision.0.iter().filter(|bin| bin.of > 0);
+    let first: Vec<String> =
+        first.map(|bin| format!("{:.2}: {}/{}", bin.predicted, bin.caught, bin.of)).collect();
+    format!(
+        "{name}\n  caught {}; of those with a place {} (without one {caught_without_place}); by the rule {:.1} %; by flight time {}; with a place {}\n  miss {:.1} mm (50 %), {:.1} mm (95 %); declined {declined}; not caught and reported {safe}; reported wrongly {silent:?}; limit passed {limit_passed:?}; touched although declined {not_clear:?} (and column or turntable {declined_at_base}); refused {refusals}\n  largest speed and acceleration: thrower {}, catcher {}\n  decision {:.0} / {:.0} us (50 / 99 %), {judged:.0} candidates; waits at {wait_deg:.0?} deg\n  first decision, predicted: caught of all {}; Brier score {:.3}\n",
+        share(&row.caught),
+        share(&row.of_possible),
+        row.by_rule.value() * 100.0,
+        by_flight(&row.by_flight, 0),
+        by_flight(&row.possible_by_flight, 1),
+        row.miss_mm.0,
+        row.miss_mm.1,
+        executed(&row.executed[0]),
+        executed(&row.executed[1]),
+        row.decision_us.0,
+        row.decision_us.1,
+        first.join(", "),
+        row.first_decision.1
+    )
+}

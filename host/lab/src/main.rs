@@ -1,0 +1,7 @@
+//! `cubelab`: wiring only; the work is in the library.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    host::program::run(lab::cli::COMPLETE_VARIABLE, lab::cli::run)
+}

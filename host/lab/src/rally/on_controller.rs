@@ -1,0 +1,228 @@
+//! An arm of six drives behind its controller, on a simulated bus in virtual time or on a bus in real time.
+//!
+//! The controller runs a plan that stands still and takes new end states over in flight ([`operator::dialogue::online`]). It solves and
+//! checks the way to each of them itself; what comes back is taken, or refused with the cause. Time zero of the trial is a time
+//! of the session; the controller's clock is related to it by readings.
+
+use firmware::settings::Settings;
+use hil_sim::court::JointsNow;
+use operator::ball_catch::executor::{Executor, Order, Refused};
+use operator::bus::{BusArgs, BusFailure, Session};
+use operator::dialogue::clock::ControllerClock;
+use operator::dialogue::online::EndStates;
+use operator::dialogue::operator::OperatorError;
+use operator::trajectory::standing;
+use planner::catch::Joints;
+use protocol::cyphal::cubecell::group_state::State;
+use protocol::cyphal::cubecell::joint_state::JointSample;
+use protocol::cyphal::cubecell::stop::Reason;
+use protocol::cyphal::id::NodeId;
+use protocol::{Duration, Instant};
+
+/// Longest time from the opening of the session to a controller that answers, and for homing, s.
+const READY_MAX: Duration = Duration::from_secs(10);
+const HOMING_MAX: Duration = Duration::from_secs(120);
+/// Time for the way from the home pose to the waiting pose, and until it has ended.
+const WAY: Duration = Duration::from_secs(4);
+const SETTLED: Duration = Duration::from_secs(5);
+/// Time for coming to rest after a halt.
+const HALTED: Duration = Duration::from_secs(1);
+/// Length of the plan that stands still: longer than any trial.
+const STANDING_US: u32 = 20_000_000;
+
+/// Why there is no arm.
+#[derive(Debug, thiserror::Error)]
+pub enum NoArm {
+    #[error(transparent)]
+    Bus(#[from] BusFailure),
+    #[error(transparent)]
+    Operator(#[from] OperatorError),
+    #[error("the plan that stands still cannot be written")]
+    Plan,
+    #[error("the controller refuses the way to the waiting pose: {0}")]
+    Wait(String),
+    #[error("the controller reports no joints")]
+    NoJoints,
+}
+
+pub struct ControllerArm {
+    session: Session,
+    settings: Settings,
+    node: NodeId,
+    clock: ControllerClock,
+    zero: Instant,
+    joints: JointsNow,
+    sequence: u8,
+    refused: Vec<Refused>,
+    halted: bool,
+    /// End states that the controller has taken, and that it has refused.
+    pub answered: (usize, usize),
+}
+
+impl ControllerArm {
+    /// From a decision to the first motion because of it, s: a message of up to 6 ms, two control periods and the lag of the
+    /// drives.
+    pub const ACTUATION_S: f64 = 0.017;
+
+    /// A simulated arm in virtual time that is homed, has gone to `wait` and takes end states. Some tens of seconds of virtual time.
+    pub fn new(wait: &Joints) -> Result<Self, NoArm> {
+        Self::on(BusArgs::default().open_with_controller()?, &Settings::powercube6(), wait)
+    }
+
+    /// The same on a session whose bus has six drives and a controller with `settings`.
+    pub fn on(session: Session, settings: &Settings, wait: &Joints) -> Result<Self, NoArm> {
+        let mut arm = Self::at(session, settings, wait)?;
+        arm.begin()?;
+        Ok(arm)
+    }
+
+    /// An arm that rests at `pose`; homed before, if it was not. The way there is straight in the joints and takes four seconds:
+    /// nothing looks for contact on it.
+    pub fn at(mut session: Session, settings: &Settings, pose: &Joints) -> Result<Self, NoArm> {
+        session.watch_stops();
+        let node = session.find_controller(None)?;
+        session.wait_for(READY_MAX, &|state| state != State::Boot)?;
+        if session.group().is_some_and(|group| group.state == State::Idle) {
+            session.home_group(node, 0x3F, HOMING_MAX)?;
+        }
+        let mut clock = ControllerClock::default();
+        session.read_clock(node, &mut clock)?;
+        let zero = session.now();
+        let still = JointsNow { q: *pose, qd: Joints::zeros(6) };
+        let (refused, answered) = (Vec::new(), (0, 0));
+        let settings = *settings;
+        let mut arm = Self {
+            session,
+            settings,
+            node,
+            clock,
+            zero,
+            joints: still,
+            sequence: 0,
+            refused,
+            halted: false,
+            answered,
+        };
+        arm.begin_way(pose)?;
+        arm.session.pass(SETTLED)?;
+        arm.collect();
+        if let Some(why) = arm.refused.pop() {
+            return Err(NoArm::Wait(why.to_string()));
+        }
+        // A run ends when the way to its last end state has ended.
+        arm.session.wait_for(READY_MAX, &|state| state == State::Ready)?;
+        Ok(arm)
+    }
+
+    /// Begins to take end states. The time of the trial is zero now.
+    pub fn begin(&mut self) -> Result<(), NoArm> {
+        self.stand()?;
+        self.session.read_clock(self.node, &mut self.clock)?;
+        self.zero = self.session.now();
+        self.answered = (0, 0);
+        self.joints = self.joints_now().ok_or(NoArm::NoJoints)?;
+        Ok(())
+    }
+
+    /// The session, its controller and what is known of its clock.
+    pub(super) fn parts(&mut self) -> (&mut Session, NodeId, &mut ControllerClock) {
+        (&mut self.session, self.node, &mut self.clock)
+    }
+
+    pub fn now_s(&self) -> f64 {
+        self.session.now().as_secs_f64() - self.zero.as_secs_f64()
+    }
+
+    /// Begins a run whose end state is rest at `to`, in four seconds. The time of the trial begins again at zero.
+    pub fn begin_way(&mut self, to: &Joints) -> Result<(), NoArm> {
+        self.stand()?;
+        self.zero = self.session.now();
+        self.send(WAY.as_secs_f64(), to, &Joints::zeros(6)).map_err(|why| NoArm::Wait(why.to_string()))
+    }
+
+    /// Uploads, arms and runs a plan that stands where the arm stands and takes new end states.
+    fn stand(&mut self) -> Result<(), NoArm> {
+        let pose = self.session.measured_pose(self.node)?;
+        let bytes = standing(&self.settings, &pose, STANDING_US).ok_or(NoArm::Plan)?;
+        let name = self.session.upload(self.node, &bytes, &mut |_, _| {})?;
+        self.session.arm(self.node, &name)?;
+        self.session.start_run(self.node, &name)?;
+        self.session.pass(Duration::from_millis(100))?;
+        Ok(())
+    }
+
+    /// Halts the arm and lets it come to rest.
+    pub fn stop(&mut self) -> Result<(), NoArm> {
+        self.session.halt(Reason::OPERATOR)?;
+        self.session.pass(HALTED)?;
+        self.halted = true;
+        Ok(())
+    }
+
+    fn send(&mut self, at_s: f64, q: &Joints, qd: &Joints) -> Result<(), Refused> {
+        let ours = self.zero + Duration::from_secs_f64(at_s);
+        let Some((at, _)) = self.clock.controller_time(ours) else { return Err(Refused::NotSent) };
+        let end = EndStates { at, q_rad: q.to_vec(), qd_rad_s: qd.to_vec(), events: Vec::new() };
+        self.sequence = self.sequence.wrapping_add(1);
+        self.session.send_target(self.sequence, &end).map_err(|_| Refused::NotSent)
+    }
+
+    fn collect(&mut self) {
+        for answer in self.session.target_answers(self.node) {
+            match answer.outcome {
+                Ok(()) => self.answered.0 += 1,
+                Err(refusal) => {
+                    self.answered.1 += 1;
+                    self.refused.push(Refused::Controller(refusal));
+                }
+            }
+        }
+    }
+
+    /// In virtual time where the plant has the joints, which no node on the bus can read; otherwise what the controller reported last.
+    fn joints_now(&mut self) -> Option<JointsNow> {
+        if let Some(sim) = self.session.sim() {
+            let plant = sim.cell().plant();
+            let q = Joints::from_fn(6, |i| plant.link_q_rad(i));
+            let qd = Joints::from_fn(6, |i| plant.axis(i).v_rad_s);
+            return Some(JointsNow { q, qd });
+        }
+        let (_, _, state) = self.session.host_node().inbox()?.joints.as_ref()?;
+        let joints = state.joints();
+        let of = |number: fn(&JointSample) -> f32| {
+            Joints::from_fn(6, |i| joints.get(i).map_or(f64::NAN, |joint| f64::from(number(joint))))
+        };
+        Some(JointsNow { q: of(|joint| joint.q_rad), qd: of(|joint| joint.qd_rad_s) })
+    }
+}
+
+impl Executor for ControllerArm {
+    fn take(&mut self, order: &Order<'_>, _now_s: f64) -> Result<(), Refused> {
+        if self.halted {
+            return Err(Refused::Halted);
+        }
+        self.send(order.t_s, &order.q, &order.qd)
+    }
+
+    fn advance(&mut self, to_s: f64) -> JointsNow {
+        let to = self.zero + Duration::from_secs_f64(to_s);
+        let span = to.saturating_since(self.session.now());
+        let passed = span.is_zero() || self.session.pass(span).is_ok();
+        self.collect();
+        // Ready: the way to the last end state has ended.
+        let state = self.session.group().map(|group| group.state);
+        self.halted |= !(passed && matches!(state, Some(State::Running | State::Ready)));
+        if let Some(joints) = self.joints_now() {
+            self.joints = joints;
+        }
+        self.joints
+    }
+
+    fn refused(&mut self) -> Option<Refused> {
+        self.refused.pop()
+    }
+
+    fn halted(&self) -> bool {
+        self.halted
+    }
+}

@@ -1,0 +1,206 @@
+//! One throw in the simulated cell, as a scenario wants it, with the real host job and the real controller.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+
+use firmware::settings::Settings;
+use hil_sim::scenario::Scenario;
+use nalgebra::Vector3;
+use operator::bus::BusArgs;
+use operator::bus::BusFailure;
+use operator::bus::args::Cell;
+use operator::bus::period::{PeriodRequest, apply, choose};
+use operator::bus::session::Session;
+use operator::bus::settings::settings_of;
+use operator::bus::sim::SimSetup;
+use operator::dialogue::operator::OperatorError;
+use operator::job::cell::take_plan;
+use operator::job::{Answer, JobError, Judge, Order, Outcome, Record, Step, default_tolerance_m, perform};
+use operator::port::OnBus;
+use planner::plan::Arm;
+use planner::plan::file::PlanFile;
+use planner::way::Travel;
+use protocol::cyphal::id::NodeId;
+use protocol::{Duration, Instant};
+use robot_model::RobotModel;
+use tuner::gains::gains_file::GainsFile;
+
+use super::evidence::{BusTap, Evidence, ReportedOutcome, Seen};
+
+pub const ROBOT: &str = "powercube6";
+/// A throw to (1, 1, -1) m in the default form. It is kept as a file: what a scenario shows depends on the path of the arm,
+/// and must not change with the planner.
+const THROW: &str = include_str!("throw.json");
+/// The cell runs on after the job, so that what still moves is seen.
+const AFTER: Duration = Duration::from_millis(1_500);
+/// The arm starts this far from the start of the plan, towards the middle of the ranges, so that there is an approach.
+const START_OFFSET_RAD: f64 = 0.15;
+
+/// What all throws have in common.
+pub struct Bench {
+    pub arm: Arm,
+    robot: RobotModel,
+    settings: Settings,
+    gains: Option<GainsFile>,
+    pub plan: PlanFile,
+    /// A landing farther from the target counts as missed, m.
+    pub tolerance_m: f64,
+}
+
+impl Bench {
+    /// Loads the throw and the gains for it.
+    pub fn new() -> Result<Self, String> {
+        let robot = RobotModel::load(ROBOT).map_err(|error| error.to_string())?;
+        let arm = robot.clone();
+        let path = Path::new("host/lab/src/trust/throw.json");
+        let plan = PlanFile::from_json(path, THROW).map_err(|error| error.to_string())?;
+        plan.require_robot(path, &arm).map_err(|error| error.to_string())?;
+        let mut settings = settings_of(&robot).map_err(|error| error.to_string())?;
+        let choice = choose(PeriodRequest::Any, None, &robot, settings.cycle_period_us)
+            .map_err(|error| error.to_string())?;
+        apply(&choice, &mut settings);
+        Ok(Self {
+            tolerance_m: default_tolerance_m(&arm, &plan),
+            arm,
+            robot,
+            settings,
+            gains: Some(choice.gains),
+            plan,
+        })
+    }
+
+    pub fn controller(&self) -> NodeId {
+        NodeId::from_low_bits(self.settings.node_id as u8)
+    }
+
+    /// A cell whose arm stands homed beside the start of the plan.
+    pub fn scenario(&self, seed: u64) -> Scenario {
+        let mut scenario = Scenario { name: "trust".to_owned(), seed, ..Scenario::default() };
+        scenario.duration = Duration::from_secs(60);
+        scenario.cell.drive.starts_homed = true;
+        let start = self.plan.motion.to_motion().start_rad();
+        scenario.cell.start_q_rad = Some(start.iter().map(|q| q - START_OFFSET_RAD.copysign(*q)).collect());
+        scenario
+    }
+
+    /// A cell whose joints have to find their zeros first.
+    pub fn scenario_without_zeros(&self, seed: u64) -> Scenario {
+        let mut scenario = self.scenario(seed);
+        scenario.cell.drive.starts_homed = false;
+        // Beside the home switches.
+        scenario.cell.start_q_rad = None;
+        scenario
+    }
+
+    pub fn throw(&self, scenario: &Scenario) -> Evidence {
+        match catch_unwind(AssertUnwindSafe(|| self.try_throw(scenario))) {
+            Ok(Ok(evidence)) => evidence,
+            Ok(Err(failure)) => nothing(ReportedOutcome::Failed(failure.to_string())),
+            Err(panic) => {
+                let text = panic.downcast_ref::<String>().map(String::as_str);
+                let text = text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("unknown");
+                nothing(ReportedOutcome::Panicked(text.to_owned()))
+            }
+        }
+    }
+
+    fn try_throw(&self, scenario: &Scenario) -> Result<Evidence, BusFailure> {
+        let mut setup = SimSetup {
+            cell: scenario.cell.clone(),
+            bus: scenario.bus,
+            faults: scenario.faults.clone(),
+            actions: scenario.actions.clone(),
+        };
+        take_plan(&mut setup.cell, &self.plan);
+        let cell =
+            Cell { robot_source: ROBOT.to_owned(), robot: self.robot.clone(), seed: scenario.seed, setup };
+        let mut session = BusArgs::default().open_cell(&cell, Some(&self.settings))?;
+        let tap = BusTap::new(&self.arm);
+        session.add_tap(Box::new(tap.clone()));
+        record_trace(&mut session)?;
+
+        let travel = Travel { seed: scenario.seed, ..Travel::default() };
+        let order = Order {
+            gains: self.gains.as_ref(),
+            judge: Judge::Throw { plan: &self.plan, tolerance_m: self.tolerance_m },
+            ..Order::throw(&self.arm, &self.plan, travel)
+        };
+        let mut operator = OnBus::new(&mut session, None, scenario.bus.bit_rate_bit_s);
+        let record = perform(&mut operator, &order, &mut |_| Answer::Yes);
+        let job_end = session.now();
+        let mut broken = match &record.ended {
+            Some(JobError::Operator(OperatorError::Bus(failure))) => world_broken(failure),
+            _ => None,
+        };
+        if broken.is_none() {
+            // A program ends its session here; the cell goes on.
+            let after = session.halt_if_moving().and_then(|()| session.pass(AFTER));
+            broken = after.err().map(|failure| failure.to_string());
+        }
+        let end = session.now();
+        let mut steps = record.steps.clone();
+        steps.extend(record.at_work.map(|(step, begun): (Step, Instant)| (step, begun, job_end)));
+        let reported = reported(&record);
+        let Some(sim) = session.sim() else { return Ok(nothing(reported)) };
+        let ball = sim.cell().throw().clone();
+        let trace = sim.cell().trace().cloned().unwrap_or_default();
+        let target = Vector3::from(self.plan.target.position_m);
+        let (seen, reported_ball) = (Seen::of(&ball, &target, self.tolerance_m), record.ball);
+        Ok(Evidence {
+            reported,
+            reported_ball,
+            seen,
+            ball,
+            trace,
+            bus: tap.take(),
+            steps,
+            job_end,
+            end,
+            broken,
+        })
+    }
+}
+
+/// A failure of the bus or of its simulation; a stop that another node gave is an outcome.
+fn world_broken(failure: &BusFailure) -> Option<String> {
+    (!matches!(failure, BusFailure::StoppedByOther(_))).then(|| failure.to_string())
+}
+
+fn record_trace(session: &mut Session) -> Result<(), BusFailure> {
+    if let Some(sim) = session.sim() {
+        sim.world().with_participants(|participants, _| participants.0.0.0.record_trace())?;
+    }
+    Ok(())
+}
+
+/// As the program reports it: exit code and text.
+fn reported(record: &Record) -> ReportedOutcome {
+    let verdict = &record.verdict;
+    match (verdict.outcome, &record.ended) {
+        (Outcome::Landed, _) => ReportedOutcome::Landed,
+        (Outcome::Missed, _) => ReportedOutcome::Missed,
+        (Outcome::NotReleased, _) => ReportedOutcome::NotReleased,
+        (_, Some(JobError::Operator(OperatorError::Stopped { cause, joint, .. }))) => {
+            ReportedOutcome::Cause { cause: *cause, joint: *joint }
+        }
+        (_, Some(JobError::Operator(OperatorError::Refused { refusal: Some(refusal), .. }))) => {
+            ReportedOutcome::Cause { cause: refusal.cause, joint: refusal.joint }
+        }
+        _ => ReportedOutcome::Failed(verdict.text.clone()),
+    }
+}
+
+fn nothing(reported: ReportedOutcome) -> Evidence {
+    Evidence {
+        reported,
+        reported_ball: Default::default(),
+        seen: Seen::NotReleased,
+        ball: Default::default(),
+        trace: Default::default(),
+        bus: Default::default(),
+        steps: Vec::new(),
+        job_end: Instant::ZERO,
+        end: Instant::ZERO,
+        broken: None,
+    }
+}

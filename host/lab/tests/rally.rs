@@ -1,0 +1,127 @@
+//! One arm throws, the other catches: what the catcher tells against where the simulated ball lies.
+
+use hil_sim::court::CourtOptions;
+use lab::rally::exchange::{Partners, RallyEnd};
+use lab::rally::on_controller::ControllerArm;
+use lab::rally::study::{Row, row};
+use lab::rally::throws::{draw_throws, place_exists};
+use operator::ball_catch::thrower::ThrowFault;
+use operator::ball_catch::trial::{CatchOutcome, Pair, TrialOptions, Trouble};
+use planner::catch::draw::{Aimed, Window};
+
+fn pair() -> Pair {
+    Pair::new(CourtOptions::two_arms().unwrap()).unwrap()
+}
+
+fn throws(pair: &Pair, count: usize) -> Vec<Aimed> {
+    let window = Window { flight_s: (0.6, 0.9), ..Window::default() };
+    let throws = draw_throws(pair, &window, 4 * count, 5).unwrap();
+    let options = TrialOptions::default();
+    throws.into_iter().filter(|aimed| place_exists(pair, aimed, &options)).take(count).collect()
+}
+
+fn in_setting(pair: &Pair, throws: &[Aimed], options: &TrialOptions) -> Row {
+    let row = row("", pair, throws, &|_| options.clone(), &[], 11);
+    let wrong = (row.silent.len(), row.limit_passed.len(), row.refusals);
+    assert_eq!(wrong, (0, 0, 0), "{row:?}");
+    row
+}
+
+#[test]
+fn throws_with_a_place_are_caught_by_eyes_and_by_plan_and_with_jerk_limits() {
+    let pair = pair();
+    let throws = throws(&pair, 8);
+    for (cooperative, jerk) in [(false, false), (true, false), (true, true)] {
+        let options = TrialOptions { cooperative, jerk, ..TrialOptions::default() };
+        let row = in_setting(&pair, &throws, &options);
+        assert!(row.caught.hits >= 7, "{cooperative} {jerk}: {row:?}");
+        assert!(row.miss_mm.1 < 15.0, "{row:?}");
+    }
+}
+
+/// Tracker, throw or a drive fail at any moment: whatever happens is reported, and no limit is passed.
+#[test]
+fn whatever_fails_is_caught_declined_or_told() {
+    let pair = pair();
+    let throws = throws(&pair, 4);
+    for (k, aimed) in throws.iter().enumerate() {
+        let at_s = 0.15 * k as f64;
+        for trouble in [
+            Trouble::TrackerDead { at_s },
+            Trouble::FramesLost { probability: 0.3 },
+            Trouble::Bias { by_mm: 20.0 },
+            Trouble::FalseMarkers { count: 4 },
+            Trouble::DriveLost { at_s },
+            Trouble::Throw(ThrowFault::NotReleased),
+            Trouble::Throw(ThrowFault::Stops { before_s: 0.05 + at_s }),
+        ] {
+            for cooperative in [false, true] {
+                let options = TrialOptions { cooperative, trouble: vec![trouble], ..TrialOptions::default() };
+                let outcome = pair.run(aimed, &options, k as u64);
+                assert!(outcome.reported_truly(), "{trouble:?} {cooperative}: {:?}", outcome.reported);
+                assert!(
+                    outcome.within_limits(false),
+                    "{trouble:?}: {:?} {:?}",
+                    outcome.used,
+                    outcome.executed
+                );
+                if let Trouble::Throw(_) = trouble {
+                    assert!(!outcome.caught);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn without_a_ball_an_uninformed_arm_stays_where_it_is() {
+    let pair = pair();
+    let options =
+        TrialOptions { trouble: vec![Trouble::Throw(ThrowFault::NotReleased)], ..TrialOptions::default() };
+    let outcome = pair.run(&throws(&pair, 1)[0], &options, 1);
+    assert_eq!(outcome.reported, CatchOutcome::NothingThrown);
+    assert!(outcome.trace.iter().all(|moment| (moment.q[1] - options.wait).amax() < 1e-3));
+}
+
+#[test]
+fn the_same_seed_gives_the_same_trial_and_another_one_another() {
+    let pair = pair();
+    let aimed = &throws(&pair, 1)[0];
+    let run = |seed| pair.run(aimed, &TrialOptions::default(), seed);
+    assert_eq!(run(3).trace, run(3).trace);
+    assert_ne!(run(3).trace, run(4).trace);
+}
+
+/// The catcher's arm is six simulated drives under the controller: end states go over the bus, and the plant is the arm that the
+/// ball meets.
+#[test]
+fn an_arm_behind_its_controller_catches() {
+    let pair = pair();
+    let throws = throws(&pair, 3);
+    let mut caught = 0;
+    for (k, aimed) in throws.iter().enumerate() {
+        let mut options = TrialOptions { cooperative: k == 0, ..TrialOptions::default() };
+        // Message, two control periods and the lag of the drives.
+        options.settings.actuation_s = ControllerArm::ACTUATION_S;
+        let mut arm = ControllerArm::new(&options.wait).unwrap();
+        let outcome = pair.run_on(aimed, &options, k as u64, &mut arm, |observe| observe());
+        assert!(outcome.reported_truly(), "{:?} {:?}", outcome.reported, outcome.events);
+        // The position loop of a drive overshoots a step of the acceleration.
+        let executed = outcome.executed[1];
+        let kept = executed.speed <= 1.0 && executed.acceleration <= 1.2 && !executed.left_range;
+        assert!(kept, "{executed:?}");
+        assert!(arm.answered.0 > 3, "{:?} {:?}", arm.answered, outcome.refusals);
+        println!("{:?} {:?} {:?} {:?}", outcome.reported, outcome.crossing, arm.answered, outcome.refusals);
+        caught += usize::from(outcome.caught);
+    }
+    assert!(caught >= 2, "{caught} of {}", throws.len());
+}
+
+#[test]
+fn a_rally_goes_to_and_fro() {
+    let partners = Partners::new(CourtOptions::two_arms().unwrap()).unwrap();
+    let options = TrialOptions { cooperative: true, ..TrialOptions::default() };
+    let rally = partners.play(4, &options, 2);
+    assert_eq!((rally.end, rally.length()), (RallyEnd::Complete, 4));
+    assert_eq!(rally.exchanges.iter().map(|e| e.thrower).collect::<Vec<_>>(), [0, 1, 0, 1]);
+}

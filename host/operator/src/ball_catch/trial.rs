@@ -1,0 +1,488 @@
+//! One throw, from the run-up to the ball at rest.
+
+use hil_sim::court::{ArmPlace, Court, CourtEvent, CourtOptions, Crossing, JointsNow};
+use hil_sim::mechanics::LooseBall;
+use hil_sim::rng::Rng;
+use hil_sim::tracker::{TrackerFault, TrackerFaultKind};
+use nalgebra::Vector3;
+use planner::catch::Joints;
+use planner::catch::arm::{CatchArm, Cup, NotACatcher, Shares};
+use planner::catch::clear::CLEARS_FROM_LINK;
+use planner::catch::draw::Aimed;
+use planner::catch::motion::used;
+use planner::catch::online::{Catcher, Logged};
+use planner::catch::search::Choice;
+use planner::catch::task::Settings;
+use planner::throw::Throw;
+use protocol::{Duration, Instant};
+use robot_model::collision::Obb;
+
+use super::executor::{Executor, LaggingArm, Order, Refused};
+use super::limits::{Executed, LimitWatch};
+use super::obstacles::{reach, swept, touch, within_reach};
+pub use super::reported::CatchOutcome;
+use super::reported::{InCup, in_cup, report};
+use super::thrower::{Scatter, ThrowFault, Thrower};
+use crate::flight_estimator::fit::Air;
+use crate::flight_estimator::{BallWatch, MarkerStream, WatchOptions};
+
+/// Step of a trial.
+const STEP: Duration = Duration::from_millis(1);
+/// The clocks settle before the thrower moves, s.
+const SETTLE_S: f64 = 0.2;
+/// A trial goes on for this long after the last motion, s.
+const AFTER_S: f64 = 1.0;
+/// And for this much longer as long as the ball still moves in the cup, s.
+const LONGER_S: f64 = 0.2;
+/// Longest trial, s.
+const TRIAL_MAX_S: f64 = 8.0;
+/// Samples before the first forecast without a plan.
+const FIRST_SAMPLES: usize = 5;
+/// Both arms are looked at for contact with each other every this many steps.
+const TOUCH_EVERY: u64 = 8;
+/// Places are kept for pictures every this many steps.
+const TRACE_EVERY: u64 = 8;
+
+/// What goes wrong with the catcher or its eyes; times in s after the planned release.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Trouble {
+    /// The tracker's data end.
+    TrackerDead { at_s: f64 },
+    /// Frames are lost with this probability.
+    FramesLost { probability: f64 },
+    /// All positions are off by this much in each axis, mm.
+    Bias { by_mm: f64 },
+    /// This many false markers in each frame.
+    FalseMarkers { count: u32 },
+    /// One drive of the catcher is lost.
+    DriveLost { at_s: f64 },
+    /// The thrower's arm or fingers fail.
+    Throw(ThrowFault),
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrialOptions {
+    /// What counts as a catch.
+    pub settings: Settings,
+    /// The catcher knows the thrower's plan.
+    pub cooperative: bool,
+    /// Without eyes: the plan alone.
+    pub blind: bool,
+    /// Jerk limits are kept too.
+    pub jerk: bool,
+    pub scatter: Scatter,
+    /// Drag that the catcher believes in, as a factor on the ball's; and its standard deviation as a share.
+    pub drag: (f64, f64),
+    /// Where the catcher waits, rad.
+    pub wait: Joints,
+    pub trouble: Vec<Trouble>,
+}
+
+/// Waiting pose that reaches most matched catches at 2.5 m, deg.
+pub const WAIT_MATCHED_DEG: [f64; 6] = [5.0, -48.0, -157.0, 8.0, -53.0, 0.0];
+/// The same for catches with the hand at rest, deg.
+pub const WAIT_HOLD_DEG: [f64; 6] = [-4.0, -40.0, -173.0, -3.0, -88.0, 0.0];
+
+/// The thrower while it only stands there, deg.
+const STANDING_DEG: [f64; 6] = [0.0, -90.0, -90.0, 0.0, 0.0, 0.0];
+
+impl Default for TrialOptions {
+    /// Both kinds of catches, eyes only, acceleration limits, 5 ms and 1 % of scatter, drag known to 10 %.
+    fn default() -> Self {
+        Self {
+            settings: Settings::default(),
+            cooperative: false,
+            blind: false,
+            jerk: false,
+            scatter: Scatter::default(),
+            drag: (1.0, 0.1),
+            wait: Joints::from(WAIT_HOLD_DEG.map(f64::to_radians)),
+            trouble: Vec::new(),
+        }
+    }
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct Moment {
+    /// Time, s.
+    pub t_s: f64,
+    /// Joints of thrower and catcher, rad.
+    pub q: [Joints; 2],
+    pub ball_m: Vector3<f64>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outcome {
+    /// The ball lay in the catcher's cup at the end: the court's word.
+    pub caught: bool,
+    pub reported: CatchOutcome,
+    /// How the ball crossed the plane of the mouth.
+    pub crossing: Option<Crossing>,
+    /// What the court saw, s.
+    pub events: Vec<(f64, CourtEvent)>,
+    pub choice: Option<Choice>,
+    pub log: Vec<Logged>,
+    pub refusals: Vec<Refused>,
+    /// Times of planned release and planned passage of the window, s.
+    pub planned_s: (f64, f64),
+    /// Largest use of speed, acceleration, jerk by motions that were executed.
+    pub used: [f64; 3],
+    /// Limits of thrower and catcher against their joints as they moved.
+    pub executed: [Executed; 2],
+    pub arms_touched: bool,
+    /// Time from the first to the last sample of the flight.
+    pub seen_s: f64,
+    /// Distance of the ball from the cup's axis at the catch, by the last forecast, m.
+    pub off_m: Option<f64>,
+    pub trace: Vec<Moment>,
+}
+
+impl Outcome {
+    /// What was reported is what happened, or that it is not known.
+    #[must_use]
+    pub fn reported_truly(&self) -> bool {
+        self.reported.agrees(self.caught)
+    }
+
+    /// No limit of speed, acceleration or range was passed by either arm, none of jerk by the catcher's plans if `jerk`, and the arms did
+    /// not touch each other.
+    #[must_use]
+    pub fn within_limits(&self, jerk: bool) -> bool {
+        let planned = self.used[0] <= 1.0 && self.used[1] <= 1.0 && (!jerk || self.used[2] <= 1.0);
+        planned && self.executed.iter().all(Executed::within) && !self.arms_touched
+    }
+
+    /// The part of the catcher that the ball touched first, before it hit the floor.
+    #[must_use]
+    pub fn first_touch(&self) -> Option<Touch> {
+        let flight = self.events.iter().take_while(|(_, event)| *event != CourtEvent::HitFloor);
+        flight.map(|(_, event)| event).find_map(|event| match event {
+            CourtEvent::HitCup { arm: 1, .. } => Some(Touch::Moving),
+            CourtEvent::HitLink { arm: 1, link, .. } if *link >= CLEARS_FROM_LINK => Some(Touch::Moving),
+            CourtEvent::HitLink { arm: 1, .. } => Some(Touch::Base),
+            _ => None,
+        })
+    }
+}
+
+/// A part of the catcher that the ball touched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Touch {
+    /// Column or turntable: they stay where they are, whatever the joints do.
+    Base,
+    /// The cup, or a link that can get out of the ball's way.
+    Moving,
+}
+
+/// Thrower and catcher on a court, ready for trials.
+#[derive(Debug, Clone)]
+pub struct Pair {
+    pub court: CourtOptions,
+    /// The catcher with both laws: without and with jerk. It keeps out of the thrower's reach.
+    catchers: [CatchArm; 2],
+}
+
+impl Pair {
+    /// Arm 0 throws, arm 1 catches.
+    ///
+    /// # Errors
+    /// The catcher's arm cannot hold a cup.
+    pub fn new(court: CourtOptions) -> Result<Self, NotACatcher> {
+        let shape = court.cup.shape;
+        let cup = Cup {
+            mouth_m: court.cup.mouth_from_ee_m,
+            outer_radius_m: shape.inner_radius_m + shape.wall_m,
+            length_m: shape.depth_m + shape.wall_m,
+            miss_max_m: shape.inner_radius_m - court.ball.radius_m,
+            replaces: court.cup.replaces.clone(),
+        };
+        let arm = |k: usize, jerk| {
+            let ArmPlace { model, x_wb } = &court.arms[k];
+            CatchArm::new(model.clone(), *x_wb, cup.clone(), Shares::default(), jerk)
+        };
+        let mut catchers = [arm(1, false)?, arm(1, true)?];
+        let thrower = arm(0, false)?;
+        // The boxes of a hand reach as far as its cup would.
+        let boxes = reach(&court.arms[0], thrower.reach_m() + cup.outer_radius_m);
+        for catcher in &mut catchers {
+            let near = within_reach(catcher, boxes.clone());
+            catcher.set_obstacles(&near);
+        }
+        Ok(Self { catchers, court })
+    }
+
+    #[must_use]
+    pub fn catcher(&self, jerk: bool) -> &CatchArm {
+        &self.catchers[usize::from(jerk)]
+    }
+
+    /// The catcher for one throw: whoever knows the plan keeps clear of the way that the thrower takes, not of all its reach.
+    #[must_use]
+    pub fn catcher_for(&self, aimed: &Aimed, options: &TrialOptions) -> CatchArm {
+        let mut arm = self.catcher(options.jerk).clone();
+        if options.cooperative {
+            let boxes = within_reach(&arm, swept(&self.court.arms[0], &aimed.throw));
+            arm.set_obstacles(&boxes);
+        }
+        arm
+    }
+
+    /// Standard deviation of a marker per axis, m.
+    fn marker_sigma_m(&self) -> f64 {
+        (self.court.tracker.noise_mm * 1e-3).max(1e-4)
+    }
+
+    /// What the watcher knows of ball and tracker.
+    #[must_use]
+    pub fn watch_options(&self, options: &TrialOptions) -> WatchOptions {
+        let drag_1_m = self.court.ball.drag_1_m * options.drag.0;
+        WatchOptions {
+            sigma_m: self.marker_sigma_m(),
+            period_s: self.court.tracker.period.as_secs_f64(),
+            air: Air {
+                gravity_m_s2: self.court.arms[0].model.world().gravity_m_s2,
+                drag_1_m,
+                drag_sigma_1_m: drag_1_m * options.drag.1,
+            },
+            first_samples: FIRST_SAMPLES,
+            prior: None,
+        }
+    }
+
+    /// A ball that comes out of nowhere: `p_m` and `v_m_s` in the world. The thrower stands.
+    #[must_use]
+    pub fn ball(&self, p_m: Vector3<f64>, v_m_s: Vector3<f64>) -> Aimed {
+        let q = Joints::from(STANDING_DEG.map(f64::to_radians));
+        let still = Joints::zeros(6);
+        let throw =
+            Throw { q_rad: q, qd_rad_s: still, qdd_rad_s2: still, flight_s: 1.0, ha_s: 0.2, hb_s: 0.2 };
+        Aimed { throw, p_m, v_m_s, flight_s: 1.0 }
+    }
+
+    /// One throw. The same seed, options and throw give the same outcome to the bit.
+    #[must_use]
+    pub fn run(&self, aimed: &Aimed, options: &TrialOptions, seed: u64) -> Outcome {
+        self.run_timed(aimed, options, seed, |observe| observe())
+    }
+
+    /// The same; `timed` gets each call that turns a sample into a decision, for a clock.
+    #[must_use]
+    pub fn run_timed(
+        &self,
+        aimed: &Aimed,
+        options: &TrialOptions,
+        seed: u64,
+        timed: impl FnMut(&mut dyn FnMut()),
+    ) -> Outcome {
+        let mut executor = LaggingArm::new(self.catcher(options.jerk), &options.wait);
+        for trouble in &options.trouble {
+            if let Trouble::DriveLost { at_s } = trouble {
+                executor.lose_drive(SETTLE_S + aimed.throw.ha_s + at_s);
+            }
+        }
+        self.run_on(aimed, options, seed, &mut executor, timed)
+    }
+
+    /// The same with another arm, which stands at the waiting pose at time zero. A lost drive is its own business.
+    #[must_use]
+    pub fn run_on(
+        &self,
+        aimed: &Aimed,
+        options: &TrialOptions,
+        seed: u64,
+        executor: &mut impl Executor,
+        mut timed: impl FnMut(&mut dyn FnMut()),
+    ) -> Outcome {
+        let mut rng = Rng::stream(seed, "throw scatter");
+        let fault = options.trouble.iter().find_map(|trouble| match trouble {
+            Trouble::Throw(fault) => Some(*fault),
+            _ => None,
+        });
+        let by_hand = aimed.throw.qd_rad_s == Joints::zeros(6);
+        let throwing = &self.court.arms[0].model;
+        let thrower = Thrower::new(throwing, aimed, SETTLE_S, &options.scatter, fault, &mut rng);
+        let planned_s = thrower.planned_release_s();
+        let arm = &self.catcher_for(aimed, options);
+        let court = self.court_with(options, planned_s, seed);
+        let rest = JointsNow { q: options.wait, qd: Joints::zeros(6) };
+        let mut court = Court::new(court, 0, [thrower.joints(0.0), rest]);
+        if let Some(release_s) = thrower.release_s().filter(|_| !by_hand) {
+            court.release_at(Instant::ZERO + Duration::from_secs_f64(release_s));
+        }
+        let mut run = self.new_run(arm, &thrower, aimed, options);
+        if options.cooperative {
+            run.decide(executor, SETTLE_S, &mut timed);
+        }
+        let mut court_joints = rest;
+        let mut watches = [LimitWatch::new(throwing), LimitWatch::new(arm.model())];
+        let (mut trace, mut arms_touched) = (Vec::new(), false);
+        let mut until_s = planned_s + aimed.flight_s + AFTER_S;
+        let mut step = 0;
+        let mut now = Instant::ZERO;
+        while now.as_secs_f64() < until_s.min(TRIAL_MAX_S) {
+            now += STEP;
+            step += 1;
+            let now_s = now.as_secs_f64();
+            let joints = executor.advance(now_s);
+            court_joints = joints;
+            if by_hand && now_s >= planned_s && now_s < planned_s + STEP.as_secs_f64() {
+                let (p_m, v_m_s) = (aimed.p_m, aimed.v_m_s);
+                court.throw_in(LooseBall { p_m, v_m_s, spin_rad_s: Vector3::zeros() });
+            }
+            let both = [thrower.joints(now_s), joints];
+            court.step(now, both);
+            while let Some(why) = executor.refused() {
+                run.refusals.push(why);
+                run.catcher.refused();
+            }
+            for (watch, joints) in watches.iter_mut().zip(&both) {
+                watch.see(now_s, joints);
+            }
+            if step % TOUCH_EVERY == 0 && !arms_touched {
+                arms_touched = self.arms_touch(&both[0].q, &arm.boxes(&joints.q));
+            }
+            while let Some(bytes) = court.poll_datagram() {
+                let Ok(Some(frame)) = run.stream.push(&bytes, now_s) else { continue };
+                run.seen.extend(frame.markers.iter().map(|(_, p)| (frame.t_s, *p)));
+                if !options.blind && run.watch.observe(&frame) {
+                    run.decide(executor, now_s, &mut timed);
+                }
+            }
+            until_s = until_s.max(run.catcher.motion().end_s() + AFTER_S);
+            if now_s >= until_s && in_cup(&run.catcher, &run.seen, &court_joints, now_s) == InCup::Moving {
+                until_s += LONGER_S;
+            }
+            if step % TRACE_EVERY == 0 {
+                let q = both.map(|joints| joints.q);
+                trace.push(Moment { t_s: now_s, q, ball_m: court.ball().0 });
+            }
+        }
+        let reported = report(&run.catcher, &run.seen, executor.halted(), &court_joints, now.as_secs_f64());
+        let events: Vec<(f64, CourtEvent)> =
+            court.events().iter().map(|(at, event)| (at.as_secs_f64(), event.clone())).collect();
+        let crossing = events.iter().find_map(|(_, event)| match event {
+            CourtEvent::Crossed { arm: 1, crossing } => Some(*crossing),
+            _ => None,
+        });
+        let samples = run.watch.samples();
+        Outcome {
+            caught: court.resting_in() == Some(1),
+            reported,
+            crossing,
+            events,
+            choice: run.catcher.choice().cloned(),
+            log: run.catcher.log().to_vec(),
+            refusals: run.refusals,
+            planned_s: (planned_s, planned_s + aimed.flight_s),
+            used: run.used,
+            executed: watches.map(|watch| watch.executed()),
+            arms_touched,
+            seen_s: samples.last().map_or(0.0, |last| last.t_s - samples[0].t_s),
+            off_m: run.catcher.log().iter().rev().map(|logged| logged.off_m).find(|off_m| off_m.is_finite()),
+            trace,
+        }
+    }
+
+    /// The catcher before it has seen anything.
+    #[must_use]
+    pub fn new_run<'a>(
+        &self,
+        arm: &'a CatchArm,
+        thrower: &Thrower,
+        aimed: &Aimed,
+        options: &TrialOptions,
+    ) -> Run<'a> {
+        let prior = options.cooperative.then(|| {
+            let ArmPlace { model, x_wb } = &self.court.arms[0];
+            thrower.prior(model, x_wb, aimed, &options.scatter)
+        });
+        Run {
+            catcher: Catcher::new(arm, options.settings, &options.wait),
+            watch: BallWatch::new(WatchOptions { prior, ..self.watch_options(options) }),
+            stream: MarkerStream::new(),
+            refusals: Vec::new(),
+            seen: Vec::new(),
+            used: [0.0; 3],
+        }
+    }
+
+    /// Whether the throwing arm at `q_rad` touches the boxes of the other one.
+    fn arms_touch(&self, q_rad: &Joints, others: &[Obb]) -> bool {
+        let ArmPlace { model, x_wb } = &self.court.arms[0];
+        let boxes = model.boxes_at(&model.fk(q_rad)).into_iter();
+        let boxes: Vec<Obb> = boxes.map(|b| Obb::new(*x_wb * b.pose, b.half_m)).collect();
+        touch(&boxes, others)
+    }
+
+    /// The court with the trial's faults.
+    fn court_with(&self, options: &TrialOptions, planned_s: f64, seed: u64) -> CourtOptions {
+        let mut court = self.court.clone();
+        court.seed = seed;
+        let always =
+            |kind| TrackerFault { kind, from: Instant::ZERO, until: Instant::FAR_FUTURE, probability: 1.0 };
+        for trouble in &options.trouble {
+            match *trouble {
+                Trouble::TrackerDead { at_s } => court.tracker.faults.push(TrackerFault {
+                    from: Instant::ZERO + Duration::from_secs_f64((planned_s + at_s).max(0.0)),
+                    ..always(TrackerFaultKind::FramesLost)
+                }),
+                Trouble::FramesLost { probability } => court
+                    .tracker
+                    .faults
+                    .push(TrackerFault { probability, ..always(TrackerFaultKind::FramesLost) }),
+                Trouble::Bias { by_mm } => {
+                    court.tracker.faults.push(always(TrackerFaultKind::Bias { by_mm: [by_mm; 3] }));
+                }
+                Trouble::FalseMarkers { count } => {
+                    court.tracker.faults.push(always(TrackerFaultKind::FalseMarkers { count }));
+                }
+                Trouble::DriveLost { .. } | Trouble::Throw(_) => {}
+            }
+        }
+        court
+    }
+}
+
+/// The catcher's side of a trial.
+#[derive(Debug)]
+pub struct Run<'a> {
+    pub catcher: Catcher<'a>,
+    pub watch: BallWatch,
+    pub stream: MarkerStream,
+    pub refusals: Vec<Refused>,
+    /// All markers with their times (s) and places (m), in order of arrival.
+    pub seen: Vec<(f64, Vector3<f64>)>,
+    used: [f64; 3],
+}
+
+impl Run<'_> {
+    /// Decides with what was seen so far; a new motion goes to the arm.
+    pub fn decide(
+        &mut self,
+        executor: &mut impl Executor,
+        now_s: f64,
+        timed: &mut impl FnMut(&mut dyn FnMut()),
+    ) {
+        let mut moved = false;
+        let (watch, catcher) = (&self.watch, &mut self.catcher);
+        timed(&mut || {
+            moved = watch.forecast(now_s).is_some_and(|forecast| catcher.observe(&forecast, now_s).is_some());
+        });
+        if !moved {
+            return;
+        }
+        let order = self.catcher.choice().map_or_else(|| Order::rest(self.catcher.motion()), Order::catch);
+        match executor.take(&order, now_s) {
+            Ok(()) => {
+                let share = used(self.catcher.arm(), order.motion);
+                for (most, share) in self.used.iter_mut().zip(share) {
+                    *most = most.max(share);
+                }
+            }
+            Err(why) => {
+                self.refusals.push(why);
+                self.catcher.refused();
+            }
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! How a ball is caught: options that `cubectl catch --ball` and `cubelab rally` share.
+
+use std::path::PathBuf;
+
+use hil_sim::court::CourtOptions;
+use operator::ball_catch::thrower::ThrowFault;
+use operator::ball_catch::trial::{TrialOptions, Trouble, WAIT_HOLD_DEG, WAIT_MATCHED_DEG};
+use planner::catch::Joints;
+use planner::catch::task::{Allowed, Settings};
+
+use crate::error::ExpectedError;
+
+/// The options.
+#[derive(Debug, clap::Args)]
+pub struct Catching {
+    /// A court file: places of the arms, ball, cup, tracker; the built-in one otherwise.
+    #[arg(long, value_name = "FILE")]
+    pub court: Option<PathBuf>,
+    /// Which catches are allowed.
+    #[arg(long, default_value = "either", value_name = "KIND")]
+    pub hand: Hand,
+    /// Keep the jerk limits as well.
+    #[arg(long)]
+    pub jerk: bool,
+    /// Something that goes wrong; may be given several times.
+    #[arg(long, value_name = "KIND[:VALUE]", value_parser = trouble,
+        help = "Something that goes wrong; may be given several times: tracker-dead:S, frames-lost:SHARE, bias:MM, false-markers:N, drive-lost:S, thrower-stops:S, not-released (times in s after the release, thrower-stops before it)")]
+    pub trouble: Vec<Trouble>,
+    /// Seed of all chance.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+}
+
+/// Kinds of catches.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Hand {
+    /// The hand moves with the ball: at most 2 m/s between them.
+    Matched,
+    /// The hand stands still.
+    Hold,
+    /// Both; matched is preferred.
+    Either,
+}
+
+fn trouble(text: &str) -> Result<Trouble, String> {
+    let (kind, value) = text.split_once(':').map_or((text, None), |(kind, value)| (kind, Some(value)));
+    let number = |low: f64, high: f64| {
+        let value: f64 =
+            value.unwrap_or("").parse().map_err(|_| format!("{kind} needs a number: {kind}:VALUE"))?;
+        if (low..=high).contains(&value) { Ok(value) } else { Err(format!("{kind}: from {low} to {high}")) }
+    };
+    match kind {
+        "tracker-dead" => Ok(Trouble::TrackerDead { at_s: number(-5.0, 5.0)? }),
+        "frames-lost" => Ok(Trouble::FramesLost { probability: number(0.0, 1.0)? }),
+        "bias" => Ok(Trouble::Bias { by_mm: number(-1000.0, 1000.0)? }),
+        "false-markers" => Ok(Trouble::FalseMarkers { count: number(0.0, 20.0)? as u32 }),
+        "drive-lost" => Ok(Trouble::DriveLost { at_s: number(-5.0, 5.0)? }),
+        "thrower-stops" => Ok(Trouble::Throw(ThrowFault::Stops { before_s: number(0.01, 1.0)? })),
+        "not-released" => Ok(Trouble::Throw(ThrowFault::NotReleased)),
+        _ => Err(format!(
+            "'{kind}' is none of tracker-dead, frames-lost, bias, false-markers, drive-lost, thrower-stops, not-released"
+        )),
+    }
+}
+
+impl Catching {
+    /// Options of a trial.
+    pub fn trial(&self) -> TrialOptions {
+        let (allowed, wait) = match self.hand {
+            Hand::Matched => (Allowed::Matched, WAIT_MATCHED_DEG),
+            Hand::Hold => (Allowed::Hold, WAIT_HOLD_DEG),
+            Hand::Either => (Allowed::Either, WAIT_HOLD_DEG),
+        };
+        TrialOptions {
+            settings: Settings { allowed, ..Settings::default() },
+            jerk: self.jerk,
+            wait: Joints::from(wait.map(f64::to_radians)),
+            trouble: self.trouble.clone(),
+            ..TrialOptions::default()
+        }
+    }
+
+    /// The court of the file, or the built-in one.
+    ///
+    /// # Errors
+    /// The file is refused.
+    pub fn court(&self) -> Result<CourtOptions, ExpectedError> {
+        let court = self.court.as_ref().map_or_else(CourtOptions::two_arms, |file| CourtOptions::load(file));
+        court.map_err(|why| ExpectedError::bad_input(&why))
+    }
+}

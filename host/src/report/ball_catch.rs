@@ -1,0 +1,303 @@
+//! HTML report of catching a ball.
+
+use nalgebra::Vector3;
+use operator::ball_catch::trial::{CatchOutcome, Outcome, Pair};
+use planner::catch::Joints;
+use planner::catch::online::Decision;
+use planner::catch::task::Mode;
+
+use super::chart::{Chart, Curve, Pen};
+use super::page::{Page, Tone, cell};
+use super::scene;
+
+const BALL: usize = 1;
+const CUP: usize = 0;
+/// Decisions that are listed; the rest repeat each other.
+const DECISIONS_MAX: usize = 60;
+
+/// A decision as text.
+#[must_use]
+pub fn decision_word(decision: &Decision) -> String {
+    match decision {
+        Decision::Declined(why) => format!("declined: {why}"),
+        Decision::MovedClear(why) => format!("declined, moves out of the way: {why}"),
+        Decision::Begun => "begun".to_owned(),
+        Decision::Corrected => "corrected".to_owned(),
+        Decision::Kept => "kept".to_owned(),
+        Decision::NotCorrected(why) => format!("kept, no better: {why}"),
+        Decision::GivenUp(why) => format!("given up: {why}"),
+        Decision::Frozen => "frozen".to_owned(),
+    }
+}
+
+/// Page of one catch.
+#[must_use]
+pub fn one(pair: &Pair, outcome: &Outcome, jerk: bool) -> String {
+    let mut page = Page::new("Catching a ball", &subtitle(pair, outcome), Some(verdict(outcome)));
+    body(&mut page, pair, outcome, jerk);
+    page.finish()
+}
+
+/// What the hand does while the ball falls into its cup.
+#[must_use]
+pub fn mode_text(mode: Mode) -> &'static str {
+    match mode {
+        Mode::Matched => "moves with the ball",
+        Mode::Hold => "at rest",
+    }
+}
+
+/// The line below the title: arms, tracker, hand.
+#[must_use]
+pub fn subtitle(pair: &Pair, outcome: &Outcome) -> String {
+    let court = &pair.court;
+    let apart = (court.arms[1].x_wb.pos - court.arms[0].x_wb.pos).norm();
+    let hand = outcome.choice.as_ref().map_or("no catch", |choice| mode_text(choice.mode));
+    format!(
+        "{} · arms {apart:.1} m apart · tracker {:.0} Hz, {:.1} mm, {:.0} ms · hand: {hand}",
+        court.arms[1].model.name(),
+        1.0 / court.tracker.period.as_secs_f64(),
+        court.tracker.noise_mm,
+        1e3 * court.tracker.latency.as_secs_f64()
+    )
+}
+
+fn verdict(outcome: &Outcome) -> (&'static str, Tone) {
+    match (outcome.caught, outcome.reported) {
+        (true, _) => ("caught: the ball rests in the cup", Tone::Good),
+        (_, CatchOutcome::Declined(_)) => ("declined", Tone::Warn),
+        (_, CatchOutcome::NothingThrown) => ("nothing thrown", Tone::Warn),
+        (_, CatchOutcome::Halted) => ("the arm stopped because of a fault", Tone::Bad),
+        _ => ("not caught", Tone::Bad),
+    }
+}
+
+/// What the last forecast before the catch said about the miss.
+#[must_use]
+pub fn predicted_mm(outcome: &Outcome) -> Option<f64> {
+    outcome.off_m.filter(|off| off.is_finite()).map(|off| off * 1e3)
+}
+
+/// All sections of one catch.
+pub fn body(page: &mut Page, pair: &Pair, outcome: &Outcome, jerk: bool) {
+    let release_s = outcome.planned_s.0;
+    let mut tiles = Vec::new();
+    if let Some(choice) = &outcome.choice {
+        tiles.push((
+            format!("{:.3}", choice.t_s - release_s),
+            "s",
+            "catch after the release".to_owned(),
+            Tone::Plain,
+        ));
+        tiles.push((
+            format!("{:.0}", choice.used * 100.0),
+            "%",
+            "of the acceleration".to_owned(),
+            Tone::Plain,
+        ));
+    }
+    if let Some(predicted) = predicted_mm(outcome) {
+        tiles.push((format!("{predicted:.1}"), "mm", "predicted miss".to_owned(), Tone::Plain));
+    }
+    if let Some(c) = outcome.crossing {
+        let tone = if outcome.caught { Tone::Good } else { Tone::Bad };
+        tiles.push((format!("{:.1}", c.miss_m * 1e3), "mm", "actual miss at the mouth".to_owned(), tone));
+        tiles.push((format!("{:.2}", c.speed_m_s), "m/s", "ball against hand".to_owned(), Tone::Plain));
+    }
+    page.tiles(&tiles);
+    if let CatchOutcome::Declined(why) = outcome.reported {
+        page.note(&format!("Declined: {why}."));
+    }
+    page.section(
+        "Both arms and the ball",
+        "Time 0 is the planned release. The box at the hand that catches is its cup.",
+    );
+    page.scene(space(pair, outcome, jerk), "");
+    page.section("Paths", "Ball and middle of the cup's mouth in the plane through both arms.");
+    page.charts(&[side(pair, outcome, jerk), distance(pair, outcome, jerk)]);
+    page.section(
+        "Decisions",
+        "Predicted probability of the catch and standard deviation of the ball's place across its flight, as the samples come in.",
+    );
+    page.charts(&[probability(outcome), sigma(outcome)]);
+    let rows: Vec<Vec<(String, Tone)>> = outcome
+        .log
+        .iter()
+        .take(DECISIONS_MAX)
+        .map(|l| {
+            vec![
+                cell(format!("{:.3}", l.at_s - release_s)),
+                cell(decision_word(&l.decision)),
+                cell(l.catch_s.map_or_else(|| "–".to_owned(), |t| format!("{:.3}", t - release_s))),
+                cell(format!("{:.2}", l.probability)),
+                cell(if l.sigma_m.is_nan() { "–".to_owned() } else { format!("{:.1}", l.sigma_m * 1e3) }),
+                cell(if l.off_m.is_finite() { format!("{:.1}", l.off_m * 1e3) } else { "–".to_owned() }),
+                cell(l.count.judged.to_string()),
+            ]
+        })
+        .collect();
+    page.table(
+        &[
+            "s after release",
+            "decision",
+            "catch at s",
+            "probability",
+            "sigma mm",
+            "ball off the axis mm",
+            "candidates judged",
+        ],
+        &rows,
+    );
+    page.section("Joints of the catcher", "As executed.");
+    page.charts(&[joints(outcome)]);
+}
+
+fn mark(outcome: &Outcome) -> Option<(f64, String)> {
+    outcome.choice.as_ref().map(|choice| (choice.t_s - outcome.planned_s.0, "catch".to_owned()))
+}
+
+fn mouths(pair: &Pair, outcome: &Outcome, jerk: bool) -> Vec<Vector3<f64>> {
+    let arm = pair.catcher(jerk);
+    outcome.trace.iter().map(|m| arm.mouth(&m.q[1], &Joints::zeros(6)).0).collect()
+}
+
+fn side(pair: &Pair, outcome: &Outcome, jerk: bool) -> Chart {
+    let cup = mouths(pair, outcome, jerk).iter().map(|p| (p.x, p.z)).collect();
+    let ball = outcome.trace.iter().map(|m| (m.ball_m.x, m.ball_m.z)).collect();
+    Chart {
+        title: "From the side".to_owned(),
+        x_label: "x in m".to_owned(),
+        y_label: "z in m".to_owned(),
+        curves: vec![
+            Curve::line("ball", BALL, ball),
+            Curve::line("mouth of the cup", CUP, cup).drawn(Pen::Dots),
+        ],
+        equal: true,
+        ..Chart::default()
+    }
+}
+
+fn distance(pair: &Pair, outcome: &Outcome, jerk: bool) -> Chart {
+    let release_s = outcome.planned_s.0;
+    let points = outcome.trace.iter().zip(mouths(pair, outcome, jerk));
+    let points: Vec<(f64, f64)> = points
+        .map(|(m, cup)| (m.t_s - release_s, (m.ball_m - cup).norm() * 100.0))
+        .filter(|(t_s, _)| *t_s > -0.1)
+        .collect();
+    Chart {
+        title: "Ball to mouth of the cup".to_owned(),
+        x_label: "time in s".to_owned(),
+        y_label: "distance in cm".to_owned(),
+        curves: vec![Curve::line("distance", 6, points)],
+        mark: mark(outcome),
+        is_time: true,
+        ..Chart::default()
+    }
+}
+
+fn probability(outcome: &Outcome) -> Chart {
+    let release_s = outcome.planned_s.0;
+    let points = outcome.log.iter().map(|l| (l.at_s - release_s, l.probability)).collect();
+    Chart {
+        title: "Predicted probability".to_owned(),
+        x_label: "time in s".to_owned(),
+        y_label: "probability".to_owned(),
+        curves: vec![Curve::line("probability", 2, points).drawn(Pen::Dots)],
+        // Differences in the sixth digit mean nothing.
+        y_at_least: Some((0.0, 1.0)),
+        mark: mark(outcome),
+        is_time: true,
+        ..Chart::default()
+    }
+}
+
+fn sigma(outcome: &Outcome) -> Chart {
+    let release_s = outcome.planned_s.0;
+    let finite = outcome.log.iter().filter(|l| l.sigma_m.is_finite() && l.off_m.is_finite());
+    let sigma = finite.clone().map(|l| (l.at_s - release_s, l.sigma_m * 1e3)).collect();
+    let off = finite.map(|l| (l.at_s - release_s, l.off_m * 1e3)).collect();
+    Chart {
+        title: "Ball across its flight, at the catch".to_owned(),
+        x_label: "time in s".to_owned(),
+        y_label: "mm".to_owned(),
+        curves: vec![
+            Curve::line("standard deviation", 3, sigma),
+            Curve::line("predicted miss before the decision", 4, off).drawn(Pen::Dots),
+        ],
+        mark: mark(outcome),
+        is_time: true,
+        ..Chart::default()
+    }
+}
+
+fn joints(outcome: &Outcome) -> Chart {
+    let release_s = outcome.planned_s.0;
+    let joint =
+        |j: usize| outcome.trace.iter().map(|m| (m.t_s - release_s, m.q[1][j].to_degrees())).collect();
+    Chart {
+        title: "Joint angles".to_owned(),
+        x_label: "time in s".to_owned(),
+        y_label: "angle in degrees".to_owned(),
+        curves: (0..6).map(|j| Curve::line(format!("joint {}", j + 1), j, joint(j))).collect(),
+        mark: mark(outcome),
+        is_time: true,
+        ..Chart::default()
+    }
+}
+
+/// Data of the picture in space: both arms as one machine of twelve links.
+fn space(pair: &Pair, outcome: &Outcome, jerk: bool) -> String {
+    let catcher = pair.catcher(jerk);
+    let places = [pair.court.arms[0].x_wb, pair.court.arms[1].x_wb];
+    let models = [&pair.court.arms[0].model, catcher.model()];
+    let release_s = outcome.planned_s.0;
+    let end_s = outcome.choice.as_ref().map_or(outcome.planned_s.1, |choice| choice.t_s) + 0.5;
+    let shown = outcome.trace.iter().filter(|m| m.t_s > release_s - 0.4 && m.t_s < end_s);
+    let mut steps = Vec::new();
+    for moment in shown.step_by(2) {
+        let mut links = Vec::new();
+        for ((model, x_wb), q) in models.iter().zip(&places).zip(&moment.q) {
+            links.extend(model.fk(q).x_w.iter().map(|x| scene::link(&(*x_wb * *x))));
+        }
+        steps.push(format!(
+            "{{\"t\":{:.4},\"ball\":{},\"links\":[{}]}}",
+            moment.t_s - release_s,
+            scene::point(&moment.ball_m),
+            links.join(",")
+        ));
+    }
+    let mut boxes = Vec::new();
+    for (arm, (model, x_wb)) in models.iter().zip(&places).enumerate() {
+        for b in model.collision().boxes() {
+            // Bases stand in the world; links of the second arm come after those of the first.
+            let (link, x) = if b.link == 0 { (0, *x_wb * b.x_lb) } else { (b.link + 6 * arm, b.x_lb) };
+            boxes.push(scene::body(link, &x, &b.half_m));
+        }
+    }
+    let flight: Vec<Vector3<f64>> = outcome
+        .trace
+        .iter()
+        .filter(|m| m.t_s >= release_s && m.t_s <= end_s - 0.5)
+        .map(|m| m.ball_m)
+        .collect();
+    let cup = mouths(pair, outcome, jerk);
+    let target = outcome.choice.as_ref().map_or_else(|| catcher.shoulder_m(), |choice| choice.p_m);
+    let caught_s = end_s - 0.5 - release_s;
+    // Both feet, so that the picture shows the whole of each arm.
+    let corner = |x_m: f64, y_m: f64| Vector3::new(x_m, y_m, models[0].world().floor_z_m);
+    let corners = [corner(0.25, 0.25), corner(0.25, -0.25), corner(-0.25, 0.25), corner(-0.25, -0.25)];
+    let feet: Vec<Vector3<f64>> =
+        places.iter().flat_map(|x_wb| corners.map(|p| x_wb.transform_point(&p))).collect();
+    let top = outcome.trace.iter().map(|m| m.ball_m.z).fold(0.8, f64::max);
+    format!(
+        "{{\"floor\":{},\"top\":{top:.3},\"radius\":{},\"last\":12,\"release\":0,\"first\":{caught_s:.4},\"names\":[\"catch\",\"release\"],\"target\":{},\"hand\":{},\"planned\":null,\"flight\":{},\"ellipse\":null,\"bounds\":{},\"boxes\":[{}],\"steps\":[{}]}}",
+        models[0].world().floor_z_m,
+        pair.court.ball.radius_m,
+        scene::point(&target),
+        scene::list(&cup),
+        scene::list(&flight),
+        scene::list(&feet),
+        boxes.join(","),
+        steps.join(",")
+    )
+}

@@ -1,0 +1,59 @@
+//! `cubectl catch --ball`: what is printed and with which code it ends.
+
+use std::process::Output;
+
+use crate::program;
+
+fn cubectl(words: &str) -> Output {
+    program::cubectl(&words.split_whitespace().collect::<Vec<_>>())
+}
+
+#[test]
+fn a_ball_thrown_to_the_arm_is_caught_and_reported_as_json_and_as_a_page() {
+    let file = std::env::temp_dir().join(format!("ball-{}.html", std::process::id()));
+    let words = "catch --robot powercube6 --ball 2.0,0.1,0.2,-2.3,-0.1,3.4 --json --report";
+    let ended = cubectl(&format!("{words} {}", file.display()));
+    assert!(ended.status.success(), "{ended:?}");
+    let told: serde_json::Value = serde_json::from_slice(&ended.stdout).unwrap();
+    assert_eq!(told["caught"], true);
+    assert!(told["crossing"]["miss_m"].as_f64().unwrap() < 0.04);
+    assert!(!told["decisions"].as_array().unwrap().is_empty());
+    let page = std::fs::read_to_string(&file).unwrap();
+    assert!(page.contains("Catching a ball") && page.contains("Decisions"));
+    std::fs::remove_file(file).unwrap();
+}
+
+#[test]
+fn a_ball_out_of_reach_is_declined_with_the_reason_and_a_next_step() {
+    let ended = cubectl("catch --robot powercube6 --ball 2.0,0,0.2,1,0,1");
+    assert_eq!(ended.status.code(), Some(i32::from(host::exit::NO_THROW)));
+    let told = String::from_utf8_lossy(&ended.stderr).into_owned();
+    assert!(told.contains("within the arm's reach") && told.contains("next:"), "{told}");
+}
+
+#[test]
+fn wrong_input_is_refused_with_its_code() {
+    for (words, code) in [
+        ("catch --robot pincher4 --ball 2,0,0.2,-2,0,3", host::exit::BAD_INPUT),
+        ("catch --ball 2,0,0.2,-2,0,300", host::exit::BAD_INPUT),
+        ("catch --ball 2,0,0.2", host::exit::USAGE),
+        ("catch --disc flat --cooperative", host::exit::USAGE),
+        ("catch --disc flat --on-controller --no-limits", host::exit::USAGE),
+    ] {
+        let ended = cubectl(words);
+        assert_eq!(ended.status.code(), Some(i32::from(code)), "{words}: {ended:?}");
+    }
+}
+
+#[test]
+fn a_verb_that_is_in_cubelab_now_says_so_with_the_same_words() {
+    for words in ["rally --throws 4 --seed 2", "swarm --help", "rally"] {
+        let ended = cubectl(words);
+        assert_eq!(ended.status.code(), Some(i32::from(host::exit::USAGE)), "{ended:?}");
+        let message = String::from_utf8_lossy(&ended.stderr).into_owned();
+        let next = format!("next: `cargo run --release -p lab --bin cubelab -- {words}`");
+        assert!(message.contains("is in cubelab now") && message.contains(&next), "{message}");
+    }
+    let help = String::from_utf8(cubectl("--help").stdout).unwrap();
+    assert!(!help.contains("rally") && !help.contains("swarm"), "{help}");
+}
