@@ -12,6 +12,7 @@ mod identify_report;
 mod job_rules;
 mod lock_step;
 mod move_verb;
+mod newcomer;
 mod other_arms;
 mod output;
 mod plan_claims;

@@ -22,8 +22,9 @@ use operator::live::{LiveState, LiveTap};
 use operator::machine::Machine;
 use operator::node::host_node::HostNode;
 
-/// Time between two rounds of questions while a page looks.
+/// Longest time between two rounds of questions: while a page looks, and else. What is asked more seldom would be old.
 const PAGE_ROUND: Duration = Duration::from_millis(20);
+const ROUND: Duration = Duration::from_millis(200);
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -82,7 +83,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let end = span.map_or(Instant::FAR_FUTURE, |s| session.now() + Duration::from_secs_f64(s));
     let period = Duration::from_secs_f64(1e-3 * args.period_ms);
     // A page is shown more often than lines are printed.
-    let round = if page.is_some() { period.min(PAGE_ROUND) } else { period };
+    let round = period.min(if page.is_some() { PAGE_ROUND } else { ROUND });
     let mut ended = Ended::Done;
     let mut last_event = 0;
     while session.now() < end && ended != Ended::Interrupted {

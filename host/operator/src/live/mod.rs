@@ -2,6 +2,7 @@
 //!
 //! | module | holds |
 //! |---|---|
+//! | [`age`] | what is old: one rule for every display |
 //! | [`state`] | what was heard last, as one snapshot; without IO |
 //! | [`gate`] | which requests are answered: nothing from another place reaches the page |
 //! | [`viewer`] | the WebSocket protocol of robotics viewers: channels and messages; without IO |
@@ -11,6 +12,7 @@
 //!
 //! It can look, and it can stop. Nothing that arrives here moves anything.
 
+pub mod age;
 pub mod gate;
 pub mod serve;
 pub mod state;

@@ -1,0 +1,86 @@
+//! What a newcomer sees in the first hours, and must be able to believe.
+
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Command, Stdio};
+
+use crate::bus_common::Served;
+use hil_sim::CellOptions;
+use serde_json::Value;
+
+/// The program with these words in the background, its lines to be read; killed when dropped.
+struct Running {
+    child: Child,
+    lines: std::io::Lines<BufReader<std::process::ChildStdout>>,
+}
+
+impl Running {
+    fn start(words: &[&str]) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_cubectl"));
+        command.args(words).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
+        let mut child = command.spawn().unwrap();
+        let lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        Self { child, lines }
+    }
+
+    /// The first line that is as wanted.
+    fn until(&mut self, what: &str, mut wanted: impl FnMut(&str) -> bool) -> String {
+        loop {
+            let line = self.lines.next().unwrap_or_else(|| panic!("ended before {what}")).unwrap();
+            if wanted(&line) {
+                return line;
+            }
+        }
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // SIGKILL; it may have ended already.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn homed_arm() -> Served {
+    let mut options = CellOptions::default();
+    options.drive.starts_homed = true;
+    Served::arm(options)
+}
+
+#[test]
+fn after_kill_9_of_the_controller_nothing_is_shown_as_if_it_were_so_now() {
+    let served = homed_arm();
+    let controller = Running::start(&["controller", "--bus", &served.spec]);
+    let words = ["monitor", "--bus", &served.spec, "--listen", "--for", "120"];
+    let mut plain = Running::start(&words);
+    let mut json = Running::start(&[&words[..], &["--json"]].concat());
+    let seen = |line: &str| -> Value { serde_json::from_str(line).unwrap() };
+    plain.until("the controller is ready", |line| line.contains("state=\"ready\""));
+    let before = json.until("the controller is ready", |line| seen(line)["controller"]["state"] == "ready");
+    assert_eq!(
+        (&seen(&before)["link"]["text"], &seen(&before)["controller"]["tone"]),
+        (&"live".into(), &"good".into())
+    );
+    assert!(seen(&before)["joints"][2]["error_rad"].is_number(), "{before}");
+    drop(controller);
+    let old = json.until("its state is old", |line| seen(line)["controller"]["old"] == true);
+    let old = seen(&old);
+    let state = old["controller"]["state"].as_str().unwrap();
+    assert!(state.starts_with("not heard for ") && old["controller"]["tone"] == "bad", "{old}");
+    assert!(
+        old["link"]["text"].as_str().unwrap().contains("not heard for ") && old["link"]["tone"] == "warn",
+        "{old}"
+    );
+    for joint in old["joints"].as_array().unwrap() {
+        assert!(joint["q_rad"].is_number() && joint["old"] == true, "the angle is marked: {joint}");
+        assert!(joint["state"].as_str().unwrap().starts_with("not heard for "), "{joint}");
+        for value in ["qd_rad_s", "error_rad", "current_a", "state_bits"] {
+            assert!(joint[value].is_null(), "{value}: {joint}");
+        }
+    }
+    plain.until("its state is old", |line| line.contains("controller=") && line.contains("not heard for "));
+    let joint = plain.until("a joint", |line| line.contains("joint=3 "));
+    for part in ["qd_rad_s=- error_mrad=- current_a=- age_ms=", "state=\"not heard for "] {
+        assert!(joint.contains(part), "{part}: {joint}");
+    }
+}
