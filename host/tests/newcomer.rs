@@ -3,8 +3,10 @@
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 
-use crate::bus_common::Served;
-use hil_sim::CellOptions;
+use crate::bus_common::{Folder, Served, code, err, out};
+use hil_sim::scenario::fault_from_line;
+use hil_sim::{Cell, CellOptions};
+use robot_model::RobotModel;
 use serde_json::Value;
 
 /// The program with these words in the background, its lines to be read; killed when dropped.
@@ -63,7 +65,7 @@ fn after_kill_9_of_the_controller_nothing_is_shown_as_if_it_were_so_now() {
     );
     assert!(seen(&before)["joints"][2]["error_rad"].is_number(), "{before}");
     drop(controller);
-    let old = json.until("its state is old", |line| seen(line)["controller"]["old"] == true);
+    let old = json.until("all is old", |line| seen(line)["age_s"].as_f64() > Some(3.0));
     let old = seen(&old);
     let state = old["controller"]["state"].as_str().unwrap();
     assert!(state.starts_with("not heard for ") && old["controller"]["tone"] == "bad", "{old}");
@@ -83,4 +85,61 @@ fn after_kill_9_of_the_controller_nothing_is_shown_as_if_it_were_so_now() {
     for part in ["qd_rad_s=- error_mrad=- current_a=- age_ms=", "state=\"not heard for "] {
         assert!(joint.contains(part), "{part}: {joint}");
     }
+}
+
+/// A jog of joint 3 in the background, to be watched meanwhile: in lock step time stands while nobody reads the monitor.
+fn jog_3(served: &Served, more: &[&str]) -> Child {
+    let mut jog = Command::new(env!("CARGO_BIN_EXE_cubectl"));
+    jog.args(["jog", "3", "--bus", &served.spec]).args(more);
+    jog.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+#[test]
+fn while_joint_3_is_jogged_joint_3_is_shown_and_recorded() {
+    let served = homed_arm();
+    let folder = Folder::new("jog3");
+    let record = folder.file("jog");
+    let mut monitor =
+        Running::start(&["monitor", "--bus", &served.spec, "--listen", "--for", "6000", "--json"]);
+    monitor.until("it listens", |_| true);
+    let jog = jog_3(&served, &["--for", "1.5", "--record", &record]);
+    let line = monitor.until("a joint that moves", |line| {
+        let seen: Value = serde_json::from_str(line).unwrap();
+        seen["controller"]["state"] == "jogging" && seen["joints"].to_string().contains("\"q_rad\":-1.4")
+    });
+    drop(monitor);
+    let jog = jog.wait_with_output().unwrap();
+    assert_eq!(code(&jog), 0, "{}", err(&jog));
+    let seen: Value = serde_json::from_str(&line).unwrap();
+    for (joint, number) in seen["joints"].as_array().unwrap().iter().zip(1..) {
+        assert_eq!(joint["error_rad"].is_number(), number == 3, "{joint}");
+        assert_eq!(joint["q_rad"].is_number(), number == 3, "{joint}");
+    }
+    // The recording has a topic for each joint that was heard.
+    let log = std::fs::read(format!("{record}.mcap")).unwrap();
+    let summary = mcap::Summary::read(&log).unwrap().unwrap();
+    let topics: Vec<&str> = summary.channels.values().map(|channel| channel.topic.as_str()).collect();
+    assert!(topics.contains(&"/joint/3") && !topics.contains(&"/joint/1"), "{topics:?}");
+}
+
+#[test]
+fn a_fault_of_module_3_is_never_one_of_joint_1() {
+    let held = "kind = \"tow-error\", target = \"module 3\"";
+    let make = || {
+        let mut options = CellOptions::default();
+        options.drive.starts_homed = true;
+        Cell::new(&RobotModel::load("powercube6").unwrap(), &options, 1).unwrap()
+    };
+    let served = Served::with_faults(make, vec![fault_from_line(held, 0).unwrap()]);
+    let mut monitor =
+        Running::start(&["monitor", "--bus", &served.spec, "--listen", "--for", "6000", "--json"]);
+    monitor.until("it listens", |_| true);
+    let jog = jog_3(&served, &["--for", "60"]);
+    let line =
+        monitor.until("a fault", |line| line.contains("\"severity\":\"error\",\"source\":\"controller"));
+    drop(monitor);
+    let jog = jog.wait_with_output().unwrap();
+    assert_ne!(code(&jog), 0, "{}", out(&jog));
+    assert!(err(&jog).contains("joint 3: ") && !err(&jog).contains("joint 1"), "{}", err(&jog));
+    assert!(line.contains("joint 3: "), "{line}");
 }

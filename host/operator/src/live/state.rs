@@ -188,8 +188,8 @@ pub struct LiveState {
     bit_rate_bit_s: u32,
     bus_errors: u64,
     group: Option<Heard<(u8, GroupState)>>,
-    /// What the controller reports of its joints.
-    told: Option<Heard<Vec<JointSample>>>,
+    /// What the controller reports of each joint, by its number in the robot from 1.
+    told: BTreeMap<u8, Heard<JointSample>>,
     drives: BTreeMap<u8, Drive>,
     events: VecDeque<EventView>,
     event_number: u64,
@@ -212,7 +212,7 @@ impl LiveState {
             bit_rate_bit_s,
             bus_errors: 0,
             group: None,
-            told: None,
+            told: BTreeMap::new(),
             drives: BTreeMap::new(),
             events: VecDeque::new(),
             event_number: 0,
@@ -261,7 +261,9 @@ impl LiveState {
                 }
             }
             Some(Fact::Group { from, state, .. }) => self.group = Some(Heard::new(at, (from.get(), state))),
-            Some(Fact::Joints { state, .. }) => self.told = Some(Heard::new(at, state.joints().to_vec())),
+            Some(Fact::Joints { joints, .. }) => {
+                self.told.extend(joints.into_iter().map(|(number, sample)| (number, Heard::new(at, sample))));
+            }
             _ => {}
         }
         for event in notes.events {
@@ -369,7 +371,7 @@ impl LiveState {
     fn joint(&self, j: usize) -> JointView {
         let (now, module) = (self.now, self.machine.addresses.get(j).copied());
         let drive = module.and_then(|address| self.drives.get(&address));
-        let told = self.told.as_ref().and_then(|told| Some(Heard::new(told.at, *told.value.get(j)?)));
+        let told = u8::try_from(j + 1).ok().and_then(|number| self.told.get(&number).copied());
         let fresh = told.and_then(|told| told.fresh(now));
         // Beside drives whose answers nobody hears there is what the controller reports.
         let measured = drive.and_then(|drive| drive.position);

@@ -153,9 +153,9 @@ impl<W: Write + Seek> Log<W> {
                     self.put("/scene", self.schemas.scene, at, ball)?;
                 }
             }
-            Some(Fact::Joints { state, .. }) => {
-                for (number, sample) in (1..).zip(state.joints()) {
-                    let message = joint_message(at, number, sample);
+            Some(Fact::Joints { joints, .. }) => {
+                for (number, sample) in joints {
+                    let message = joint_message(at, number.into(), &sample);
                     self.put(&format!("/joint/{number}"), self.schemas.joint, at, message)?;
                 }
             }

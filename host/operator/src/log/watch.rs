@@ -15,6 +15,7 @@ use protocol::{Duration, Frame, Instant};
 use serde::Serialize;
 
 use super::facts::{Decoder, Fact, order_name, position};
+use super::numbering::Numbering;
 
 /// How much an event matters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -84,7 +85,7 @@ const LIFE_GAP: Duration = Duration::from_millis(500);
 #[derive(Clone, Debug, Default)]
 pub struct Watch {
     decoder: Decoder,
-    names: BTreeMap<u8, String>,
+    joints: Numbering,
     group: Option<GroupState>,
     drives: BTreeMap<u8, LastHeard>,
     frames: VecDeque<(Instant, Frame)>,
@@ -93,10 +94,10 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Watch that calls drives by these names beside their addresses.
+    /// Watch of the arm with these joints: address of the drive and name of each, base first.
     #[must_use]
-    pub fn new(names: BTreeMap<u8, String>) -> Self {
-        Self { names, ..Self::default() }
+    pub fn new(joints: Vec<(u8, String)>) -> Self {
+        Self { joints: Numbering::new(joints), ..Self::default() }
     }
 
     /// Takes the next frame.
@@ -110,7 +111,8 @@ impl Watch {
     }
 
     /// Takes a fact that did not come in frames.
-    pub fn take_fact(&mut self, at: Instant, fact: Fact) -> Notes {
+    pub fn take_fact(&mut self, at: Instant, mut fact: Fact) -> Notes {
+        self.joints.renumber(at, &mut fact);
         let freeze = self.fact(at, &fact);
         Notes { fact: Some(fact), events: std::mem::take(&mut self.events), freeze }
     }
@@ -125,7 +127,7 @@ impl Watch {
     }
 
     fn drive_name(&self, address: u8) -> String {
-        match self.names.get(&address) {
+        match self.joints.name(address) {
             Some(name) => format!("drive {address} ({name})"),
             None => format!("drive {address}"),
         }
@@ -342,7 +344,7 @@ mod tests {
 
     #[test]
     fn the_first_fault_comes_with_everything_known_before_it() {
-        let mut watch = Watch::new(BTreeMap::from([(3, "joint3".to_owned())]));
+        let mut watch = Watch::new(vec![(3, "joint3".to_owned())]);
         let module = ModuleId::new(3).unwrap();
         let current = Reply::Value(Parameter::Cur, Value::F32(-4.5)).encode(module);
         watch.take(Instant::from_micros(10), &current);
@@ -379,7 +381,7 @@ mod tests {
             (State::Running, CubeState::COMM_ERROR, Severity::Error, "COMM_ERROR"),
         ];
         for (state, cause, severity, text) in table {
-            let mut watch = Watch::new(BTreeMap::new());
+            let mut watch = Watch::new(Vec::new());
             group(&mut watch, 10, 0, &GroupState { state, ..GroupState::default() });
             let notes = watch.take(Instant::from_micros(20), &word(cause));
             let event = &notes.events[0];
