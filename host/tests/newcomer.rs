@@ -103,10 +103,17 @@ fn while_joint_3_is_jogged_joint_3_is_shown_and_recorded() {
         Running::start(&["monitor", "--bus", &served.spec, "--listen", "--for", "6000", "--json"]);
     monitor.until("it listens", |_| true);
     let jog = jog_3(&served, &["--for", "1.5", "--record", &record]);
+    let mut jogs = 0;
     let line = monitor.until("a joint that moves", |line| {
+        jogs += line.matches("orders: jog").count();
         let seen: Value = serde_json::from_str(line).unwrap();
         seen["controller"]["state"] == "jogging" && seen["joints"].to_string().contains("\"q_rad\":-1.4")
     });
+    monitor.until("how often it was ordered", |line| {
+        jogs += line.matches("orders: jog").count();
+        line.contains("orders: jog: ")
+    });
+    assert_eq!(jogs, 2, "first order and count");
     drop(monitor);
     let jog = jog.wait_with_output().unwrap();
     assert_eq!(code(&jog), 0, "{}", err(&jog));

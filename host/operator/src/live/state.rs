@@ -13,6 +13,7 @@ use protocol::{Duration, Frame, Instant};
 use serde::Serialize;
 
 use super::age::{Age, Heard, Tone};
+use super::events::{EventView, Events};
 use crate::log::facts::{Fact, position};
 use crate::log::watch::{LogEvent, Severity, Watch};
 use crate::machine::{Machine, Placed};
@@ -23,8 +24,6 @@ use crate::tap::{Tap, Way};
 const LOAD_SPAN: Duration = Duration::from_millis(500);
 /// The load over less than this time is not told.
 const LOAD_SPAN_MIN: Duration = Duration::from_millis(50);
-/// Events kept.
-const EVENTS_KEPT: usize = 200;
 /// Everything a page shows.
 #[derive(Clone, Debug, Serialize)]
 pub struct Snapshot {
@@ -147,21 +146,6 @@ pub struct StrangerView {
     pub state: String,
 }
 
-/// Something that happened.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct EventView {
-    /// Number of the event, from 1.
-    pub number: u64,
-    /// Time of the session, s.
-    pub t_s: f64,
-    /// `info`, `warning` or `error`.
-    pub severity: Severity,
-    /// Who says so.
-    pub source: String,
-    /// What.
-    pub text: String,
-}
-
 /// What a drive told last.
 #[derive(Clone, Debug, Default)]
 struct Drive {
@@ -191,8 +175,7 @@ pub struct LiveState {
     /// What the controller reports of each joint, by its number in the robot from 1.
     told: BTreeMap<u8, Heard<JointSample>>,
     drives: BTreeMap<u8, Drive>,
-    events: VecDeque<EventView>,
-    event_number: u64,
+    events: Events,
 }
 
 impl LiveState {
@@ -214,8 +197,7 @@ impl LiveState {
             group: None,
             told: BTreeMap::new(),
             drives: BTreeMap::new(),
-            events: VecDeque::new(),
-            event_number: 0,
+            events: Events::default(),
         }
     }
 
@@ -229,6 +211,7 @@ impl LiveState {
     pub fn advance_to(&mut self, now: Instant) {
         self.now = self.now.max(now);
         self.began.get_or_insert(now);
+        self.events.advance_to(self.now);
         while self.bits.front().is_some_and(|(at, _)| self.now.saturating_since(*at) > LOAD_SPAN) {
             self.bits.pop_front();
         }
@@ -267,7 +250,7 @@ impl LiveState {
             _ => {}
         }
         for event in notes.events {
-            self.note(event);
+            self.events.add(event);
         }
     }
 
@@ -275,22 +258,12 @@ impl LiveState {
     pub fn bus_error(&mut self, at: Instant, error: &BusError) {
         self.advance_to(at);
         self.bus_errors += 1;
-        self.note(LogEvent {
+        self.events.add(LogEvent {
             at,
             severity: Severity::Warning,
             source: "bus".to_owned(),
             text: error.to_string(),
         });
-    }
-
-    fn note(&mut self, event: LogEvent) {
-        self.event_number += 1;
-        if self.events.len() == EVENTS_KEPT {
-            self.events.pop_front();
-        }
-        let LogEvent { at, severity, source, text } = event;
-        let (number, t_s) = (self.event_number, at.as_secs_f64());
-        self.events.push_back(EventView { number, t_s, severity, source, text });
     }
 
     /// What is known now; of the events those with a number above `after`.
@@ -316,7 +289,7 @@ impl LiveState {
             controller: self.group.map(|group| self.controller(group)),
             placed: q_rad.filter(|q_rad| !q_rad.is_empty()).map(|q_rad| self.machine.place(&q_rad)),
             joints,
-            events: self.events.iter().filter(|event| event.number > after).cloned().collect(),
+            events: self.events.after(after),
         }
     }
 

@@ -117,7 +117,9 @@
       const row = el('events').insertRow(1);
       put(row, [fixed(event.t_s, 3), event.source, event.text], [0, 1, 2]);
       row.cells[2].className = 'l ' + ({warning: 'warn', error: 'bad'}[event.severity] || '');
-      while (el('events').rows.length > EVENTS + 1) el('events').deleteRow(-1);
+      // The oldest goes that stopped nothing.
+      const rows = [...el('events').rows].slice(1), least = rows.findLast(row => row.cells[2].className === 'l ');
+      if (rows.length > EVENTS) (least || rows.at(-1)).remove();
     }
     const trail = scene.hand;
     if (now.placed) {
