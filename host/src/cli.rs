@@ -137,6 +137,9 @@ pub fn output_is_whole() -> Result<(), ExpectedError> {
 /// [`ExpectedError`] with the exit code.
 pub fn run(cli: Cli, program: &Command, matches: &ArgMatches) -> Result<(), ExpectedError> {
     cmd::meaning::require_on_bus(program, matches)?;
+    if let Some(note) = crate::advice::on_simulated_cell(matches) {
+        console::note!("{note}");
+    }
     match cli.verb {
         Verb::Throw(args) => cmd::throw::run(&args),
         Verb::Plan(verb) => cmd::plan::run(*verb),

@@ -2,8 +2,9 @@
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, channel};
 
-use crate::bus_common::{Folder, Served, code, err, out};
+use crate::bus_common::{Folder, Served, code, cubectl, err, out};
 use hil_sim::scenario::fault_from_line;
 use hil_sim::{Cell, CellOptions};
 use robot_model::RobotModel;
@@ -12,7 +13,7 @@ use serde_json::Value;
 /// The program with these words in the background, its lines to be read; killed when dropped.
 struct Running {
     child: Child,
-    lines: std::io::Lines<BufReader<std::process::ChildStdout>>,
+    lines: Receiver<String>,
 }
 
 impl Running {
@@ -20,14 +21,18 @@ impl Running {
         let mut command = Command::new(env!("CARGO_BIN_EXE_cubectl"));
         command.args(words).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
         let mut child = command.spawn().unwrap();
-        let lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        let (stdout, (put, lines)) = (child.stdout.take().unwrap(), channel());
+        // In lock step time stands while a program waits for its reader.
+        std::thread::spawn(move || {
+            BufReader::new(stdout).lines().map_while(Result::ok).for_each(|line| drop(put.send(line)));
+        });
         Self { child, lines }
     }
 
     /// The first line that is as wanted.
     fn until(&mut self, what: &str, mut wanted: impl FnMut(&str) -> bool) -> String {
         loop {
-            let line = self.lines.next().unwrap_or_else(|| panic!("ended before {what}")).unwrap();
+            let line = self.lines.recv().unwrap_or_else(|_| panic!("ended before {what}"));
             if wanted(&line) {
                 return line;
             }
@@ -81,7 +86,8 @@ fn after_kill_9_of_the_controller_nothing_is_shown_as_if_it_were_so_now() {
         }
     }
     plain.until("its state is old", |line| line.contains("controller=") && line.contains("not heard for "));
-    let joint = plain.until("a joint", |line| line.contains("joint=3 "));
+    let joint =
+        plain.until("a joint", |line| line.contains("joint=3 ") && line.contains("not heard for 3 s"));
     for part in ["qd_rad_s=- error_mrad=- current_a=- age_ms=", "state=\"not heard for "] {
         assert!(joint.contains(part), "{part}: {joint}");
     }
@@ -149,4 +155,35 @@ fn a_fault_of_module_3_is_never_one_of_joint_1() {
     assert_ne!(code(&jog), 0, "{}", out(&jog));
     assert!(err(&jog).contains("joint 3: ") && !err(&jog).contains("joint 1"), "{}", err(&jog));
     assert!(line.contains("joint 3: "), "{line}");
+}
+
+#[test]
+fn a_stop_says_who_stands_and_after_how_long_and_who_sent_it_until_it_is_cleared() {
+    let served = Served::with_controller();
+    let bus = ["--bus", &served.spec];
+    let mut monitor = Running::start(&["monitor", bus[0], bus[1], "--listen", "--for", "6000", "--json"]);
+    let seen = |line: &str| -> Value { serde_json::from_str(line).unwrap() };
+    let mut jog = Command::new(env!("CARGO_BIN_EXE_cubectl"));
+    let jog = jog.args(["jog", "6", "--for", "600", bus[0], bus[1]]).stderr(Stdio::piped()).spawn().unwrap();
+    monitor.until("the jog", |line| seen(line)["controller"]["state"] == "jogging");
+    let stop = cubectl(&["stop", bus[0], bus[1]]);
+    assert_eq!(code(&stop), 0, "{}", err(&stop));
+    assert!(
+        out(&stop).contains("stopped by this program: joints 1, 2, 3, 4, 5, 6 stand after 0."),
+        "{}",
+        out(&stop)
+    );
+    let line = monitor.until("the end of the stop", |line| seen(line)["stop"]["settled"] == true);
+    let text = &seen(&line)["stop"]["text"];
+    let jog = jog.wait_with_output().unwrap();
+    assert_ne!(code(&jog), 0, "{}", out(&jog));
+    assert!(text.as_str().unwrap().contains("joints 1, 2, 3, 4, 5, 6 stand after 0."), "{text}");
+    assert!(text.as_str().unwrap().starts_with("stopped by node "), "{text}");
+    let fault = seen(&line)["controller"]["fault"].clone();
+    if !fault.is_null() {
+        assert!(fault["what"].as_str().unwrap().contains(": it was node "), "{fault}");
+    }
+    let clear = cubectl(&["clear", bus[0], bus[1]]);
+    assert_eq!(code(&clear), 0, "{}", err(&clear));
+    monitor.until("no stop any more", |line| seen(line)["stop"].is_null());
 }

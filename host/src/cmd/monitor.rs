@@ -85,7 +85,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     // A page is shown more often than lines are printed.
     let round = period.min(if page.is_some() { PAGE_ROUND } else { ROUND });
     let mut ended = Ended::Done;
-    let mut last_event = 0;
+    let (mut last_event, mut reported) = (0, true);
     while session.now() < end && ended != Ended::Interrupted {
         let printed_at = (session.now() + period).min(end);
         while session.now() < printed_at && ended != Ended::Interrupted {
@@ -98,9 +98,14 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             if stop.swap(false, Ordering::Relaxed) {
                 halt(&mut session)?;
                 console::note!("stopped from the page: halt and stop message sent");
+                reported = false;
             }
         }
         let snapshot = live.lock().unwrap_or_else(PoisonError::into_inner).snapshot(last_event);
+        if let Some(stop) = snapshot.stop.as_ref().filter(|stop| stop.settled && !reported) {
+            console::note!("{}", stop.text);
+            reported = true;
+        }
         last_event = snapshot.events.last().map_or(last_event, |event| event.number);
         let text = if args.json {
             serde_json::to_string(&snapshot).unwrap_or_default() + "\n"
@@ -160,6 +165,9 @@ fn lines(seen: &Snapshot) -> String {
             seen.load_percent,
             seen.bus_errors,
         );
+    }
+    if let Some(stop) = &seen.stop {
+        let _ = writeln!(text, "{begin} stop=\"{}\"", stop.text);
     }
     for (joint, number_of) in seen.joints.iter().zip(1..).filter(|(joint, _)| joint.q_rad.is_some()) {
         let _ = writeln!(

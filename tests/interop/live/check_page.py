@@ -109,11 +109,16 @@ def main(cubectl, out):
 
         page.value("document.getElementById('stop').click()")
         wait_for("the stop", lambda: "stopped from the page" in said())
-        wait_for("its answer", lambda: page.value("document.getElementById('stopped').textContent") == "stop ordered")
+        banner = "document.getElementById('stopped').textContent"
+        wait_for("its answer", lambda: "stopped by this program: joints 1, 2, 3, 4, 5, 6 stand after" in page.value(banner))
+        wait_for("who obeyed", lambda: "stand after" in said())
         # The controller says that it was stopped, the page that drives are halted.
         halted = "document.getElementById('joints').textContent + document.getElementById('state').textContent"
         wait_for("the halt", lambda: re.search("halted|not ready|stopped|fault", page.value(halted)))
 
+        cleared = subprocess.run([cubectl, "clear", "--bus", bus], capture_output=True, text=True)
+        assert cleared.returncode == 0, cleared.stderr
+        wait_for("no banner", lambda: page.value(banner) == "")
         # Nothing stays green after what it was heard from is gone: first the controller, then the program behind the page.
         shown_state = "(b => [b.textContent, b.className, document.getElementById('link').className])(document.getElementById('state'))"
         controller.kill()

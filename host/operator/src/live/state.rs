@@ -8,12 +8,13 @@ use can_link::BusError;
 use firmware::fault::Cause;
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::cubecell::joint_state::JointSample;
-use protocol::powercube::{CubeState, Parameter, Reply, ShortState, Value};
+use protocol::powercube::{Broadcast, CubeState, Parameter, Reply, ShortState, Value};
 use protocol::{Duration, Frame, Instant};
 use serde::Serialize;
 
 use super::age::{Age, Heard, Tone};
 use super::events::{EventView, Events};
+use super::stopping::{StopView, Stopping};
 use crate::log::facts::{Fact, position};
 use crate::log::watch::{LogEvent, Severity, Watch};
 use crate::machine::{Machine, Placed};
@@ -37,6 +38,8 @@ pub struct Snapshot {
     pub load_percent: f64,
     /// Errors that the bus reported.
     pub bus_errors: u64,
+    /// The last stop and who obeys it, until it is over.
+    pub stop: Option<StopView>,
     /// The controller as it told last.
     pub controller: Option<ControllerView>,
     /// Age of the last frame, s; `None` before the first.
@@ -176,6 +179,7 @@ pub struct LiveState {
     told: BTreeMap<u8, Heard<JointSample>>,
     drives: BTreeMap<u8, Drive>,
     events: Events,
+    stopping: Stopping,
 }
 
 impl LiveState {
@@ -198,6 +202,7 @@ impl LiveState {
             told: BTreeMap::new(),
             drives: BTreeMap::new(),
             events: Events::default(),
+            stopping: Stopping::default(),
         }
     }
 
@@ -217,13 +222,19 @@ impl LiveState {
         }
     }
 
-    /// Takes the next frame.
+    /// Takes the next frame, of somebody else.
     pub fn take(&mut self, at: Instant, frame: &Frame) {
+        self.pass(at, Way::Received, frame);
+    }
+
+    /// Takes the next frame.
+    pub fn pass(&mut self, at: Instant, way: Way, frame: &Frame) {
         self.advance_to(at);
         self.frames += 1;
         self.heard = Some(at);
         self.bits.push_back((at, frame_bits(frame)));
-        let notes = self.watch.take(at, frame);
+        let notes = self.watch.pass(at, way, frame);
+        self.follow_stop(at, notes.fact.as_ref());
         match notes.fact {
             Some(Fact::Reply { module, reply }) => {
                 let drive = self.drives.entry(module.get()).or_default();
@@ -251,6 +262,36 @@ impl LiveState {
         }
         for event in notes.events {
             self.events.add(event);
+        }
+    }
+
+    fn follow_stop(&mut self, at: Instant, fact: Option<&Fact>) {
+        let is_controlled = self.group.is_some_and(|group| group.fresh(at).is_some());
+        match fact {
+            Some(Fact::Stop { .. } | Fact::Broadcast(Broadcast::Halt)) => {
+                self.stopping.stop(at, self.watch.stopped_by(at));
+            }
+            Some(Fact::Group { state, .. }) => {
+                self.stopping.report(matches!(state.state, State::Stopping | State::Stopped | State::Fault));
+            }
+            Some(Fact::Joints { joints, .. }) => {
+                for (number, sample) in joints {
+                    self.stopping.angle(*number, at, sample.q_rad.into());
+                }
+            }
+            Some(Fact::Reply { module, reply }) => {
+                let joint = self.machine.addresses.iter().position(|address| *address == module.get());
+                let number = joint.and_then(|joint| u8::try_from(joint + 1).ok());
+                if let Some((number, (q_rad, _))) = number.zip(position(reply)) {
+                    self.stopping.angle(number, at, q_rad);
+                }
+                if let Reply::Value(Parameter::CubeState, Value::U32(bits)) = reply
+                    && !is_controlled
+                {
+                    self.stopping.report(CubeState::from_bits(*bits).contains(CubeState::HALTED));
+                }
+            }
+            _ => {}
         }
     }
 
@@ -286,6 +327,7 @@ impl LiveState {
             age_s: self.heard.map(|at| Age::of(at, self.now).s()),
             link: self.link(),
             strangers: self.strangers(),
+            stop: self.stopping.view(self.now),
             controller: self.group.map(|group| self.controller(group)),
             placed: q_rad.filter(|q_rad| !q_rad.is_empty()).map(|q_rad| self.machine.place(&q_rad)),
             joints,
@@ -328,7 +370,7 @@ impl LiveState {
             fault: (group.fault_cause != 0).then(|| FaultView {
                 code: group.fault_cause,
                 joint: group.fault_joint,
-                what: info.map_or_else(String::new, |info| info.what.to_owned()),
+                what: self.watch.named(group.fault_cause, info.map_or("", |info| info.what)),
                 next: info.map_or_else(String::new, |info| info.recovery.to_owned()),
             }),
             plan_s: f64::from(group.trajectory_time_us) * 1e-6,
@@ -446,8 +488,8 @@ impl LiveTap {
 }
 
 impl Tap for LiveTap {
-    fn frame(&mut self, at: Instant, _: Way, frame: &Frame) -> io::Result<()> {
-        self.with(|state| state.take(at, frame));
+    fn frame(&mut self, at: Instant, way: Way, frame: &Frame) -> io::Result<()> {
+        self.with(|state| state.pass(at, way, frame));
         Ok(())
     }
 

@@ -16,6 +16,8 @@ use serde::Serialize;
 
 use super::facts::{Decoder, Fact, order_name, position};
 use super::numbering::Numbering;
+use crate::node::stop_watch::is_stop_by_other;
+use crate::tap::Way;
 
 /// How much an event matters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -77,6 +79,8 @@ pub struct Notes {
     pub freeze: Option<Box<FreezeFrame>>,
 }
 
+/// A halt of the drives follows the stop message of its sender within this time.
+const STOP_WITHIN: Duration = Duration::from_secs(1);
 /// Frames kept for a freeze frame.
 const FRAMES_KEPT: usize = 24;
 /// Signs of life farther apart than this begin again.
@@ -90,6 +94,9 @@ pub struct Watch {
     drives: BTreeMap<u8, LastHeard>,
     frames: VecDeque<(Instant, Frame)>,
     life_at: Option<Instant>,
+    /// Who stopped last; a halt of the drives alone has no sender.
+    stopped_by: Option<(Instant, String)>,
+    way: Option<Way>,
     events: Vec<LogEvent>,
 }
 
@@ -98,6 +105,38 @@ impl Watch {
     #[must_use]
     pub fn new(joints: Vec<(u8, String)>) -> Self {
         Self { joints: Numbering::new(joints), ..Self::default() }
+    }
+
+    /// Takes the next frame, of somebody else or of this program.
+    pub fn pass(&mut self, at: Instant, way: Way, frame: &Frame) -> Notes {
+        self.way = Some(way);
+        self.take(at, frame)
+    }
+
+    /// Who has sent the stop that was just heard.
+    #[must_use]
+    pub fn stopped_by(&self, now: Instant) -> Option<&str> {
+        let (at, by) = self.stopped_by.as_ref()?;
+        (now.saturating_since(*at) < STOP_WITHIN).then_some(by)
+    }
+
+    /// The text of a cause, with the sender where it is a stop that somebody sent.
+    #[must_use]
+    pub fn named(&self, code: u16, what: &str) -> String {
+        match &self.stopped_by {
+            Some((_, by)) if is_stop_by_other(code) => format!("{what}: it was {by}"),
+            _ => what.to_owned(),
+        }
+    }
+
+    fn note_stop(&mut self, at: Instant, from: Option<u8>) {
+        // The first one counts: a program that is stopped by another one stops, too.
+        if self.stopped_by(at).is_none() {
+            self.stopped_by = match (self.way, from) {
+                (Some(Way::Sent), _) => Some((at, "this program".to_owned())),
+                (_, node) => node.map(|node| (at, format!("node {node}"))),
+            };
+        }
     }
 
     /// Takes the next frame.
@@ -159,6 +198,7 @@ impl Watch {
                 self.note(at, Severity::Warning, format!("controller {}", from.get()), text);
             }
             Fact::Stop { from, .. } => {
+                self.note_stop(at, from.map(protocol::cyphal::id::NodeId::get));
                 let source = from.map_or("somebody".to_owned(), |from| format!("node {}", from.get()));
                 self.note(at, Severity::Warning, source, "stop message");
             }
@@ -183,7 +223,8 @@ impl Watch {
                 None => format!("is in state {}", state.state),
             };
             if state.fault_cause != 0 {
-                text += &format!(": {}", cause_text(state.fault_cause, state.fault_joint));
+                let cause = cause_text(state.fault_cause, state.fault_joint);
+                text += &format!(": {}", self.named(state.fault_cause, &cause));
             }
             self.note(at, severity, source.clone(), text);
         }
@@ -229,7 +270,10 @@ impl Watch {
                 }
                 (Severity::Info, "signs of life begin".to_owned())
             }
-            Broadcast::Halt => (Severity::Warning, "halt".to_owned()),
+            Broadcast::Halt => {
+                self.note_stop(at, None);
+                (Severity::Warning, "halt".to_owned())
+            }
             other => (Severity::Info, format!("{other:?}").to_lowercase()),
         };
         self.note(at, severity, "all drives", text);

@@ -3,7 +3,7 @@
   const el = id => document.getElementById(id), svgOf = name => document.createElementNS('http://www.w3.org/2000/svg', name);
   const SPAN_S = 10, KEPT = 600, EVENTS = 60;
   const fixed = (value, digits) => value === null || value === undefined ? '–' : value.toFixed(digits).replace('-', '−');
-  let last = null, heard = 0, socket = null, dirty = false, told_s = 0;
+  let last = null, heard = 0, socket = null, dirty = false, told_s = 0, stop_shown = false;
 
   // A chart over the last seconds, with the classes of the report's charts. On a phone it is drawn smaller, its letters are not.
   const phone = innerWidth < 640, W = phone ? 340 : 600, LEFT = 58, h = phone ? 130 : 156, w = W - LEFT - 14;
@@ -126,6 +126,10 @@
       trail.push(now.placed.hand_m); if (trail.length > 400) trail.shift();
       dispatchEvent(new CustomEvent('live-step', {detail: {t: now.t_s, ball: c && c.gripper_open ? null : now.placed.hand_m, links: now.placed.links}}));
     }
+    // What the bus says of a stop, until it is over; before that what was ordered here.
+    if (now.stop || stop_shown) el('stopped').textContent = now.stop ? now.stop.text : '';
+    el('stopped').className = now.stop ? now.stop.tone : '';
+    stop_shown = Boolean(now.stop);
     el('fault').hidden = !(c && c.fault);
     if (c && c.fault) el('fault').textContent = `fault ${c.fault.code}${c.fault.joint ? `, joint ${c.fault.joint}` : ''}: ${c.fault.what}. What to do: ${c.fault.next}.${c.old ? ` (The controller is ${c.state}.)` : ''}`;
   }
@@ -169,7 +173,7 @@
   function stop() {
     if (socket && socket.readyState === WebSocket.OPEN) socket.send('stop');
     // By both ways: a socket may hang.
-    fetch('/stop', {method: 'POST'}).then(answer => { el('stopped').textContent = answer.ok ? 'stop ordered' : 'the stop was refused'; })
+    fetch('/stop', {method: 'POST'}).then(answer => { if (!stop_shown) el('stopped').textContent = answer.ok ? 'stop ordered' : 'the stop was refused'; })
       .catch(() => { el('stopped').textContent = 'the program is not reached: use the contactor'; });
   }
   el('stop').onclick = stop;
