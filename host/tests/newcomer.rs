@@ -19,7 +19,7 @@ struct Running {
 impl Running {
     fn start(words: &[&str]) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_cubectl"));
-        command.args(words).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
+        command.args(words).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().unwrap();
         let (stdout, (put, lines)) = (child.stdout.take().unwrap(), channel());
         // In lock step time stands while a program waits for its reader.
@@ -27,6 +27,12 @@ impl Running {
             BufReader::new(stdout).lines().map_while(Result::ok).for_each(|line| drop(put.send(line)));
         });
         Self { child, lines }
+    }
+
+    /// Ends it; what it said beside its lines.
+    fn end(mut self) -> String {
+        let _ = self.child.kill();
+        std::io::read_to_string(self.child.stderr.take().unwrap()).unwrap()
     }
 
     /// The first line that is as wanted.
@@ -186,4 +192,23 @@ fn a_stop_says_who_stands_and_after_how_long_and_who_sent_it_until_it_is_cleared
     let clear = cubectl(&["clear", bus[0], bus[1]]);
     assert_eq!(code(&clear), 0, "{}", err(&clear));
     monitor.until("no stop any more", |line| seen(line)["stop"].is_null());
+}
+
+#[test]
+fn a_monitor_that_asks_gives_way_to_who_moves_the_arm() {
+    let served = homed_arm();
+    let bus = ["--bus", &served.spec];
+    let mut monitor = Running::start(&["monitor", bus[0], bus[1], "--for", "6000"]);
+    monitor.until("it asks", |line| line.contains("joint=6 ") && line.contains("homed"));
+    let jog = cubectl(&["jog", "6", "--for", "0.3", bus[0], bus[1]]);
+    assert_eq!(code(&jog), 0, "{}", err(&jog));
+    monitor.until("the jog", |line| line.contains("jogging"));
+    let said = monitor.end();
+    assert_eq!(said.matches("gives way").count(), 1, "{said}");
+    // One that was asked not to does not, and the advice is no circle.
+    let mut beside = Running::start(&["monitor", bus[0], bus[1], "--for", "6000", "--beside"]);
+    beside.until("it asks", |line| line.contains("joint=6 ") && line.contains("homed"));
+    let jog = cubectl(&["jog", "6", "--for", "0.3", bus[0], bus[1]]);
+    assert_eq!(code(&jog), 7, "{}", out(&jog));
+    assert!(err(&jog).contains("end the other program, which did not give way"), "{}", err(&jog));
 }

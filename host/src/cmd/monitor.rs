@@ -16,7 +16,7 @@ use super::web::WebArgs;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::BusArgs;
-use operator::bus::session::Ended;
+use operator::bus::session::{Ended, Session};
 use operator::live::state::Snapshot;
 use operator::live::{LiveState, LiveTap};
 use operator::machine::Machine;
@@ -68,7 +68,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if listens && !args.listen {
         console::note!("a controller or another host speaks to the modules: nothing is sent");
     }
-    let modules: Vec<ModuleId> = if listens {
+    let mut modules: Vec<ModuleId> = if listens {
         Vec::new()
     } else {
         let found =
@@ -76,6 +76,11 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         found.iter().map(|report| report.module).collect()
     };
     session.host_node().listen_only();
+    let others = |session: &mut Session| {
+        let tally = session.host_node().tally();
+        tally.foreign_requests + tally.tools
+    };
+    let others_before = others(&mut session);
     let live = LiveState::new(Machine::of(&cell.robot), session.zero_unix(), BIT_RATE);
     let live = Arc::new(Mutex::new(live));
     session.add_tap(Box::new(LiveTap(Arc::clone(&live))));
@@ -89,6 +94,13 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     while session.now() < end && ended != Ended::Interrupted {
         let printed_at = (session.now() + period).min(end);
         while session.now() < printed_at && ended != Ended::Interrupted {
+            if !modules.is_empty() && !args.bus.beside && others(&mut session) > others_before {
+                session.host_node().drives.cancel_all();
+                modules.clear();
+                console::note!(
+                    "another host or a controller speaks: the monitor gives way, and from now on only listens"
+                );
+            }
             ask(session.host_node(), &modules);
             let until = (session.now() + round).min(printed_at);
             ended = session.run(until, &mut |host_node| {
