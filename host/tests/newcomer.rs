@@ -164,7 +164,7 @@ fn a_fault_of_module_3_is_never_one_of_joint_1() {
 }
 
 #[test]
-fn a_stop_says_who_stands_and_after_how_long_and_who_sent_it_until_it_is_cleared() {
+fn a_stop_says_who_stands_and_after_how_long_and_who_sent_it_until_it_is_over() {
     let served = Served::with_controller();
     let bus = ["--bus", &served.spec];
     let mut monitor = Running::start(&["monitor", bus[0], bus[1], "--listen", "--for", "6000", "--json"]);
@@ -191,6 +191,9 @@ fn a_stop_says_who_stands_and_after_how_long_and_who_sent_it_until_it_is_cleared
     }
     let clear = cubectl(&["clear", bus[0], bus[1]]);
     assert_eq!(code(&clear), 0, "{}", err(&clear));
+    assert!(out(&clear).contains("the next motion ends the stop"), "{}", out(&clear));
+    let jog = cubectl(&["jog", "6", "--for", "0.2", bus[0], bus[1]]);
+    assert_eq!(code(&jog), 0, "{}", err(&jog));
     monitor.until("no stop any more", |line| seen(line)["stop"].is_null());
 }
 
