@@ -65,7 +65,7 @@ impl Stopping {
             (Some((_, known)), Some(by)) if again => by.clone_into(known),
             (Some(_), None) if again => {}
             _ => {
-                (self.stop, self.took) = (Some((at, by.unwrap_or("a halt of the drives").to_owned())), false)
+                (self.stop, self.took) = (Some((at, by.unwrap_or("a halt of the drives").to_owned())), false);
             }
         }
     }
