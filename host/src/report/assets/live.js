@@ -136,7 +136,7 @@
 
   // What the program says of age goes for the page, too: what it has not sent again for so long is old.
   function draw() {
-    const gap_s = (performance.now() - heard) / 1e3, silent = gap_s > live.old_after_s || !socket || socket.readyState !== WebSocket.OPEN;
+    const gap_s = (performance.now() - heard) / 1e3, silent = !last || gap_s > live.old_after_s || !socket || socket.readyState !== WebSocket.OPEN;
     el('link').textContent = silent ? (last ? 'not connected: what is shown is old' : 'connecting') : last.link.text;
     el('link').className = 'pill ' + (silent ? 'warn' : last.link.tone);
     // While nothing comes, the ages still grow.
