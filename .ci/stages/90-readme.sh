@@ -49,10 +49,10 @@ end_cells() {
 }
 trap end_cells EXIT
 opened() { (exec 3<>"/dev/tcp/127.0.0.1/$1") 2>/dev/null; } # port
-serve() { # serve SCHEME PORT: a simulated cell that is ready when this returns
+serve() { # serve SCHEME PORT [OPTION]: a simulated cell that is ready when this returns
     local scheme=$1
     shift
-    cubectl sim --bus "$scheme://127.0.0.1:$1/can0" >"$work/cell-$1.log" 2>&1 </dev/null &
+    cubectl sim --bus "$scheme://127.0.0.1:$1/can0" "${@:2}" >"$work/cell-$1.log" 2>&1 </dev/null &
     cells+=($!)
     ! wait_for "${cells[-1]}" opened "$1" || return 0
     cat "$work/cell-$1.log"
@@ -79,7 +79,8 @@ for block in "${blocks[@]}"; do
             continue
         fi
         port=$(sed -n 's|.*127\.0\.0\.1:\([0-9]*\)/.*|\1|p' "$block" | head -n 1)
-        serve socketcand "$port"
+        mapfile -t options < <(grep -o -- '--controller' "$block" || true)
+        serve socketcand "$port" "${options[@]}"
         continue
         ;;
     *-hardware-robot)

@@ -1,6 +1,7 @@
 //! Command lines in messages, for the bus of the command that prints them: who copies one acts on that bus, and not on the
 //! simulated cell inside the program.
 
+use can_link::BusSpec;
 use clap::ArgMatches;
 use clap::parser::ValueSource;
 use operator::bus::BusArgs;
@@ -35,6 +36,24 @@ pub const BUS_VERBS: [&str; 27] = [
     "unlock",
     "upload",
 ];
+
+/// Verbs whose effect, or what they read, is gone with the simulated cell inside the program.
+const OF_A_STATE: [&str; 8] = ["clear", "config", "home", "jog", "key", "registers", "unlock", "upload"];
+
+/// What is said on the bus `sim` by a verb that changes or reads what a bus keeps.
+const ON_SIM: &str = "the bus is the simulated cell inside this program: it begins anew with each command and ends with it; \
+     `cubectl sim` in another terminal serves one that stays";
+
+/// That nothing lasts, for a verb on the simulated cell inside the program.
+#[must_use]
+pub fn on_simulated_cell(matches: &ArgMatches) -> Option<&'static str> {
+    let (name, mut verb) = matches.subcommand()?;
+    while let Some((_, inner)) = verb.subcommand() {
+        verb = inner;
+    }
+    let bus = verb.try_get_one::<BusSpec>("bus").ok().flatten()?;
+    (OF_A_STATE.contains(&name) && *bus == BusSpec::Sim).then_some(ON_SIM)
+}
 
 /// Before a command line in a message.
 const BEGIN: &str = "`cubectl ";
@@ -162,6 +181,26 @@ mod tests {
         }
         let served = place(&["cubectl", "sim", "--bus", "socketcand://127.0.0.1:1/can0"]);
         assert_eq!(served.told("`cubectl home`"), "`cubectl home`");
+    }
+
+    #[test]
+    fn what_ends_with_the_command_says_so_on_the_simulated_cell_only() {
+        let note = |words: &[&str]| on_simulated_cell(&Cli::command().get_matches_from(words)).is_some();
+        for words in [
+            "home",
+            "jog 3 --for 1",
+            "clear",
+            "registers set a=1",
+            "registers export",
+            "config dump",
+            "unlock",
+        ] {
+            let words: Vec<&str> = ["cubectl"].into_iter().chain(words.split(' ')).collect();
+            assert!(note(&words), "{words:?}");
+            assert!(!note(&[&words[..], &["--bus", "can0"]].concat()), "{words:?}");
+        }
+        // They name the cell in what they print.
+        assert!(!note(&["cubectl", "scan"]) && !note(&["cubectl", "explain", "101"]));
     }
 
     #[test]

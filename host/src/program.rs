@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory, FromArgMatches};
 use clap_complete::CompleteEnv;
 
-use crate::advice::Place;
+use crate::advice::{self, Place};
 use crate::cmd::meaning;
 use crate::error::ExpectedError;
 use crate::{complete, exit};
@@ -20,7 +20,12 @@ pub fn run<C: CommandFactory + FromArgMatches>(
     let mut command = C::command();
     let matches = command.get_matches_mut();
     let cli = C::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
-    let ended = meaning::require_on_bus(&command, &matches).and_then(|()| verb(cli));
+    let ended = meaning::require_on_bus(&command, &matches).and_then(|()| {
+        if let Some(note) = advice::on_simulated_cell(&matches) {
+            console::note!("{note}");
+        }
+        verb(cli)
+    });
     match ended.and_then(|()| output_is_whole()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

@@ -14,6 +14,7 @@ mod identify_report;
 mod job_rules;
 mod lock_step;
 mod move_verb;
+mod newcomer;
 mod option_walk;
 mod other_arms;
 mod output;

@@ -1,7 +1,5 @@
 //! The machine behind a bus as viewers need it: names, addresses, bodies, and where they are at given angles.
 
-use std::collections::BTreeMap;
-
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use robot_model::{JointVec, Pose, RobotModel};
 use serde::Serialize;
@@ -50,9 +48,9 @@ impl Machine {
         }
     }
 
-    /// Names of the joints by the address of their drive.
+    /// Address of the drive and name of each joint, base first.
     #[must_use]
-    pub fn names(&self) -> BTreeMap<u8, String> {
+    pub fn names(&self) -> Vec<(u8, String)> {
         self.addresses.iter().copied().zip(self.joints.iter().cloned()).collect()
     }
 

@@ -133,8 +133,8 @@ impl Columns {
                     self.put(Table::Currents, [t_s, module, a.into()]);
                 }
             }
-            Fact::Joints { state, .. } => {
-                for (joint, told) in (1..).zip(state.joints()) {
+            Fact::Joints { joints, .. } => {
+                for (joint, told) in joints {
                     let [q, qd, error] = [told.q_rad, told.qd_rad_s, told.error_q_rad].map(f64::from);
                     self.put(Table::Joints, [t_s, f64::from(joint), q, qd, error]);
                 }

@@ -50,7 +50,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 fn of_controller(session: &mut Session, node: NodeId) -> Result<String, ExpectedError> {
     let group = session.group().unwrap_or_default();
     if group.state != State::Fault {
-        return Ok(format!("controller {}: no fault to clear, it is {:?}", node.get(), group.state));
+        let next = if group.state == State::Stopped { "; the next motion ends the stop" } else { "" };
+        return Ok(format!("controller {}: no fault to clear, it is {:?}{next}", node.get(), group.state));
     }
     session.clear_fault(node, group.fault_cause)?;
     let state = session.group().unwrap_or_default().state;

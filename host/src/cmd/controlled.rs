@@ -245,10 +245,13 @@ pub(super) fn is_soft(spec: &BusSpec, wanted: Option<Controller>) -> Result<bool
         _ => {}
     }
     let mut session = BusArgs { bus: spec.clone(), ..BusArgs::default() }.open()?;
-    let present = session.listen()?;
+    let present = session.claim()?;
     session.finish()?;
     let in_use = |who: &str, next: &str| {
-        Err(ExpectedError::new(exit::BUS, format!("{spec}: {who}; nothing was sent\n  next: {next}")))
+        Err(ExpectedError::new(
+            exit::BUS,
+            format!("{spec}: {who}; nothing was sent to the modules\n  next: {next}"),
+        ))
     };
     match (wanted, present.controller) {
         _ if present.tool => in_use(
@@ -262,7 +265,7 @@ pub(super) fn is_soft(spec: &BusSpec, wanted: Option<Controller>) -> Result<bool
         (Some(Controller::Node(_)), _) | (None, Some(_)) => Ok(false),
         (_, None) if present.drives_are_asked => in_use(
             "another host speaks to the modules, and no controller is heard",
-            "`cubectl monitor` watches, `cubectl stop` stops; end the other program",
+            "end the other program, which did not give way; `cubectl monitor` does, and `cubectl stop` stops",
         ),
         (_, None) => Ok(true),
     }

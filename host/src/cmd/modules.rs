@@ -208,11 +208,11 @@ impl Look {
 
 /// Refuses to ask modules that another node asks.
 pub(super) fn require_alone(session: &mut Session, beside: bool) -> Result<(), ExpectedError> {
-    if !beside && session.hears_other_host()? {
+    if !beside && session.hears_other_host()? && session.claim()?.drives_are_asked {
         return Err(ExpectedError::new(
             exit::BUS,
             format!(
-                "{}: another host or a controller speaks to the modules; nothing was sent, because our questions would \
+                "{}: another host or a controller speaks to the modules; they were not asked, because our questions would \
                  destroy its frames\n  next: `cubectl scan`, `cubectl status` and `cubectl monitor` listen, `cubectl stop` \
                  stops; end the other program, or add --beside",
                 session.name()

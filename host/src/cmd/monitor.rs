@@ -16,14 +16,15 @@ use super::web::WebArgs;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::BusArgs;
-use operator::bus::session::Ended;
+use operator::bus::session::{Ended, Session};
 use operator::live::state::Snapshot;
 use operator::live::{LiveState, LiveTap};
 use operator::machine::Machine;
 use operator::node::host_node::HostNode;
 
-/// Time between two rounds of questions while a page looks.
+/// Longest time between two rounds of questions: while a page looks, and else. What is asked more seldom would be old.
 const PAGE_ROUND: Duration = Duration::from_millis(20);
+const ROUND: Duration = Duration::from_millis(200);
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -67,7 +68,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if listens && !args.listen {
         console::note!("a controller or another host speaks to the modules: nothing is sent");
     }
-    let modules: Vec<ModuleId> = if listens {
+    let mut modules: Vec<ModuleId> = if listens {
         Vec::new()
     } else {
         let found =
@@ -75,6 +76,11 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         found.iter().map(|report| report.module).collect()
     };
     session.host_node().listen_only();
+    let others = |session: &mut Session| {
+        let tally = session.host_node().tally();
+        tally.foreign_requests + tally.tools
+    };
+    let others_before = others(&mut session);
     let live = LiveState::new(Machine::of(&cell.robot), session.zero_unix(), BIT_RATE);
     let live = Arc::new(Mutex::new(live));
     session.add_tap(Box::new(LiveTap(Arc::clone(&live))));
@@ -82,12 +88,19 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let end = span.map_or(Instant::FAR_FUTURE, |s| session.now() + Duration::from_secs_f64(s));
     let period = Duration::from_secs_f64(1e-3 * args.period_ms);
     // A page is shown more often than lines are printed.
-    let round = if page.is_some() { period.min(PAGE_ROUND) } else { period };
+    let round = period.min(if page.is_some() { PAGE_ROUND } else { ROUND });
     let mut ended = Ended::Done;
-    let mut last_event = 0;
+    let (mut last_event, mut reported) = (0, true);
     while session.now() < end && ended != Ended::Interrupted {
         let printed_at = (session.now() + period).min(end);
         while session.now() < printed_at && ended != Ended::Interrupted {
+            if !modules.is_empty() && !args.bus.beside && others(&mut session) > others_before {
+                session.host_node().drives.cancel_all();
+                modules.clear();
+                console::note!(
+                    "another host or a controller speaks: the monitor gives way, and from now on only listens"
+                );
+            }
             ask(session.host_node(), &modules);
             let until = (session.now() + round).min(printed_at);
             ended = session.run(until, &mut |host_node| {
@@ -97,9 +110,14 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             if stop.swap(false, Ordering::Relaxed) {
                 halt(&mut session)?;
                 console::note!("stopped from the page: halt and stop message sent");
+                reported = false;
             }
         }
         let snapshot = live.lock().unwrap_or_else(PoisonError::into_inner).snapshot(last_event);
+        if let Some(stop) = snapshot.stop.as_ref().filter(|stop| stop.settled && !reported) {
+            console::note!("{}", stop.text);
+            reported = true;
+        }
         last_event = snapshot.events.last().map_or(last_event, |event| event.number);
         let text = if args.json {
             serde_json::to_string(&snapshot).unwrap_or_default() + "\n"
@@ -159,6 +177,9 @@ fn lines(seen: &Snapshot) -> String {
             seen.load_percent,
             seen.bus_errors,
         );
+    }
+    if let Some(stop) = &seen.stop {
+        let _ = writeln!(text, "{begin} stop=\"{}\"", stop.text);
     }
     for (joint, number_of) in seen.joints.iter().zip(1..).filter(|(joint, _)| joint.q_rad.is_some()) {
         let _ = writeln!(

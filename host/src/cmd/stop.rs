@@ -1,13 +1,19 @@
 //! `cubectl stop`
 
+use std::sync::{Arc, Mutex, PoisonError};
+
 use protocol::cyphal::cubecell::stop::Reason;
 use protocol::powercube::CubeState;
 use protocol::{Duration, ModuleId};
 
 use super::modules::survey_with_progress;
+use super::report::BIT_RATE;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::{BusArgs, Session};
+use operator::live::stopping::JUDGED_AFTER;
+use operator::live::{LiveState, LiveTap};
+use operator::machine::Machine;
 
 /// How often the halt is said, 5 ms apart: a frame may be lost.
 pub(super) const TIMES: usize = 3;
@@ -37,14 +43,22 @@ pub(super) fn halt(session: &mut Session) -> Result<(), ExpectedError> {
 /// # Errors
 /// The bus cannot be reached, or a module still moves.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    let mut session = args.bus.open()?;
+    let cell = args.bus.cell.load()?;
+    let mut session = args.bus.open_cell(&cell, None)?;
+    let live = LiveState::new(Machine::of(&cell.robot), session.zero_unix(), BIT_RATE);
+    let live = Arc::new(Mutex::new(live));
+    session.add_tap(Box::new(LiveTap(Arc::clone(&live))));
     halt(&mut session)?;
     if !args.bus.beside && session.hears_other_host()? {
-        // Our questions would destroy its frames.
+        // Our questions would destroy its frames: what they ask is followed.
+        let view = || live.lock().unwrap_or_else(PoisonError::into_inner).snapshot(0).stop;
+        let until = session.now() + JUDGED_AFTER;
+        session.run(until, &mut |_| view().is_none_or(|stop| stop.settled))?;
+        let obeyed = view().map_or_else(|| "the stop is over already".to_owned(), |stop| stop.text);
         let name = session.name().to_owned();
         session.finish()?;
         console::line!(
-            "{name}: halt and stop message sent {TIMES} times; a controller or host is on the bus and was not disturbed further"
+            "{name}: halt and stop message sent {TIMES} times; a controller or host is on the bus and was not disturbed further\n{obeyed}"
         );
         return Ok(());
     }

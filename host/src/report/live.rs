@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 use operator::analysis::POSITION_BOUND_RAD;
 use operator::analysis::release::flight;
+use operator::live::age::OLD_AFTER;
 use operator::machine::Machine;
 use planner::plan::file::PlanFile;
 use robot_model::RobotModel;
@@ -51,13 +52,14 @@ pub fn page(robot: &RobotModel, bus: &str, plan: Option<&PlanFile>) -> String {
          <h2>Events</h2><p>What controller, host and drives said; the newest first.</p><div class=\"card scroll\">\
          <table id=\"events\"><tr><th class=\"l\">time s</th><th class=\"l\">who</th><th class=\"l\">what</th></tr></table></div>\
          <footer>Served by cubectl {version} to this machine only.</footer></main>\
-         <script>const scene={scene},live={{\"joints\":{names},\"bound_mrad\":{bound_mrad}}};{SCENE}</script><script>{LIVE}</script></body></html>\n",
+         <script>const scene={scene},live={{\"joints\":{names},\"bound_mrad\":{bound_mrad},\"old_after_s\":{old_after_s}}};{SCENE}</script><script>{LIVE}</script></body></html>\n",
         title = escape(&title),
         flight_note =
             if plan.is_some() { "<figcaption>Dots: the flight as planned.</figcaption>" } else { "" },
         version = env!("CARGO_PKG_VERSION"),
         scene = scene(robot, plan),
         bound_mrad = (1e3 * POSITION_BOUND_RAD).round(),
+        old_after_s = OLD_AFTER.as_secs_f64(),
     )
 }
 

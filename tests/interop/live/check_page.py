@@ -62,8 +62,10 @@ def main(cubectl, out):
         return process, lambda: (folder / f"{name}.log").read_text()
 
     try:
-        start("sim", "sim", "--bus", bus, "--controller")
-        wait_for("the cell", lambda: subprocess.run([cubectl, "status", "--bus", bus], capture_output=True).returncode == 0)
+        start("sim", "sim", "--bus", bus)
+        wait_for("the drives", lambda: subprocess.run([cubectl, "status", "--bus", bus], capture_output=True).returncode == 0)
+        controller, _ = start("controller", "controller", "--bus", bus)
+        wait_for("the controller", lambda: b"controller" in subprocess.run([cubectl, "status", "--bus", bus], capture_output=True).stdout)
         words = ["monitor", "--bus", bus, "--web", "0", "--record", str(folder / "seen")]
         monitor, said = start("monitor", *words)
         url = wait_for("the live view", lambda: re.search(r"live view at (http://\S+/)", said()))[1]
@@ -107,13 +109,29 @@ def main(cubectl, out):
 
         page.value("document.getElementById('stop').click()")
         wait_for("the stop", lambda: "stopped from the page" in said())
-        wait_for("its answer", lambda: page.value("document.getElementById('stopped').textContent") == "stop ordered")
+        banner = "document.getElementById('stopped').textContent"
+        wait_for("its answer", lambda: "stopped by this program: joints 1, 2, 3, 4, 5, 6 stand after" in page.value(banner))
+        wait_for("who obeyed", lambda: "stand after" in said())
         # The controller says that it was stopped, the page that drives are halted.
         halted = "document.getElementById('joints').textContent + document.getElementById('state').textContent"
         wait_for("the halt", lambda: re.search("halted|not ready|stopped|fault", page.value(halted)))
+
+        # The next motion ends the stop.
+        moved = subprocess.run([cubectl, "jog", "6", "--for", "0.3", "--bus", bus], capture_output=True, text=True)
+        assert moved.returncode == 0, moved.stderr
+        wait_for("no banner", lambda: page.value(banner) == "")
+        # Nothing stays green after what it was heard from is gone: first the controller, then the program behind the page.
+        shown_state = "(b => [b.textContent, b.className, document.getElementById('link').className])(document.getElementById('state'))"
+        controller.kill()
+        text, tone, link = wait_for("the old state", lambda: (v := page.value(shown_state))[0].startswith("not heard for") and v)
+        assert "bad" in tone and "warn" in link, (text, tone, link)
+        joint = page.value("document.getElementById('joints').rows[3].textContent")
+        assert "not heard for" in joint, joint
         monitor.send_signal(signal.SIGINT)
         assert monitor.wait(PATIENCE_S) in (0, 6), said()
         wait_for("the page to notice", lambda: "not connected" in page.value("document.getElementById('link').textContent"))
+        text, tone, link = page.value(shown_state)
+        assert text.startswith("not heard for") and "bad" in tone and "warn" in link, (text, tone, link)
     finally:
         for process in reversed(processes):
             process.kill()

@@ -115,14 +115,16 @@ impl Session {
         limit_rad: Option<f64>,
         held: &mut dyn FnMut(Instant) -> bool,
     ) -> Result<bool, OperatorError> {
-        let mut begun = None;
+        let (mut begun, mut taken_at) = (None, None);
         while !self.is_interrupted() && held(self.now()) {
             let now = self.now();
             match self.order_jog(node, &order(joint, qd_rad_s), begun.is_none()) {
-                Ok(()) => begun = begun.or(Some(now)),
-                // A repetition came too late: the joint ramps to rest, and then begins again.
+                Ok(()) => (begun, taken_at) = (begun.or(Some(now)), Some(now)),
+                // A repetition came too late: the joint ramps to rest, and then begins again. Or the controller stops it, and
+                // will say why.
                 Err(OperatorError::Refused { refusal: Some(refusal), .. })
-                    if begun.is_some() && refusal.cause == Cause::OrderNotNow.code() =>
+                    if taken_at.is_some_and(|at| now < at + REST_MAX)
+                        && refusal.cause == Cause::OrderNotNow.code() =>
                 {
                     begun = None;
                 }

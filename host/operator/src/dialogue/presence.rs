@@ -10,6 +10,9 @@ use crate::bus::session::{Ended, Session};
 use crate::node::host_node::HostNode;
 use crate::node::inbox::Said;
 
+/// A host tool that is a node has said so by then: once a second.
+const CLAIM: Duration = Duration::from_millis(1_200);
+
 /// Who else is on the bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Presence {
@@ -71,6 +74,20 @@ impl Session {
     /// [`AskError::Bus`], [`AskError::Interrupted`].
     pub fn listen(&mut self) -> Result<Presence, AskError> {
         self.listen_for(PRESENCE, true)
+    }
+
+    /// As [`Session::listen`]. If modules are asked and no controller is heard, this session becomes a node, so that a
+    /// `cubectl monitor` gives way, and listens once more.
+    ///
+    /// # Errors
+    /// As [`Session::listen`].
+    pub fn claim(&mut self) -> Result<Presence, AskError> {
+        let present = self.listen()?;
+        if present.controller.is_some() || present.tool || !present.drives_are_asked {
+            return Ok(present);
+        }
+        self.sleep_until(self.now() + CLAIM)?;
+        self.listen()
     }
 
     /// Listens for `span`, at least [`OTHERS_LISTEN`], or with `until_told` until a controller was heard and had time to show its host. Nothing is

@@ -6,12 +6,15 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use can_link::BusError;
 use firmware::fault::Cause;
-use protocol::cyphal::cubecell::group_state::GroupState;
+use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::cubecell::joint_state::JointSample;
-use protocol::powercube::{CubeState, Parameter, Reply, ShortState, Value};
+use protocol::powercube::{Broadcast, CubeState, Parameter, Reply, ShortState, Value};
 use protocol::{Duration, Frame, Instant};
 use serde::Serialize;
 
+use super::age::{Age, Heard, Tone};
+use super::events::{EventView, Events};
+use super::stopping::{StopView, Stopping};
 use crate::log::facts::{Fact, position};
 use crate::log::watch::{LogEvent, Severity, Watch};
 use crate::machine::{Machine, Placed};
@@ -22,11 +25,6 @@ use crate::tap::{Tap, Way};
 const LOAD_SPAN: Duration = Duration::from_millis(500);
 /// The load over less than this time is not told.
 const LOAD_SPAN_MIN: Duration = Duration::from_millis(50);
-/// Events kept.
-const EVENTS_KEPT: usize = 200;
-/// What was not heard again for longer is shown as old. Controllers report ten times a second, and so often are modules asked.
-const OLD_AFTER: Duration = Duration::from_secs(1);
-
 /// Everything a page shows.
 #[derive(Clone, Debug, Serialize)]
 pub struct Snapshot {
@@ -40,10 +38,14 @@ pub struct Snapshot {
     pub load_percent: f64,
     /// Errors that the bus reported.
     pub bus_errors: u64,
+    /// The last stop and who obeys it, until it is over.
+    pub stop: Option<StopView>,
     /// The controller as it told last.
     pub controller: Option<ControllerView>,
     /// Age of the last frame, s; `None` before the first.
     pub age_s: Option<f64>,
+    /// `live`, or who is not heard and for how long.
+    pub link: LinkView,
     /// The joints, in the order of the robot file.
     pub joints: Vec<JointView>,
     /// Modules that are heard and are not in the robot file.
@@ -54,6 +56,15 @@ pub struct Snapshot {
     pub events: Vec<EventView>,
 }
 
+/// Whether what is shown is so now.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LinkView {
+    /// In words.
+    pub text: String,
+    /// How it is shown.
+    pub tone: Tone,
+}
+
 /// A controller as it told last.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ControllerView {
@@ -61,6 +72,8 @@ pub struct ControllerView {
     pub node_id: u8,
     /// State of the group; `not heard for N s` where the message is old.
     pub state: String,
+    /// How the state is shown.
+    pub tone: Tone,
     /// Age of the message, s.
     pub age_s: f64,
     /// Nothing here need be so any more.
@@ -109,15 +122,15 @@ pub struct JointView {
     pub age_s: Option<f64>,
     /// Nothing here need be so any more.
     pub old: bool,
-    /// Speed, as the controller told last, rad/s.
+    /// Speed, as the controller reports it, rad/s; `None` where it is old.
     pub qd_rad_s: Option<f64>,
-    /// Reference minus measurement, as the controller told last, rad.
+    /// Reference minus measurement, as the controller reports it, rad; `None` where it is old.
     pub error_rad: Option<f64>,
-    /// Motor current that the drive told last, A.
+    /// Motor current, A; `None` where it is old.
     pub current_a: Option<f64>,
     /// State of the drive in words; `not heard for N s` where it is old.
     pub state: String,
-    /// The state word they were made of, if the drive told it.
+    /// The state word they were made of, if that is not old.
     pub state_bits: Option<u32>,
 }
 
@@ -130,25 +143,10 @@ pub struct StrangerView {
     pub q_rad: Option<f64>,
     /// Age of its last answer, s.
     pub age_s: f64,
-    /// Motor current that the drive told last, A.
+    /// Motor current, A; `None` where it is old.
     pub current_a: Option<f64>,
     /// State of the drive in words; `not heard for N s` where it is old.
     pub state: String,
-}
-
-/// Something that happened.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct EventView {
-    /// Number of the event, from 1.
-    pub number: u64,
-    /// Time of the session, s.
-    pub t_s: f64,
-    /// `info`, `warning` or `error`.
-    pub severity: Severity,
-    /// Who says so.
-    pub source: String,
-    /// What.
-    pub text: String,
 }
 
 /// What a drive told last.
@@ -156,10 +154,10 @@ pub struct EventView {
 struct Drive {
     /// Last answer.
     heard: Instant,
-    position: Option<(Instant, f64)>,
-    current_a: Option<f64>,
-    short_state: Option<ShortState>,
-    state: Option<CubeState>,
+    position: Option<Heard<f64>>,
+    current_a: Option<Heard<f64>>,
+    short_state: Option<Heard<ShortState>>,
+    state: Option<Heard<CubeState>>,
 }
 
 /// Follows a bus; [`LiveState::snapshot`] shows it.
@@ -176,12 +174,12 @@ pub struct LiveState {
     bits: VecDeque<(Instant, u64)>,
     bit_rate_bit_s: u32,
     bus_errors: u64,
-    group: Option<(Instant, u8, GroupState)>,
-    /// What the controller tells of its joints, and when it did.
-    told: (Instant, Vec<JointSample>),
+    group: Option<Heard<(u8, GroupState)>>,
+    /// What the controller reports of each joint, by its number in the robot from 1.
+    told: BTreeMap<u8, Heard<JointSample>>,
     drives: BTreeMap<u8, Drive>,
-    events: VecDeque<EventView>,
-    event_number: u64,
+    events: Events,
+    stopping: Stopping,
 }
 
 impl LiveState {
@@ -201,10 +199,10 @@ impl LiveState {
             bit_rate_bit_s,
             bus_errors: 0,
             group: None,
-            told: (Instant::ZERO, Vec::new()),
+            told: BTreeMap::new(),
             drives: BTreeMap::new(),
-            events: VecDeque::new(),
-            event_number: 0,
+            events: Events::default(),
+            stopping: Stopping::default(),
         }
     }
 
@@ -218,41 +216,82 @@ impl LiveState {
     pub fn advance_to(&mut self, now: Instant) {
         self.now = self.now.max(now);
         self.began.get_or_insert(now);
+        self.events.advance_to(self.now);
         while self.bits.front().is_some_and(|(at, _)| self.now.saturating_since(*at) > LOAD_SPAN) {
             self.bits.pop_front();
         }
     }
 
-    /// Takes the next frame.
+    /// Takes the next frame, of somebody else.
     pub fn take(&mut self, at: Instant, frame: &Frame) {
+        self.pass(at, Way::Received, frame);
+    }
+
+    /// Takes the next frame.
+    pub fn pass(&mut self, at: Instant, way: Way, frame: &Frame) {
         self.advance_to(at);
         self.frames += 1;
         self.heard = Some(at);
         self.bits.push_back((at, frame_bits(frame)));
-        let notes = self.watch.take(at, frame);
+        let notes = self.watch.pass(at, way, frame);
+        self.follow_stop(at, notes.fact.as_ref());
         match notes.fact {
             Some(Fact::Reply { module, reply }) => {
                 let drive = self.drives.entry(module.get()).or_default();
                 drive.heard = at;
                 if let Some((q_rad, short)) = position(&reply) {
-                    drive.position = Some((at, q_rad));
-                    drive.short_state = short.or(drive.short_state);
+                    drive.position = Some(Heard::new(at, q_rad));
+                    drive.short_state = short.map(|short| Heard::new(at, short)).or(drive.short_state);
                 }
                 match reply {
-                    Reply::State(state) => drive.state = Some(state),
+                    Reply::State(state) => drive.state = Some(Heard::new(at, state)),
                     Reply::Value(Parameter::CubeState, Value::U32(bits)) => {
-                        drive.state = Some(CubeState::from_bits(bits));
+                        drive.state = Some(Heard::new(at, CubeState::from_bits(bits)));
                     }
-                    Reply::Value(Parameter::Cur, Value::F32(a)) => drive.current_a = Some(f64::from(a)),
+                    Reply::Value(Parameter::Cur, Value::F32(a)) => {
+                        drive.current_a = Some(Heard::new(at, f64::from(a)));
+                    }
                     _ => {}
                 }
             }
-            Some(Fact::Group { from, state, .. }) => self.group = Some((at, from.get(), state)),
-            Some(Fact::Joints { state, .. }) => self.told = (at, state.joints().to_vec()),
+            Some(Fact::Group { from, state, .. }) => self.group = Some(Heard::new(at, (from.get(), state))),
+            Some(Fact::Joints { joints, .. }) => {
+                self.told.extend(joints.into_iter().map(|(number, sample)| (number, Heard::new(at, sample))));
+            }
             _ => {}
         }
         for event in notes.events {
-            self.note(event);
+            self.events.add(event);
+        }
+    }
+
+    fn follow_stop(&mut self, at: Instant, fact: Option<&Fact>) {
+        let is_controlled = self.group.is_some_and(|group| group.fresh(at).is_some());
+        match fact {
+            Some(Fact::Stop { .. } | Fact::Broadcast(Broadcast::Halt)) => {
+                self.stopping.stop(at, self.watch.stopped_by(at));
+            }
+            Some(Fact::Group { state, .. }) => {
+                self.stopping.report(matches!(state.state, State::Stopping | State::Stopped | State::Fault));
+            }
+            Some(Fact::Joints { joints, .. }) => {
+                for (number, sample) in joints {
+                    self.stopping.angle(*number, at, sample.q_rad.into());
+                }
+            }
+            Some(Fact::Reply { module, reply }) => {
+                let joint = self.machine.addresses.iter().position(|address| *address == module.get());
+                let number = joint.and_then(|joint| u8::try_from(joint + 1).ok());
+                if let Some((number, (q_rad, _))) = number.zip(position(reply)) {
+                    self.stopping.angle(number, at, q_rad);
+                }
+                if let Reply::Value(Parameter::CubeState, Value::U32(bits)) = reply
+                    && !is_controlled
+                {
+                    self.stopping.report(CubeState::from_bits(*bits).contains(CubeState::HALTED));
+                }
+            }
+            _ => {}
         }
     }
 
@@ -260,22 +299,12 @@ impl LiveState {
     pub fn bus_error(&mut self, at: Instant, error: &BusError) {
         self.advance_to(at);
         self.bus_errors += 1;
-        self.note(LogEvent {
+        self.events.add(LogEvent {
             at,
             severity: Severity::Warning,
             source: "bus".to_owned(),
             text: error.to_string(),
         });
-    }
-
-    fn note(&mut self, event: LogEvent) {
-        self.event_number += 1;
-        if self.events.len() == EVENTS_KEPT {
-            self.events.pop_front();
-        }
-        let LogEvent { at, severity, source, text } = event;
-        let (number, t_s) = (self.event_number, at.as_secs_f64());
-        self.events.push_back(EventView { number, t_s, severity, source, text });
     }
 
     /// What is known now; of the events those with a number above `after`.
@@ -295,48 +324,53 @@ impl LiveState {
             frames: self.frames,
             load_percent: (100.0 * bits as f64 / available).min(100.0),
             bus_errors: self.bus_errors,
-            age_s: self.heard.map(|at| self.age(at).as_secs_f64()),
+            age_s: self.heard.map(|at| Age::of(at, self.now).s()),
+            link: self.link(),
             strangers: self.strangers(),
-            controller: self.group.as_ref().map(|(at, node_id, group)| self.controller(*at, *node_id, group)),
+            stop: self.stopping.view(self.now),
+            controller: self.group.map(|group| self.controller(group)),
             placed: q_rad.filter(|q_rad| !q_rad.is_empty()).map(|q_rad| self.machine.place(&q_rad)),
             joints,
-            events: self.events.iter().filter(|event| event.number > after).cloned().collect(),
+            events: self.events.after(after),
         }
     }
 
-    fn age(&self, at: Instant) -> Duration {
-        self.now.saturating_since(at)
-    }
-
-    /// A state that was told at `at`: as it was, or that it is old.
-    fn state_now(&self, at: Instant, state: String) -> String {
-        let age = self.age(at);
-        if age > OLD_AFTER { format!("not heard for {:.0} s", age.as_secs_f64()) } else { state }
+    fn link(&self) -> LinkView {
+        let silent =
+            |who: &str, age: Age| LinkView { text: format!("{who}{}", age.words()), tone: Tone::Warn };
+        match (self.heard, self.group.map(|group| group.age(self.now))) {
+            (None, _) => LinkView { text: "nothing was heard yet".to_owned(), tone: Tone::Warn },
+            (Some(at), _) if Age::of(at, self.now).is_old() => silent("the bus is ", Age::of(at, self.now)),
+            (_, Some(age)) if age.is_old() => silent("the controller is ", age),
+            _ => LinkView { text: "live".to_owned(), tone: Tone::Good },
+        }
     }
 
     fn strangers(&self) -> Vec<StrangerView> {
         let strangers = self.drives.iter().filter(|(address, _)| !self.machine.addresses.contains(address));
         let view = |(module, drive): (&u8, &Drive)| StrangerView {
             module: *module,
-            q_rad: drive.position.map(|(_, q_rad)| q_rad),
-            age_s: self.age(drive.heard).as_secs_f64(),
-            current_a: drive.current_a,
-            state: self.state_now(drive.heard, state_of(drive)),
+            q_rad: drive.position.map(|position| position.value),
+            age_s: Age::of(drive.heard, self.now).s(),
+            current_a: drive.current_a.and_then(|a| a.fresh(self.now)),
+            state: drive.words(self.now),
         };
         strangers.map(view).collect()
     }
 
-    fn controller(&self, at: Instant, node_id: u8, group: &GroupState) -> ControllerView {
+    fn controller(&self, heard: Heard<(u8, GroupState)>) -> ControllerView {
+        let (age, (node_id, group)) = (heard.age(self.now), heard.value);
         let info = Cause::from_code(group.fault_cause).and_then(Cause::info);
         ControllerView {
             node_id,
-            state: self.state_now(at, group.state.to_string()),
-            age_s: self.age(at).as_secs_f64(),
-            old: self.age(at) > OLD_AFTER,
+            state: if age.is_old() { age.words() } else { group.state.to_string() },
+            tone: if age.is_old() { Tone::Bad } else { tone(group.state) },
+            age_s: age.s(),
+            old: age.is_old(),
             fault: (group.fault_cause != 0).then(|| FaultView {
                 code: group.fault_cause,
                 joint: group.fault_joint,
-                what: info.map_or_else(String::new, |info| info.what.to_owned()),
+                what: self.watch.named(group.fault_cause, info.map_or("", |info| info.what)),
                 next: info.map_or_else(String::new, |info| info.recovery.to_owned()),
             }),
             plan_s: f64::from(group.trajectory_time_us) * 1e-6,
@@ -350,27 +384,41 @@ impl LiveState {
     }
 
     fn joint(&self, j: usize) -> JointView {
-        let module = self.machine.addresses.get(j).copied();
+        let (now, module) = (self.now, self.machine.addresses.get(j).copied());
         let drive = module.and_then(|address| self.drives.get(&address));
-        // Beside drives whose answers nobody hears there is what the controller tells.
-        let (told_at, told) = (self.told.0, self.told.1.get(j));
+        let told = u8::try_from(j + 1).ok().and_then(|number| self.told.get(&number).copied());
+        let fresh = told.and_then(|told| told.fresh(now));
+        // Beside drives whose answers nobody hears there is what the controller reports.
         let measured = drive.and_then(|drive| drive.position);
-        let angle = measured.or_else(|| told.map(|told| (told_at, f64::from(told.q_rad))));
-        let heard = drive.map(|drive| drive.heard).or(told.map(|_| told_at));
+        let angle = measured.or_else(|| told.map(|told| Heard::new(told.at, f64::from(told.value.q_rad))));
+        let old = angle.map(|angle| angle.age(now)).filter(|age| age.is_old());
         JointView {
             name: self.machine.joints.get(j).cloned().unwrap_or_default(),
             module,
-            q_rad: angle.map(|(_, q_rad)| q_rad),
-            age_s: angle.map(|(at, _)| self.age(at).as_secs_f64()),
-            old: heard.is_some_and(|at| self.age(at) > OLD_AFTER),
-            qd_rad_s: told.map(|told| f64::from(told.qd_rad_s)),
-            error_rad: told.map(|told| f64::from(told.error_q_rad)),
+            q_rad: angle.map(|angle| angle.value),
+            age_s: angle.map(|angle| angle.age(now).s()),
+            old: old.is_some(),
+            qd_rad_s: fresh.map(|told| f64::from(told.qd_rad_s)),
+            error_rad: fresh.map(|told| f64::from(told.error_q_rad)),
             current_a: drive
-                .and_then(|drive| drive.current_a)
-                .or_else(|| told.map(|told| f64::from(told.current_a)).filter(|a| a.is_finite())),
-            state: drive.map_or_else(String::new, |drive| self.state_now(drive.heard, state_of(drive))),
-            state_bits: drive.and_then(|drive| drive.state).map(CubeState::bits),
+                .and_then(|drive| drive.current_a?.fresh(now))
+                .or_else(|| fresh.map(|told| f64::from(told.current_a)).filter(|a| a.is_finite())),
+            state: match drive {
+                Some(drive) => drive.words(now),
+                None => old.map_or_else(String::new, Age::words),
+            },
+            state_bits: drive.and_then(|drive| drive.state?.fresh(now)).map(CubeState::bits),
         }
+    }
+}
+
+/// How a state is shown.
+const fn tone(state: State) -> Tone {
+    match state {
+        State::Ready | State::Running => Tone::Good,
+        State::Armed | State::Stopping | State::Stopped => Tone::Warn,
+        State::Fault => Tone::Bad,
+        _ => Tone::Plain,
     }
 }
 
@@ -408,13 +456,23 @@ fn in_words(state: CubeState) -> String {
     words.join(", ")
 }
 
-/// State of a drive: the word if it was told, else what the short one says.
-fn state_of(drive: &Drive) -> String {
-    match (drive.state, drive.short_state) {
-        (Some(state), _) => in_words(state),
-        (None, Some(short)) if short.intersects(ShortState::NOT_OK) => "not ready".to_owned(),
-        (None, Some(_)) => "ready".to_owned(),
-        (None, None) => String::new(),
+impl Drive {
+    /// State: by the word, else by the short one, else for how long neither was heard.
+    fn words(&self, now: Instant) -> String {
+        let word = self.state.and_then(|state| state.fresh(now)).map(in_words);
+        let short = || {
+            Some(if self.short_state?.fresh(now)?.intersects(ShortState::NOT_OK) {
+                "not ready"
+            } else {
+                "ready"
+            })
+        };
+        let age = || {
+            let told = [self.state.map(|state| state.at), self.short_state.map(|short| short.at)];
+            let age = Age::of(told.into_iter().flatten().max().unwrap_or(self.heard), now);
+            if age.is_old() { age.words() } else { String::new() }
+        };
+        word.or_else(|| short().map(str::to_owned)).unwrap_or_else(age)
     }
 }
 
@@ -430,8 +488,8 @@ impl LiveTap {
 }
 
 impl Tap for LiveTap {
-    fn frame(&mut self, at: Instant, _: Way, frame: &Frame) -> io::Result<()> {
-        self.with(|state| state.take(at, frame));
+    fn frame(&mut self, at: Instant, way: Way, frame: &Frame) -> io::Result<()> {
+        self.with(|state| state.pass(at, way, frame));
         Ok(())
     }
 
@@ -491,6 +549,29 @@ mod tests {
         let old = state.snapshot(0);
         assert_eq!((old.joints[2].old, old.joints[2].state.as_str()), (true, "not heard for 4 s"));
         assert_eq!((old.joints[1].old, old.strangers[0].state.as_str()), (false, "not heard for 4 s"));
+        assert_eq!((fresh.link.text.as_str(), fresh.link.tone), ("live", Tone::Good));
+        assert_eq!((old.link.text.as_str(), old.link.tone), ("the bus is not heard for 4 s", Tone::Warn));
+        // A position that still comes makes neither state word nor current new.
+        let module = protocol::ModuleId::new(3).unwrap();
+        let homed = CubeState::HOME_OK.bits();
+        state.take(
+            Instant::from_micros(4_000_000),
+            &Reply::Value(Parameter::CubeState, Value::U32(homed)).encode(module),
+        );
+        state.take(
+            Instant::from_micros(4_000_000),
+            &Reply::Value(Parameter::Cur, Value::F32(1.5)).encode(module),
+        );
+        assert_eq!(
+            (state.snapshot(0).joints[2].state.as_str(), state.snapshot(0).joints[2].current_a),
+            ("homed, stands", Some(1.5))
+        );
+        state.take(
+            Instant::from_micros(9_000_000),
+            &Reply::Value(Parameter::ActPos, Value::F32(0.5)).encode(module),
+        );
+        let joint = &state.snapshot(0).joints[2];
+        assert_eq!((joint.state.as_str(), joint.current_a, joint.old), ("not heard for 5 s", None, false));
     }
 
     #[test]

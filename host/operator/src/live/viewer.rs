@@ -16,7 +16,8 @@ use nalgebra::UnitQuaternion;
 use robot_model::Pose;
 use serde_json::{Value, json};
 
-use super::state::{EventView, Snapshot};
+use super::events::EventView;
+use super::state::Snapshot;
 use crate::log::watch::Severity;
 use crate::machine::{Machine, Placed, frame_of, link_pose, quaternion};
 

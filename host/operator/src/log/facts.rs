@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use protocol::cyphal::bits::Decode;
 use protocol::cyphal::cubecell::command::{self, Refusal};
 use protocol::cyphal::cubecell::group_state::{self, GroupState};
-use protocol::cyphal::cubecell::joint_state::{self, JointState};
+use protocol::cyphal::cubecell::joint_state::{self, JointSample, JointState};
 use protocol::cyphal::cubecell::stop::{self, Stop};
 use protocol::cyphal::id::{NodeId, Route, TransferId};
 use protocol::cyphal::rx::{Port, Receiver};
@@ -45,8 +45,9 @@ pub enum Fact {
     Joints {
         /// Its controller.
         from: NodeId,
-        /// The message.
-        state: Box<JointState>,
+        /// Number of each joint from 1, and its sample. A decoder counts as the controller does; a [`super::watch::Watch`]
+        /// as the robot.
+        joints: Vec<(u8, JointSample)>,
     },
     /// A line of text for people.
     Record {
@@ -117,7 +118,11 @@ impl Decoder {
                 Some(Fact::Group { from: source, first_at: transfer.at, state })
             }
             Route::Message { subject, source } if subject == joint_state::SUBJECT => {
-                Some(Fact::Joints { from: source, state: Box::new(JointState::from_bytes(data).ok()?) })
+                let state = JointState::from_bytes(data).ok()?;
+                Some(Fact::Joints {
+                    from: source,
+                    joints: (1..).zip(state.joints().iter().copied()).collect(),
+                })
             }
             Route::Message { subject, source } if subject == diagnostic::SUBJECT => {
                 let record = Record::from_bytes(data).ok()?;

@@ -132,7 +132,7 @@ impl<W: Write + Seek> Log<W> {
         let before = self.state;
         let sent = way == Way::Sent;
         self.put("/bus/frames", self.schemas.frame, at, frame_message(at, sent, frame))?;
-        let notes = self.watch.take(at, frame);
+        let notes = self.watch.pass(at, way, frame);
         match notes.fact {
             Some(Fact::Reply { module, reply }) => {
                 let state = Message::default().uint(1, at.as_micros()).uint(2, module.get().into());
@@ -153,9 +153,9 @@ impl<W: Write + Seek> Log<W> {
                     self.put("/scene", self.schemas.scene, at, ball)?;
                 }
             }
-            Some(Fact::Joints { state, .. }) => {
-                for (number, sample) in (1..).zip(state.joints()) {
-                    let message = joint_message(at, number, sample);
+            Some(Fact::Joints { joints, .. }) => {
+                for (number, sample) in joints {
+                    let message = joint_message(at, number.into(), &sample);
                     self.put(&format!("/joint/{number}"), self.schemas.joint, at, message)?;
                 }
             }

@@ -20,6 +20,7 @@ pub mod candump;
 pub mod facts;
 pub mod keep;
 pub mod mcap;
+mod numbering;
 pub mod schema;
 pub mod watch;
 

@@ -15,6 +15,9 @@ use protocol::{Duration, Frame, Instant};
 use serde::Serialize;
 
 use super::facts::{Decoder, Fact, order_name, position};
+use super::numbering::Numbering;
+use crate::node::stop_watch::is_stop_by_other;
+use crate::tap::Way;
 
 /// How much an event matters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -76,6 +79,8 @@ pub struct Notes {
     pub freeze: Option<Box<FreezeFrame>>,
 }
 
+/// A halt of the drives follows the stop message of its sender within this time.
+const STOP_WITHIN: Duration = Duration::from_secs(1);
 /// Frames kept for a freeze frame.
 const FRAMES_KEPT: usize = 24;
 /// Signs of life farther apart than this begin again.
@@ -84,19 +89,54 @@ const LIFE_GAP: Duration = Duration::from_millis(500);
 #[derive(Clone, Debug, Default)]
 pub struct Watch {
     decoder: Decoder,
-    names: BTreeMap<u8, String>,
+    joints: Numbering,
     group: Option<GroupState>,
     drives: BTreeMap<u8, LastHeard>,
     frames: VecDeque<(Instant, Frame)>,
     life_at: Option<Instant>,
+    /// Who stopped last; a halt of the drives alone has no sender.
+    stopped_by: Option<(Instant, String)>,
+    way: Option<Way>,
     events: Vec<LogEvent>,
 }
 
 impl Watch {
-    /// Watch that calls drives by these names beside their addresses.
+    /// Watch of the arm with these joints: address of the drive and name of each, base first.
     #[must_use]
-    pub fn new(names: BTreeMap<u8, String>) -> Self {
-        Self { names, ..Self::default() }
+    pub fn new(joints: Vec<(u8, String)>) -> Self {
+        Self { joints: Numbering::new(joints), ..Self::default() }
+    }
+
+    /// Takes the next frame, of somebody else or of this program.
+    pub fn pass(&mut self, at: Instant, way: Way, frame: &Frame) -> Notes {
+        self.way = Some(way);
+        self.take(at, frame)
+    }
+
+    /// Who has sent the stop that was just heard.
+    #[must_use]
+    pub fn stopped_by(&self, now: Instant) -> Option<&str> {
+        let (at, by) = self.stopped_by.as_ref()?;
+        (now.saturating_since(*at) < STOP_WITHIN).then_some(by)
+    }
+
+    /// The text of a cause, with the sender where it is a stop that somebody sent.
+    #[must_use]
+    pub fn named(&self, code: u16, what: &str) -> String {
+        match &self.stopped_by {
+            Some((_, by)) if is_stop_by_other(code) => format!("{what}: it was {by}"),
+            _ => what.to_owned(),
+        }
+    }
+
+    fn note_stop(&mut self, at: Instant, from: Option<u8>) {
+        // The first one counts: a program that is stopped by another one stops, too.
+        if self.stopped_by(at).is_none() {
+            self.stopped_by = match (self.way, from) {
+                (Some(Way::Sent), _) => Some((at, "this program".to_owned())),
+                (_, node) => node.map(|node| (at, format!("node {node}"))),
+            };
+        }
     }
 
     /// Takes the next frame.
@@ -110,7 +150,8 @@ impl Watch {
     }
 
     /// Takes a fact that did not come in frames.
-    pub fn take_fact(&mut self, at: Instant, fact: Fact) -> Notes {
+    pub fn take_fact(&mut self, at: Instant, mut fact: Fact) -> Notes {
+        self.joints.renumber(at, &mut fact);
         let freeze = self.fact(at, &fact);
         Notes { fact: Some(fact), events: std::mem::take(&mut self.events), freeze }
     }
@@ -125,7 +166,7 @@ impl Watch {
     }
 
     fn drive_name(&self, address: u8) -> String {
-        match self.names.get(&address) {
+        match self.joints.name(address) {
             Some(name) => format!("drive {address} ({name})"),
             None => format!("drive {address}"),
         }
@@ -157,6 +198,7 @@ impl Watch {
                 self.note(at, Severity::Warning, format!("controller {}", from.get()), text);
             }
             Fact::Stop { from, .. } => {
+                self.note_stop(at, from.map(protocol::cyphal::id::NodeId::get));
                 let source = from.map_or("somebody".to_owned(), |from| format!("node {}", from.get()));
                 self.note(at, Severity::Warning, source, "stop message");
             }
@@ -181,7 +223,8 @@ impl Watch {
                 None => format!("is in state {}", state.state),
             };
             if state.fault_cause != 0 {
-                text += &format!(": {}", cause_text(state.fault_cause, state.fault_joint));
+                let cause = cause_text(state.fault_cause, state.fault_joint);
+                text += &format!(": {}", self.named(state.fault_cause, &cause));
             }
             self.note(at, severity, source.clone(), text);
         }
@@ -227,7 +270,10 @@ impl Watch {
                 }
                 (Severity::Info, "signs of life begin".to_owned())
             }
-            Broadcast::Halt => (Severity::Warning, "halt".to_owned()),
+            Broadcast::Halt => {
+                self.note_stop(at, None);
+                (Severity::Warning, "halt".to_owned())
+            }
             other => (Severity::Info, format!("{other:?}").to_lowercase()),
         };
         self.note(at, severity, "all drives", text);
@@ -342,7 +388,7 @@ mod tests {
 
     #[test]
     fn the_first_fault_comes_with_everything_known_before_it() {
-        let mut watch = Watch::new(BTreeMap::from([(3, "joint3".to_owned())]));
+        let mut watch = Watch::new(vec![(3, "joint3".to_owned())]);
         let module = ModuleId::new(3).unwrap();
         let current = Reply::Value(Parameter::Cur, Value::F32(-4.5)).encode(module);
         watch.take(Instant::from_micros(10), &current);
@@ -379,7 +425,7 @@ mod tests {
             (State::Running, CubeState::COMM_ERROR, Severity::Error, "COMM_ERROR"),
         ];
         for (state, cause, severity, text) in table {
-            let mut watch = Watch::new(BTreeMap::new());
+            let mut watch = Watch::new(Vec::new());
             group(&mut watch, 10, 0, &GroupState { state, ..GroupState::default() });
             let notes = watch.take(Instant::from_micros(20), &word(cause));
             let event = &notes.events[0];

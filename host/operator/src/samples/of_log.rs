@@ -1,7 +1,5 @@
 //! Samples of the frames of a bus: one pass over a log, each frame decoded once.
 
-use std::collections::BTreeMap;
-
 use protocol::bits;
 use protocol::powercube::{MotionCommand, Parameter, Reply, Request, Value};
 use protocol::{Duration, Instant};
@@ -29,7 +27,7 @@ impl Samples {
         let drives = &bus.drives;
         let names =
             drives.address.iter().zip(arm.joints()).map(|(address, joint)| (*address, joint.name.clone()));
-        let mut watch = Watch::new(names.collect::<BTreeMap<_, _>>());
+        let mut watch = Watch::new(names.collect());
         let mut reader = Reader {
             drives,
             samples: Self { joints: vec![JointSamples::default(); drives.address.len()], ..Self::default() },
@@ -82,9 +80,11 @@ impl Reader<'_> {
                 let made_by = first_at.saturating_sub(FIRST_FRAME);
                 self.samples.group.push(GroupTold { at, made_by, state: *state });
             }
-            Fact::Joints { state, .. } => {
-                for (joint, sample) in self.samples.joints.iter_mut().zip(state.joints()) {
-                    joint.told.push((at, *sample));
+            Fact::Joints { joints, .. } => {
+                for (number, sample) in joints {
+                    let joint =
+                        usize::from(*number).checked_sub(1).and_then(|j| self.samples.joints.get_mut(j));
+                    joint.into_iter().for_each(|joint| joint.told.push((at, *sample)));
                 }
             }
             _ => {}

@@ -3,7 +3,7 @@
   const el = id => document.getElementById(id), svgOf = name => document.createElementNS('http://www.w3.org/2000/svg', name);
   const SPAN_S = 10, KEPT = 600, EVENTS = 60;
   const fixed = (value, digits) => value === null || value === undefined ? '–' : value.toFixed(digits).replace('-', '−');
-  let last = null, heard = 0, socket = null, dirty = false;
+  let last = null, heard = 0, socket = null, dirty = false, told_s = 0, stop_shown = false;
 
   // A chart over the last seconds, with the classes of the report's charts. On a phone it is drawn smaller, its letters are not.
   const phone = innerWidth < 640, W = phone ? 340 : 600, LEFT = 58, h = phone ? 130 : 156, w = W - LEFT - 14;
@@ -117,38 +117,46 @@
       const row = el('events').insertRow(1);
       put(row, [fixed(event.t_s, 3), event.source, event.text], [0, 1, 2]);
       row.cells[2].className = 'l ' + ({warning: 'warn', error: 'bad'}[event.severity] || '');
-      while (el('events').rows.length > EVENTS + 1) el('events').deleteRow(-1);
+      // The oldest goes that stopped nothing.
+      const rows = [...el('events').rows].slice(1), least = rows.findLast(row => row.cells[2].className === 'l ');
+      if (rows.length > EVENTS) (least || rows.at(-1)).remove();
     }
     const trail = scene.hand;
     if (now.placed) {
       trail.push(now.placed.hand_m); if (trail.length > 400) trail.shift();
       dispatchEvent(new CustomEvent('live-step', {detail: {t: now.t_s, ball: c && c.gripper_open ? null : now.placed.hand_m, links: now.placed.links}}));
     }
+    // What the bus says of a stop, until it is over; before that what was ordered here.
+    if (now.stop || stop_shown) el('stopped').textContent = now.stop ? now.stop.text : '';
+    el('stopped').className = now.stop ? now.stop.tone : '';
+    stop_shown = Boolean(now.stop);
     el('fault').hidden = !(c && c.fault);
-    if (c && c.fault) el('fault').textContent = `fault ${c.fault.code}${c.fault.joint ? `, joint ${c.fault.joint}` : ''}: ${c.fault.what}. What to do: ${c.fault.next}.`;
+    if (c && c.fault) el('fault').textContent = `fault ${c.fault.code}${c.fault.joint ? `, joint ${c.fault.joint}` : ''}: ${c.fault.what}. What to do: ${c.fault.next}.${c.old ? ` (The controller is ${c.state}.)` : ''}`;
   }
 
+  // What the program says of age goes for the page, too: what it has not sent again for so long is old.
   function draw() {
-    const silent = performance.now() - heard > 1000 || !socket || socket.readyState !== WebSocket.OPEN;
-    const quiet = last && last.age_s > 1 ? `nothing heard for ${fixed(last.age_s, 0)} s` : last && last.controller && last.controller.old ? 'the controller is not heard' : '';
-    el('link').textContent = silent ? (last ? 'not connected: what is shown is old' : 'connecting') : quiet || 'live';
-    el('link').className = 'pill ' + (silent || quiet ? 'warn' : 'good');
-    if (last && dirty) {
-      dirty = false;
-      const c = last.controller, state = c ? c.state : 'no controller is heard';
-      tile('state', state, c && c.old ? 'bad' : c ? {fault: 'bad', stopped: 'warn', stopping: 'warn', running: 'good', ready: 'good', armed: 'warn'}[state] : '');
-      tile('plan', c && c.plan_s > 0 ? `${fixed(c.plan_s, 2)} s` : '–');
-      tile('counts', c ? `${c.cycles_saturated} / ${c.cycles_late} / ${c.replies_missed}` : '–');
-      tile('period', c && c.period_us ? `${fixed(c.period_us / 1e3, 0)} ms` : '–');
-      tile('busload', `${fixed(last.load_percent, 1)} %`, last.load_percent > 90 ? 'warn' : '');
-      tile('errorcount', String(last.bus_errors), last.bus_errors ? 'warn' : '');
-      tile('gripper', c ? (c.gripper_open ? 'open' : 'closed') : '–');
-      tile('session', `${fixed(last.t_s, 2)} s`);
+    const gap_s = (performance.now() - heard) / 1e3, silent = !last || gap_s > live.old_after_s || !socket || socket.readyState !== WebSocket.OPEN;
+    el('link').textContent = silent ? (last ? 'not connected: what is shown is old' : 'connecting') : last.link.text;
+    el('link').className = 'pill ' + (silent ? 'warn' : last.link.tone);
+    // While nothing comes, the ages still grow.
+    if (last && (dirty || silent && Math.round(gap_s) !== told_s)) {
+      dirty = false; told_s = Math.round(gap_s);
+      const c = last.controller, gone = silent ? `not heard for ${told_s} s` : '', aged = silent || c && c.old ? 'warn' : '';
+      tile('state', c ? gone || c.state : 'no controller is heard', c ? (silent ? 'bad' : c.tone) : '');
+      tile('plan', c && c.plan_s > 0 ? `${fixed(c.plan_s, 2)} s` : '–', aged);
+      tile('counts', c ? `${c.cycles_saturated} / ${c.cycles_late} / ${c.replies_missed}` : '–', aged);
+      tile('period', c && c.period_us ? `${fixed(c.period_us / 1e3, 0)} ms` : '–', aged);
+      tile('busload', `${fixed(last.load_percent, 1)} %`, silent || last.load_percent > 90 ? 'warn' : '');
+      tile('errorcount', String(last.bus_errors), silent || last.bus_errors ? 'warn' : '');
+      tile('gripper', c ? (c.gripper_open ? 'open' : 'closed') : '–', aged);
+      tile('session', `${fixed(last.t_s, 2)} s`, silent ? 'warn' : '');
       last.joints.forEach((j, i) => {
-        const row = el('joints').rows[i + 1] || el('joints').insertRow(-1);
-        put(row, [j.name, fixed(j.q_rad, 4), fixed(j.qd_rad_s, 3), fixed(j.error_rad === null ? null : 1e3 * j.error_rad, 2), fixed(j.current_a, 2), fixed(j.age_s === null ? null : 1e3 * j.age_s, 0), j.state.replaceAll('|', ' ') || '–'], [0, 6]);
-        row.cells[3].className = Math.abs(1e3 * j.error_rad) > live.bound_mrad ? 'bad' : '';
-        row.classList.toggle('old', j.old);
+        const row = el('joints').rows[i + 1] || el('joints').insertRow(-1), age_s = j.age_s === null ? null : j.age_s + (silent ? gap_s : 0);
+        const [qd, error, current] = silent ? [null, null, null] : [j.qd_rad_s, j.error_rad, j.current_a];
+        put(row, [j.name, fixed(j.q_rad, 4), fixed(qd, 3), fixed(error === null ? null : 1e3 * error, 2), fixed(current, 2), fixed(age_s === null ? null : 1e3 * age_s, 0), j.q_rad === null ? j.state || '–' : gone || j.state || '–'], [0, 6]);
+        row.cells[3].className = Math.abs(1e3 * error) > live.bound_mrad ? 'bad' : '';
+        row.classList.toggle('old', j.old || silent && j.q_rad !== null);
         row.dataset.tS = last.t_s;
       });
       charts.forEach(one => one.draw(last.t_s));
@@ -165,7 +173,7 @@
   function stop() {
     if (socket && socket.readyState === WebSocket.OPEN) socket.send('stop');
     // By both ways: a socket may hang.
-    fetch('/stop', {method: 'POST'}).then(answer => { el('stopped').textContent = answer.ok ? 'stop ordered' : 'the stop was refused'; })
+    fetch('/stop', {method: 'POST'}).then(answer => { if (!stop_shown) el('stopped').textContent = answer.ok ? 'stop ordered' : 'the stop was refused'; })
       .catch(() => { el('stopped').textContent = 'the program is not reached: use the contactor'; });
   }
   el('stop').onclick = stop;

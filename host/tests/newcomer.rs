@@ -1,0 +1,217 @@
+//! What a newcomer sees in the first hours, and must be able to believe.
+
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, channel};
+
+use crate::bus_common::{Folder, Served, code, cubectl, err, out};
+use hil_sim::scenario::fault_from_line;
+use hil_sim::{Cell, CellOptions};
+use robot_model::RobotModel;
+use serde_json::Value;
+
+/// The program with these words in the background, its lines to be read; killed when dropped.
+struct Running {
+    child: Child,
+    lines: Receiver<String>,
+}
+
+impl Running {
+    fn start(words: &[&str]) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_cubectl"));
+        command.args(words).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = command.spawn().unwrap();
+        let (stdout, (put, lines)) = (child.stdout.take().unwrap(), channel());
+        // In lock step time stands while a program waits for its reader.
+        std::thread::spawn(move || {
+            BufReader::new(stdout).lines().map_while(Result::ok).for_each(|line| drop(put.send(line)));
+        });
+        Self { child, lines }
+    }
+
+    /// Ends it; what it said beside its lines.
+    fn end(mut self) -> String {
+        let _ = self.child.kill();
+        std::io::read_to_string(self.child.stderr.take().unwrap()).unwrap()
+    }
+
+    /// The first line that is as wanted.
+    fn until(&mut self, what: &str, mut wanted: impl FnMut(&str) -> bool) -> String {
+        loop {
+            let line = self.lines.recv().unwrap_or_else(|_| panic!("ended before {what}"));
+            if wanted(&line) {
+                return line;
+            }
+        }
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // SIGKILL; it may have ended already.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn homed_arm() -> Served {
+    let mut options = CellOptions::default();
+    options.drive.starts_homed = true;
+    Served::arm(options)
+}
+
+#[test]
+fn after_kill_9_of_the_controller_nothing_is_shown_as_if_it_were_so_now() {
+    let served = homed_arm();
+    let controller = Running::start(&["controller", "--bus", &served.spec]);
+    let words = ["monitor", "--bus", &served.spec, "--listen", "--for", "120"];
+    let mut plain = Running::start(&words);
+    let mut json = Running::start(&[&words[..], &["--json"]].concat());
+    let seen = |line: &str| -> Value { serde_json::from_str(line).unwrap() };
+    plain.until("the controller is ready", |line| line.contains("state=\"ready\""));
+    let before = json.until("the controller is ready", |line| seen(line)["controller"]["state"] == "ready");
+    assert_eq!(
+        (&seen(&before)["link"]["text"], &seen(&before)["controller"]["tone"]),
+        (&"live".into(), &"good".into())
+    );
+    assert!(seen(&before)["joints"][2]["error_rad"].is_number(), "{before}");
+    drop(controller);
+    let old = json.until("all is old", |line| seen(line)["age_s"].as_f64() > Some(3.0));
+    let old = seen(&old);
+    let state = old["controller"]["state"].as_str().unwrap();
+    assert!(state.starts_with("not heard for ") && old["controller"]["tone"] == "bad", "{old}");
+    assert!(
+        old["link"]["text"].as_str().unwrap().contains("not heard for ") && old["link"]["tone"] == "warn",
+        "{old}"
+    );
+    for joint in old["joints"].as_array().unwrap() {
+        assert!(joint["q_rad"].is_number() && joint["old"] == true, "the angle is marked: {joint}");
+        assert!(joint["state"].as_str().unwrap().starts_with("not heard for "), "{joint}");
+        for value in ["qd_rad_s", "error_rad", "current_a", "state_bits"] {
+            assert!(joint[value].is_null(), "{value}: {joint}");
+        }
+    }
+    plain.until("its state is old", |line| line.contains("controller=") && line.contains("not heard for "));
+    let joint =
+        plain.until("a joint", |line| line.contains("joint=3 ") && line.contains("not heard for 3 s"));
+    for part in ["qd_rad_s=- error_mrad=- current_a=- age_ms=", "state=\"not heard for "] {
+        assert!(joint.contains(part), "{part}: {joint}");
+    }
+}
+
+/// A jog of joint 3 in the background, to be watched meanwhile: in lock step time stands while nobody reads the monitor.
+fn jog_3(served: &Served, more: &[&str]) -> Child {
+    let mut jog = Command::new(env!("CARGO_BIN_EXE_cubectl"));
+    jog.args(["jog", "3", "--bus", &served.spec]).args(more);
+    jog.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+#[test]
+fn while_joint_3_is_jogged_joint_3_is_shown_and_recorded() {
+    let served = homed_arm();
+    let folder = Folder::new("jog3");
+    let record = folder.file("jog");
+    let mut monitor =
+        Running::start(&["monitor", "--bus", &served.spec, "--listen", "--for", "6000", "--json"]);
+    monitor.until("it listens", |_| true);
+    let jog = jog_3(&served, &["--for", "1.5", "--record", &record]);
+    let mut jogs = 0;
+    let line = monitor.until("a joint that moves", |line| {
+        jogs += line.matches("orders: jog").count();
+        let seen: Value = serde_json::from_str(line).unwrap();
+        seen["controller"]["state"] == "jogging" && seen["joints"].to_string().contains("\"q_rad\":-1.4")
+    });
+    monitor.until("how often it was ordered", |line| {
+        jogs += line.matches("orders: jog").count();
+        line.contains("orders: jog: ")
+    });
+    assert_eq!(jogs, 2, "first order and count");
+    drop(monitor);
+    let jog = jog.wait_with_output().unwrap();
+    assert_eq!(code(&jog), 0, "{}", err(&jog));
+    let seen: Value = serde_json::from_str(&line).unwrap();
+    for (joint, number) in seen["joints"].as_array().unwrap().iter().zip(1..) {
+        assert_eq!(joint["error_rad"].is_number(), number == 3, "{joint}");
+        assert_eq!(joint["q_rad"].is_number(), number == 3, "{joint}");
+    }
+    // The recording has a topic for each joint that was heard.
+    let log = std::fs::read(format!("{record}.mcap")).unwrap();
+    let summary = mcap::Summary::read(&log).unwrap().unwrap();
+    let topics: Vec<&str> = summary.channels.values().map(|channel| channel.topic.as_str()).collect();
+    assert!(topics.contains(&"/joint/3") && !topics.contains(&"/joint/1"), "{topics:?}");
+}
+
+#[test]
+fn a_fault_of_module_3_is_never_one_of_joint_1() {
+    let held = "kind = \"tow-error\", target = \"module 3\"";
+    let make = || {
+        let mut options = CellOptions::default();
+        options.drive.starts_homed = true;
+        Cell::new(&RobotModel::load("powercube6").unwrap(), &options, 1).unwrap()
+    };
+    let served = Served::with_faults(make, vec![fault_from_line(held, 0).unwrap()]);
+    let mut monitor =
+        Running::start(&["monitor", "--bus", &served.spec, "--listen", "--for", "6000", "--json"]);
+    monitor.until("it listens", |_| true);
+    let jog = jog_3(&served, &["--for", "60"]);
+    let line =
+        monitor.until("a fault", |line| line.contains("\"severity\":\"error\",\"source\":\"controller"));
+    drop(monitor);
+    let jog = jog.wait_with_output().unwrap();
+    assert_ne!(code(&jog), 0, "{}", out(&jog));
+    assert!(err(&jog).contains("joint 3: ") && !err(&jog).contains("joint 1"), "{}", err(&jog));
+    assert!(line.contains("joint 3: "), "{line}");
+}
+
+#[test]
+fn a_stop_says_who_stands_and_after_how_long_and_who_sent_it_until_it_is_over() {
+    let served = Served::with_controller();
+    let bus = ["--bus", &served.spec];
+    let mut monitor = Running::start(&["monitor", bus[0], bus[1], "--listen", "--for", "6000", "--json"]);
+    let seen = |line: &str| -> Value { serde_json::from_str(line).unwrap() };
+    let mut jog = Command::new(env!("CARGO_BIN_EXE_cubectl"));
+    let jog = jog.args(["jog", "6", "--for", "600", bus[0], bus[1]]).stderr(Stdio::piped()).spawn().unwrap();
+    monitor.until("the jog", |line| seen(line)["controller"]["state"] == "jogging");
+    let stop = cubectl(&["stop", bus[0], bus[1]]);
+    assert_eq!(code(&stop), 0, "{}", err(&stop));
+    assert!(
+        out(&stop).contains("stopped by this program: joints 1, 2, 3, 4, 5, 6 stand after 0."),
+        "{}",
+        out(&stop)
+    );
+    let line = monitor.until("the end of the stop", |line| seen(line)["stop"]["settled"] == true);
+    let text = &seen(&line)["stop"]["text"];
+    let jog = jog.wait_with_output().unwrap();
+    assert_ne!(code(&jog), 0, "{}", out(&jog));
+    assert!(text.as_str().unwrap().contains("joints 1, 2, 3, 4, 5, 6 stand after 0."), "{text}");
+    assert!(text.as_str().unwrap().starts_with("stopped by node "), "{text}");
+    let fault = seen(&line)["controller"]["fault"].clone();
+    if !fault.is_null() {
+        assert!(fault["what"].as_str().unwrap().contains(": it was node "), "{fault}");
+    }
+    let clear = cubectl(&["clear", bus[0], bus[1]]);
+    assert_eq!(code(&clear), 0, "{}", err(&clear));
+    assert!(out(&clear).contains("the next motion ends the stop"), "{}", out(&clear));
+    let jog = cubectl(&["jog", "6", "--for", "0.2", bus[0], bus[1]]);
+    assert_eq!(code(&jog), 0, "{}", err(&jog));
+    monitor.until("no stop any more", |line| seen(line)["stop"].is_null());
+}
+
+#[test]
+fn a_monitor_that_asks_gives_way_to_who_moves_the_arm() {
+    let served = homed_arm();
+    let bus = ["--bus", &served.spec];
+    let mut monitor = Running::start(&["monitor", bus[0], bus[1], "--for", "6000"]);
+    monitor.until("it asks", |line| line.contains("joint=6 ") && line.contains("homed"));
+    let jog = cubectl(&["jog", "6", "--for", "0.3", bus[0], bus[1]]);
+    assert_eq!(code(&jog), 0, "{}", err(&jog));
+    monitor.until("the jog", |line| line.contains("jogging"));
+    let said = monitor.end();
+    assert_eq!(said.matches("gives way").count(), 1, "{said}");
+    // One that was asked not to does not, and the advice is no circle.
+    let mut beside = Running::start(&["monitor", bus[0], bus[1], "--for", "6000", "--beside"]);
+    beside.until("it asks", |line| line.contains("joint=6 ") && line.contains("homed"));
+    let jog = cubectl(&["jog", "6", "--for", "0.3", bus[0], bus[1]]);
+    assert_eq!(code(&jog), 7, "{}", out(&jog));
+    assert!(err(&jog).contains("end the other program, which did not give way"), "{}", err(&jog));
+}
