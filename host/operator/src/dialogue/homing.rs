@@ -5,7 +5,8 @@ use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant, JointIndex, ModuleId};
 
-use super::operator::{OperatorError, PRESENCE, stopped};
+use super::error::{OperatorError, stopped};
+use super::presence::PRESENCE;
 use super::zero_check::{ZeroCheck, ZeroOffset};
 use crate::bus::session::{Ended, Session};
 

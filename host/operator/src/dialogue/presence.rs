@@ -4,12 +4,14 @@ use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant};
 
 use super::ask::{AskError, OTHERS_LISTEN};
-use super::operator::{OperatorError, PRESENCE};
+use super::error::OperatorError;
 use crate::bus::BusFailure;
 use crate::bus::session::{Ended, Session};
 use crate::node::host_node::HostNode;
 use crate::node::inbox::Said;
 
+/// A controller that is there has sent its state by then.
+pub(crate) const PRESENCE: Duration = Duration::from_millis(1_500);
 /// A host tool that is a node has said so by then: once a second.
 const CLAIM: Duration = Duration::from_millis(1_200);
 

@@ -32,8 +32,9 @@ use crate::bus::BusFailure;
 use crate::bus::sim::SimSetup;
 use crate::dialogue::following::Following;
 use crate::dialogue::operator::{
-    ARMING_VALID_MS, FRESH, FRESH_LOOK, OperatorError, PRESENCE, name_of, refused, stopped,
+    ARMING_VALID_MS, FRESH, FRESH_LOOK, OperatorError, name_of, refused, stopped,
 };
+use crate::dialogue::presence::PRESENCE;
 use crate::dialogue::registers::{Numbers, to_controller, to_host};
 use crate::log::facts::Fact;
 use crate::log::watch::Watch;

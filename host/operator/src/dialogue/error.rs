@@ -1,0 +1,249 @@
+//! Why an order to a controller was not carried out, in words with a next step.
+
+use firmware::fault::Cause;
+use protocol::Duration;
+use protocol::cyphal::client::StartError;
+use protocol::cyphal::cubecell::command::Refusal;
+use protocol::cyphal::cubecell::group_state::{GroupState, State};
+use protocol::cyphal::id::NodeId;
+use protocol::cyphal::uavcan::command::Status;
+use protocol::cyphal::upload::UploadError;
+
+use super::presence::PRESENCE;
+use crate::bus::BusFailure;
+use crate::bus::period::PERIOD_MAX_US;
+use crate::node::stop_watch::{StopSeen, is_stop_by_other};
+
+/// Why an order was not carried out.
+#[derive(Debug, thiserror::Error)]
+pub enum OperatorError {
+    /// The bus failed, or somebody else stopped the arm.
+    #[error(transparent)]
+    Bus(BusFailure),
+    /// Ctrl-C.
+    #[error("interrupted")]
+    Interrupted,
+    /// No controller.
+    #[error(
+        "no controller is heard on this bus\n  next: start it, or check its power and its `group_state` subject; `cubectl throw`, `home` and `jog` \
+         without --controller use one in this program"
+    )]
+    NoController,
+    /// The request table is full or the message too long; does not happen to a single operator.
+    #[error("cannot ask the controller: {0}")]
+    Start(StartError),
+    /// It does not answer.
+    #[error("controller {} does not answer\n  next: `cubectl doctor`; look at the bus load", .node.get())]
+    NoAnswer { node: NodeId },
+    /// The answer cannot be read.
+    #[error("the answer of controller {} cannot be read\n  next: use a cubectl and a controller of the same version", .node.get())]
+    Unreadable { node: NodeId },
+    /// It says no.
+    #[error("the controller refuses {what}: {}", refusal_text(.status, .refusal))]
+    Refused {
+        /// The order.
+        what: &'static str,
+        status: Status,
+        /// Cause, joint and place, if it says so.
+        refusal: Option<Refusal>,
+    },
+    /// A piece of the file was refused.
+    #[error("upload: at byte {} the controller refuses the file (code {})\n  next: disarm, look for another host that uploads, then upload again", .0.offset, .0.error.0)]
+    Upload(UploadError),
+    /// The file is longer than a file can be.
+    #[error("a file of {0} bytes is too long for a controller")]
+    TooLong(usize),
+    /// It has no such register.
+    #[error(
+        "the controller has no register {name}\n  next: `cubectl registers list`; use a cubectl and a controller of the same \
+         version"
+    )]
+    NoRegister {
+        /// Name asked for.
+        name: String,
+    },
+    /// It keeps another value.
+    #[error(
+        "the controller does not take {name} = {wanted}, it keeps {found}\n  next: the value must be in the register's \
+         range, go with the other settings, and nothing may move or be armed"
+    )]
+    RegisterRefused {
+        name: String,
+        /// Written.
+        wanted: String,
+        /// Read back.
+        found: String,
+    },
+    /// With a key: another file than this session uploaded, or other settings than it has read.
+    #[error(
+        "the controller would arm another file than was uploaded here, or with other settings than it reports; nothing moves\n  \
+         next: look for another node that writes on this bus (`cubectl doctor`), then upload again"
+    )]
+    OtherContent,
+    /// A robot that is led was stopped, or its program has ended.
+    #[error("{}", robot_text(.cause, .joint, .by_itself, .start_moves))]
+    RobotStopped {
+        /// Number of the cause.
+        cause: u16,
+        /// Axis, from 1; 0 = all.
+        joint: u8,
+        /// Why the robot stopped by itself, where that is known.
+        by_itself: Option<String>,
+        /// The start pose of its telegrams moves as the axes do.
+        start_moves: bool,
+        /// It was ready to be led before.
+        was_ready: bool,
+    },
+    /// A robot that is heard and cannot be led.
+    #[error(
+        "the robot is not ready to be led after 10 s; {heard}\n  next: `cubectl doctor` looks at its telegrams; end the robot's program \
+         and start it again at its start pose"
+    )]
+    RobotNotReady { heard: String },
+    /// The socket of a robot.
+    #[error("{0}\n  next: check the network interface, then run it again")]
+    Socket(std::io::Error),
+    /// It stopped, or reports a fault.
+    #[error("the controller {}: {}", if *.state == State::Fault { "reports a fault" } else { "has stopped" }, fault_text(.cause, .joint))]
+    Stopped {
+        /// Stopped or Fault.
+        state: State,
+        /// Number of the cause.
+        cause: u16,
+        /// Joint, from 1; 0 = the group.
+        joint: u8,
+    },
+    /// The controller fell silent.
+    #[error(
+        "the controller has not been heard for {} s; it may be without power, or the bus may be broken\n  next: `cubectl doctor`, \
+         then start the controller again", PRESENCE.as_secs_f64()
+    )]
+    Lost,
+    /// A run with a start time did not begin.
+    #[error(
+        "the run did not begin at its time: the controller is {state} and not armed any more\n  next: `cubectl explain` tells \
+         the refusal in its trace (`cubectl doctor`); arm again"
+    )]
+    NotStarted {
+        /// Where it is.
+        state: State,
+    },
+    /// An end state that was not sent.
+    #[error("the end state was not sent: {what}\n  next: send one that fits")]
+    TargetNotSaid { what: &'static str },
+    /// The clock of the controller does not go on from where it was.
+    #[error(
+        "the clock of controller {} has jumped by about {jump_ms:.1} ms; it may have been started again\n  next: look whether \
+         the arm stands, then read the clock again", .node.get()
+    )]
+    ClockJumped {
+        node: NodeId,
+        /// By how much, ms.
+        jump_ms: f64,
+    },
+    /// A state did not come.
+    #[error("the controller is still {state:?} after {limit}\n  next: `cubectl monitor`")]
+    NoProgress {
+        /// Where it is.
+        state: State,
+        /// The bound.
+        limit: Duration,
+    },
+}
+
+impl From<BusFailure> for OperatorError {
+    fn from(failure: BusFailure) -> Self {
+        match failure {
+            BusFailure::StoppedByOther(StopSeen { group: Some(group), by_other: false, .. }) => {
+                stopped(&group)
+            }
+            other => Self::Bus(other),
+        }
+    }
+}
+
+impl OperatorError {
+    /// Somebody stopped the arm, and no fault did.
+    #[must_use]
+    pub fn is_stop_by_other(&self) -> bool {
+        match self {
+            Self::Bus(failure) => matches!(failure, BusFailure::StoppedByOther(_)),
+            Self::Stopped { cause, .. } => is_stop_by_other(*cause),
+            // The stop button of a robot and the end of its program look like that.
+            Self::RobotStopped { cause, was_ready: true, .. } => {
+                [Cause::DriveSilent, Cause::RobotRestarted].iter().any(|known| known.code() == *cause)
+            }
+            _ => false,
+        }
+    }
+}
+
+fn refusal_text(status: &Status, refusal: &Option<Refusal>) -> String {
+    match refusal {
+        Some(refusal) => {
+            let index = refusal.index;
+            let detail = match Cause::from_code(refusal.cause) {
+                _ if index == 0 => String::new(),
+                Some(Cause::CycleTooShort) if u32::from(index) > PERIOD_MAX_US => format!(
+                    "; it needs {:.1} ms, and the longest control period is {} ms: take drives off the bus, or raise its bit \
+                     rate",
+                    f64::from(index) / 1e3,
+                    PERIOD_MAX_US / 1_000
+                ),
+                Some(Cause::CycleTooShort) => {
+                    format!(
+                        "; {:.1} ms would do: `cubectl tune --period {}`",
+                        f64::from(index) / 1e3,
+                        f64::from(index) / 1e3
+                    )
+                }
+                _ => format!(" (place {index})"),
+            };
+            fault_text(&refusal.cause, &refusal.joint) + &detail
+        }
+        None => format!("status {}", status.0),
+    }
+}
+
+fn fault_text(cause: &u16, joint: &u8) -> String {
+    let place = if *joint == 0 { String::new() } else { format!("joint {joint}: ") };
+    match Cause::from_code(*cause).and_then(Cause::info) {
+        Some(info) => format!("{place}{} (fault {cause})\n  next: {}", info.what, info.recovery),
+        None => format!("{place}cause {cause}"),
+    }
+}
+
+/// The words of drives on a bus do not fit a robot that is led.
+fn robot_text(cause: &u16, joint: &u8, by_itself: &Option<String>, start_moves: &bool) -> String {
+    let cause = Cause::from_code(*cause);
+    let what = match cause {
+        Some(Cause::DriveSilent) => "no telegram came from the robot in time",
+        other => other.and_then(Cause::info).map_or("the robot was stopped", |info| info.what),
+    };
+    let code = cause.map_or(0, Cause::code);
+    let axis = if *joint == 0 { String::new() } else { format!(" (A{joint})") };
+    let by_itself =
+        by_itself.as_ref().map_or(String::new(), |why| format!("; the robot stopped by itself: {why}"));
+    let next = match cause {
+        Some(Cause::RobotRestarted) if *start_moves => {
+            "the start pose (ASPos) moves with the axes: send DEF_ASPos, the programmed axes without corrections, or leave it out"
+                .to_owned()
+        }
+        None | Some(Cause::DriveSilent) => {
+            "look at the pendant why the robot's program ended, and at the network".to_owned()
+        }
+        Some(cause) => format!("`cubectl explain {}` says what to do", cause.code()),
+    };
+    format!("{what}{axis}, fault {code}{by_itself}\n  next: {next}")
+}
+
+/// What a controller in this program refuses.
+pub(crate) fn refused(what: &'static str, refusal: firmware::fault::Refusal) -> OperatorError {
+    let joint = refusal.joint.map_or(0, |joint| joint.get() as u8 + 1);
+    let refusal = Refusal { cause: refusal.cause.code(), joint, index: refusal.index };
+    OperatorError::Refused { what, status: Status::FAILURE, refusal: Some(refusal) }
+}
+
+pub(crate) fn stopped(group: &GroupState) -> OperatorError {
+    OperatorError::Stopped { state: group.state, cause: group.fault_cause, joint: group.fault_joint }
+}
