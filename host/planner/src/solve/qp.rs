@@ -68,16 +68,17 @@ fn add_scaled(y: &mut [f64], t: f64, x: &[f64], m: usize) {
     }
 }
 
-/// A positive definite matrix H, as the columns of `J = L⁻ᵀ` with `H = L Lᵀ`: what the dual method works with.
+/// A positive definite matrix H, as the columns of `J = L⁻ᵀ` with `H = L Lᵀ`: what the dual method works with. On the heap: it is kept
+/// from step to step, and to move 8 KB costs more than the allocation.
 #[derive(Debug, Clone)]
 pub(crate) struct Factor {
-    columns: Square,
+    columns: Box<[Row]>,
 }
 
 impl Factor {
     /// Of the unit matrix.
     pub(crate) fn identity() -> Self {
-        let mut columns = [[0.0; WIDTH]; WIDTH];
+        let mut columns = vec![[0.0; WIDTH]; WIDTH].into_boxed_slice();
         for (k, column) in columns.iter_mut().enumerate() {
             column[k] = 1.0;
         }
@@ -103,7 +104,7 @@ impl Factor {
             row[i] = pivot.sqrt();
         }
         // Column k of J is row k of L⁻¹.
-        let mut columns = [[0.0; WIDTH]; WIDTH];
+        let mut columns = vec![[0.0; WIDTH]; WIDTH].into_boxed_slice();
         for k in 0..n {
             let (above, rest) = columns.split_at_mut(k);
             let column = &mut rest[0];
@@ -139,8 +140,18 @@ impl ActiveSet {
     /// Without constraints.
     fn new(factor: &Factor, g: &Row, n: usize) -> Self {
         let (zero, m) = ([0.0; WIDTH], padded(n));
-        let (j, r) = (factor.columns, [zero; WIDTH]);
-        let mut set = Self { n, m, x: zero, j, r, count: 0, fixed: 0, index: [0; WIDTH], u: zero };
+        let mut set = Self {
+            n,
+            m,
+            x: zero,
+            j: [zero; WIDTH],
+            r: [zero; WIDTH],
+            count: 0,
+            fixed: 0,
+            index: [0; WIDTH],
+            u: zero,
+        };
+        set.j[..n].copy_from_slice(&factor.columns[..n]);
         // x = -J Jᵀ g: no constraint is active yet, so all columns count.
         set.x = set.primal(&set.project(g)).map(|z| -z);
         set
