@@ -83,6 +83,26 @@ fn drives_that_are_missing_double_or_too_old() {
     refused(&throw(&folder, &["--robot", &folder.file("old.toml")]), 8, &["module 5: firmware 3500"]);
 }
 
+/// Silence while it homes, answers after up to 0.4 ms, and a second host that asks: each needs a longer period than the nominal cell. In
+/// the two others somebody else moves the arm.
+#[test]
+fn shipped_scenarios_are_thrown_with_or_name_what_stops_the_throw() {
+    let folder = Folder::new("shipped-scenarios");
+    let file = |name: &str| format!("{}/../hil-sim/scenarios/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+    for name in ["silent_joint", "perturbed_plant", "poll"] {
+        let output = throw(&folder, &["--scenario", &file(name)]);
+        assert_eq!(code(&output), 0, "{name}: {}", err(&output));
+        assert!(out(&output).contains("certified 3.75 to 6.25 ms"), "{name}: {}", out(&output));
+    }
+    for name in ["cycle", "all_faults"] {
+        refused(
+            &throw(&folder, &["--scenario", &file(name)]),
+            8,
+            &["fault 108", "look for another controller"],
+        );
+    }
+}
+
 #[test]
 fn targets_plans_and_gains_that_do_not_fit() {
     let folder = Folder::new("fail-plans");

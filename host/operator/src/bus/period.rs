@@ -69,8 +69,15 @@ pub enum NoPeriod {
     NoGains(#[from] NoGains),
 }
 
-/// Bits of one joint in a control cycle, stuff bits included, at 1 Mbit/s: µs. Six joints fit into 3 ms, seven do not.
-const CYCLE_BITS: u32 = 450;
+/// Bits of one joint in a control cycle, stuff bits included. At 1 Mbit/s six joints fit into 3 ms, seven do not.
+pub(super) const CYCLE_BITS: u32 = 450;
+
+/// The shortest period with gains that come with the program in which `cycle` fits; at least `least_us`.
+#[must_use]
+pub fn period_for(cycle: Duration, least_us: u32) -> u32 {
+    let fits = PERIODS_US.into_iter().find(|us| u64::from(*us) >= cycle.as_micros());
+    least_us.max(fits.unwrap_or(PERIOD_MAX_US))
+}
 
 /// Decides. `usual_us` is the least period of the settings, used in virtual time.
 ///
@@ -102,9 +109,8 @@ pub fn choose(
         }
         (PeriodRequest::Period(period_us), _) => (period_us, "given"),
         (PeriodRequest::Any, None) => {
-            let needed_us = CYCLE_BITS * robot.n() as u32;
-            let fits = PERIODS_US.into_iter().find(|us| *us >= needed_us);
-            (usual_us.max(fits.unwrap_or(PERIOD_MAX_US)), "virtual time")
+            let bits = CYCLE_BITS * robot.n() as u32;
+            (period_for(Duration::from_micros(bits.into()), usual_us), "virtual time")
         }
         (PeriodRequest::Any, Some(timing)) => {
             let comfortable = |us: &u32| timing.comfortable() <= Duration::from_micros((*us).into());

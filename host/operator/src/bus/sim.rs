@@ -19,6 +19,7 @@ use protocol::{Duration, Frame, Instant, Node};
 use robot_model::RobotModel;
 
 use super::failure::BusFailure;
+use super::period::CYCLE_BITS;
 use super::seen::Seen;
 use crate::node::host_node::HostNode;
 use crate::tap::Way;
@@ -96,6 +97,30 @@ pub struct SimSetup {
     pub faults: Vec<Fault>,
     /// What a scripted host sends.
     pub actions: Vec<Action>,
+}
+
+/// Bits of an answer, stuff bits included.
+const ANSWER_BITS: f64 = 130.0;
+/// A scripted host that takes more of the bus than this leaves no time for control.
+const SCRIPTED_SHARE_MAX: f64 = 0.9;
+
+impl SimSetup {
+    /// How long a control cycle of `joints` drives takes: its bits and the longest time that a drive thinks, on the part of the bus that
+    /// the scripted host leaves. In virtual time nothing is measured before the throw.
+    #[must_use]
+    pub fn cycle(&self, joints: usize) -> Duration {
+        let bit_s = 1.0 / f64::from(self.cell.bit_rate.bit_per_s());
+        let scripted_bits_s = |action: &Action| {
+            let bits: f64 =
+                action.frames.iter().map(|frame| 1.2 * f64::from(frame.nominal_bits()) + ANSWER_BITS).sum();
+            action.every.map_or(0.0, |every| bits / every.as_secs_f64().max(1e-6))
+        };
+        let scripted: f64 = self.actions.iter().map(scripted_bits_s).sum::<f64>() * bit_s;
+        let drive = &self.cell.drive;
+        let thinks_s = (drive.processing_delay + drive.processing_jitter).as_secs_f64();
+        let cycle_s = f64::from(CYCLE_BITS * joints as u32) * bit_s + thinks_s;
+        Duration::from_secs_f64(cycle_s / (1.0 - scripted.min(SCRIPTED_SHARE_MAX)))
+    }
 }
 
 /// Who is on the simulated bus: the cell, a scripted host, guests, and the host node last.

@@ -22,7 +22,7 @@ use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::args::{Cell, CellArgs, Controller};
 use operator::bus::cycle_timing::CycleTiming;
-use operator::bus::period::{Choice, NoPeriod, PeriodRequest, apply, choose};
+use operator::bus::period::{Choice, NoPeriod, PeriodRequest, apply, choose, period_for};
 use operator::bus::settings::settings_of;
 use operator::bus::{BusArgs, Session};
 use operator::interrupt::interrupt;
@@ -82,7 +82,8 @@ pub(super) fn prepare(args: &Args) -> Result<Drives, ExpectedError> {
     let given = args.gains.as_ref().map(|path| read_gains(path, arm.name())).transpose()?;
     let choice = if soft {
         let request = period_request(given.clone(), args.period);
-        let choice = choose(request, timing.as_ref(), &cell.robot, settings.cycle_period_us)
+        let usual_us = period_for(cell.setup.cycle(cell.robot.n()), settings.cycle_period_us);
+        let choice = choose(request, timing.as_ref(), &cell.robot, usual_us)
             .map_err(|refused| without_period(refused, args, &arm))?;
         apply(&choice, &mut settings);
         Some(choice)
