@@ -54,9 +54,17 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         let view = || live.lock().unwrap_or_else(PoisonError::into_inner).snapshot(0).stop;
         let until = session.now() + JUDGED_AFTER;
         session.run(until, &mut |_| view().is_none_or(|stop| stop.settled))?;
-        let obeyed = view().map_or_else(|| "the stop is over already".to_owned(), |stop| stop.text);
+        let obeyed = view();
         let name = session.name().to_owned();
         session.finish()?;
+        if let Some(stop) = obeyed.as_ref().filter(|stop| !stop.moving.is_empty()) {
+            let text = format!(
+                "{name}: halt and stop message were sent; {}\n  next: switch the motor supply off",
+                stop.text
+            );
+            return Err(ExpectedError::new(exit::DRIVE, text));
+        }
+        let obeyed = obeyed.map_or_else(|| "the stop is over already".to_owned(), |stop| stop.text);
         console::line!(
             "{name}: halt and stop message sent {TIMES} times; a controller or host is on the bus and was not disturbed further\n{obeyed}"
         );

@@ -27,6 +27,8 @@ pub struct StopView {
     pub text: String,
     /// How it is shown.
     pub tone: Tone,
+    /// Numbers of the joints that move.
+    pub moving: Vec<u8>,
     /// Everybody stands, or who does not has had its time.
     pub settled: bool,
 }
@@ -80,7 +82,7 @@ impl Stopping {
 
     pub(super) fn view(&self, now: Instant) -> Option<StopView> {
         let (at, by) = self.stop.as_ref()?;
-        let (mut stand, mut move_, mut silent, mut after) =
+        let (mut stand, mut moving, mut silent, mut after) =
             (Vec::new(), Vec::new(), Vec::new(), Duration::ZERO);
         for (number, angle) in &self.angles {
             if angle.heard <= *at {
@@ -89,18 +91,22 @@ impl Stopping {
                 stand.push(*number);
                 after = after.max(angle.since.saturating_since(*at));
             } else {
-                move_.push(*number);
+                moving.push(*number);
             }
         }
         let age = now.saturating_since(*at);
-        let all_stand = !stand.is_empty() && move_.is_empty() && silent.is_empty();
+        let all_stand = !stand.is_empty() && moving.is_empty() && silent.is_empty();
         let mut parts = Vec::new();
         if !stand.is_empty() {
             parts.push(format!("{} after {:.2} s", joints(&stand, "stands", "stand"), after.as_secs_f64()));
         }
-        if !move_.is_empty() {
+        if !moving.is_empty() {
             let next = if age > OBEYED_WITHIN { ": switch the motor supply off" } else { "" };
-            parts.push(format!("{} after {:.1} s{next}", joints(&move_, "moves", "move"), age.as_secs_f64()));
+            parts.push(format!(
+                "{} after {:.1} s{next}",
+                joints(&moving, "moves", "move"),
+                age.as_secs_f64()
+            ));
         }
         if !silent.is_empty() {
             parts.push(format!(
@@ -117,7 +123,8 @@ impl Stopping {
             _ => Tone::Bad,
         };
         let text = format!("stopped by {by}: {}", parts.join("; "));
-        Some(StopView { t_s: at.as_secs_f64(), text, tone, settled: all_stand || age >= JUDGED_AFTER })
+        let settled = all_stand || age >= JUDGED_AFTER;
+        Some(StopView { t_s: at.as_secs_f64(), text, tone, moving, settled })
     }
 }
 
