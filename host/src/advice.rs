@@ -192,8 +192,8 @@ mod tests {
             "clear",
             "registers set a=1",
             "registers export",
-            "config dump",
-            "unlock",
+            "config dump modules.toml",
+            "unlock powercube6 --for 10",
         ] {
             let words: Vec<&str> = ["cubectl"].into_iter().chain(words.split(' ')).collect();
             assert!(note(&words), "{words:?}");

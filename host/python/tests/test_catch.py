@@ -54,7 +54,7 @@ def test_a_trial_is_that_of_the_program(options: dict[str, Any]) -> None:
 
 def test_the_word_of_the_witness_is_where_the_ball_lies() -> None:
     caught = cubecell.catch_ball(BALL[:3], BALL[3:])
-    assert caught.caught and caught.told == "caught" and caught.exit_code == 0 and caught.choice is not None
+    assert caught.caught and caught.reported == "caught" and caught.exit_code == 0 and caught.choice is not None
     trace, choice = caught.trace, caught.choice
     # The ball flies freely until the catch, in the frame of the arm as it was asked for.
     flying = (trace.after_release_s > 0.0) & (trace.after_release_s < choice.after_release_s - 0.05)
@@ -71,7 +71,7 @@ def test_the_word_of_the_witness_is_where_the_ball_lies() -> None:
     at = [np.interp(choice.after_release_s, motion.t_s, motion.q_rad[:, joint]) for joint in range(6)]
     assert np.abs(np.array(at) - choice.q_rad).max() < 1e-3
     declined = cubecell.catch_ball([5.0, 5.0, 0.4], [1.0, 1.0, 3.0])
-    assert not declined.caught and declined.told.startswith("declined") and declined.exit_code == 3 and declined.choice is None
+    assert not declined.caught and declined.reported.startswith("declined") and declined.exit_code == 3 and declined.choice is None
     assert "next:" in declined.text
 
 
