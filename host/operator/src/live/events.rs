@@ -108,12 +108,12 @@ mod tests {
         };
         let mut events = Events::default();
         events.add(event(0, Severity::Warning, "stop message"));
-        for k in 0..40 {
+        for k in 0..41 {
             events.add(event(10 + 50 * k, Severity::Info, "orders: jog"));
         }
         events.advance_to(Instant::from_micros(10_000_000));
         let texts = |events: &Events| events.after(0).into_iter().map(|event| event.text).collect::<Vec<_>>();
-        assert_eq!(texts(&events), ["stop message", "orders: jog", "orders: jog: 39 more in 2.0 s"]);
+        assert_eq!(texts(&events), ["stop message", "orders: jog", "orders: jog: 40 more in 2.0 s"]);
         for k in 0..2 * KEPT as u64 {
             events.add(event(20_000 + k, Severity::Info, &format!("note {k}")));
         }
