@@ -5,10 +5,11 @@
 # First in lock step: buses, tracker and programs have one virtual time, so each ball is caught, and a second run, at the same time as the
 # first, has the same outcome to the last digit.
 #
-# Then in real time; each is tried once. A controller waits 2 ms for the answer of a drive, and two answers in a row that come later stop
-# its arm. A machine that stops for that long may do this or miss a ball, and virtual machines of two cores do. The court measures its own
-# lag, which the program under test does not see: such a throw is counted as held up, and its report is judged all the same. The stage
-# fails if a report is not what happened, if an arm stops by itself and the court was on time, or if each throw was held up.
+# Then in real time, with a control period of 10 ms; each is tried once. A controller waits two thirds of that for the answer of a drive,
+# and two answers in a row that come later stop its arm. A machine that stops for that long may do this or miss a ball, and virtual machines
+# of two cores do. The court measures its own lag, and a process beside both how late it is woken; the program under test sees neither: such
+# a throw is counted as held up, and its report is judged all the same. The stage fails if a report is not what happened, if an arm stops by
+# itself on a machine that was on time, or if each throw was held up.
 . .ci/wait.sh
 cargo build --quiet --release --locked -p lab -p hil-sim --bins
 out=target/court
@@ -45,21 +46,34 @@ step_twice() { # as in_step
 }
 
 throw() { # name, first port, court file, options of cubelab
-    local name=$out/$1 first=$2 file=$3 court status=0
+    local name=$out/$1 first=$2 file=$3 court pauses status=0
     shift 3
     local places=(--bus-thrower "socketcand://127.0.0.1:$first/can0" --bus-catcher "socketcand://127.0.0.1:$((first + 1))/can0")
     target/release/hil-sim serve-court --homed --json --court "$file" "${places[@]}" --data "127.0.0.1:$((first + 2))" \
         --duration-s 60 >"$name.court" 2>&1 </dev/null &
     court=$!
     wait_for $court says "$name.court" '"event":"real time"' || { cat "$name.court"; return 1; }
-    target/release/cubelab rally --yes --json --court "$file" "${places[@]}" --tracker "127.0.0.1:$((first + 2))" "$@" \
+    python3 - >"$name.pause" <<'PY' &
+import signal, sys, time
+
+signal.signal(signal.SIGTERM, lambda *_: sys.exit(print(worst)))
+worst = 0.0
+while True:
+    before = time.monotonic()
+    time.sleep(0.0005)
+    worst = max(worst, 1e3 * (time.monotonic() - before) - 0.5)
+PY
+    pauses=$!
+    target/release/cubelab rally --yes --json --period 10 --court "$file" "${places[@]}" --tracker "127.0.0.1:$((first + 2))" "$@" \
         >"$name.reported" 2>"$name.words" </dev/null || status=$?
+    kill -TERM $pauses
+    wait $pauses || true
     kill -INT $court
     wait $court || { cat "$name.court"; return 1; }
     python3 - "$name" $status <<'PY' || return $?
 import json, sys
 
-REPLY_DEADLINE_MS = 2  # reply_deadline_us of the controllers' settings
+REPLY_DEADLINE_MS = 10 * 2 / 3  # reply_deadline_us of the controllers' settings
 name, status = sys.argv[1], int(sys.argv[2])
 
 
@@ -69,14 +83,15 @@ def wrong(what):
 
 
 court = [json.loads(line) for line in open(name + ".court")][-1]
-held_up = max(court["worst_lag_ms"]) > REPLY_DEADLINE_MS
+pause_ms = float(open(name + ".pause").read())
+held_up = max(*court["worst_lag_ms"], pause_ms) > REPLY_DEADLINE_MS
 caught = court["caught"]
 try:
     reported = json.load(open(name + ".reported"))
 except ValueError:
     # A fault or a refusal before the throw.
     words = open(name + ".words").read()
-    print(f"{name}: ended with {status}; lag {court['worst_lag_ms']} ms: {words}")
+    print(f"{name}: ended with {status}; lag {court['worst_lag_ms']} ms, pause {pause_ms:.1f} ms: {words}")
     if status != 8 or caught or not held_up:
         sys.exit(1)
     print("held up", file=open(name + ".caught", "w"))
