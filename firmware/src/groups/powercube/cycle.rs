@@ -334,16 +334,18 @@ impl PowerCubes {
         let a_rad_s2 = if jogged.is_some() { limits.jog_a_rad_s2 } else { limits.a_max_rad_s2 };
         let state = self.axes.at(joint).model.generator_at(now + BRAKE_LEAD);
         let soft = SoftLimits::kept(limits, self.drives.at(joint).is_homed());
-        let mut command = ramp::stop(state, a_rad_s2, &RampLimits::of(limits, soft, settings.reach_rad));
+        let a_rad_s2 = ramp::stop_rad_s2(state, a_rad_s2, &RampLimits::of(limits, soft, settings.reach_rad));
         // The speed in the drive is at least the present one; writing it would cost time.
-        command.velocity_rad_s = None;
-        self.plan(settings, joint, &command);
-        let braking_s = state.v_rad_s.abs() / command.acceleration_rad_s2.unwrap_or(a_rad_s2).max(0.1);
-        now + BRAKE_LEAD + span::of_seconds(1.1 * braking_s) + BRAKE_SLACK
+        let requests = [
+            Request::Set(Parameter::TargetAcc, Value::F32(a_rad_s2)),
+            self.stop_from_here(now, settings, joint),
+        ];
+        self.set_agenda(joint, &requests);
+        now + BRAKE_LEAD + span::of_seconds(1.1 * state.v_rad_s.abs() / at_least(a_rad_s2, 0.1)) + BRAKE_SLACK
     }
 
-    /// The motion of a ramp to rest, as it leaves: the write before it may have been answered late, and the joint has gone on. A target
-    /// of that time lies behind: the drive would go back to it.
+    /// The motion of a ramp to rest from where the joint is now. Made once more when it leaves: the write before it may have been
+    /// answered late, and the drive would go back to a target of that time.
     pub(super) fn stop_from_here(&self, now: Instant, settings: &Settings, joint: JointIndex) -> Request {
         let limits = settings.joint.at(joint);
         let RampState { q_rad, v_rad_s } = self.axes.at(joint).model.generator_at(now + MOTION_LEAD);

@@ -38,7 +38,7 @@
 //! command becomes full braking, whatever was asked for ([`RampCommand::position_limited`]).
 
 use crate::joints::{at_least, at_most, clamp};
-use crate::reach::{self, SoftLimits};
+use crate::reach::SoftLimits;
 use crate::settings::JointSettings;
 
 /// Least acceleration that is commanded, rad/s². Over a period of 17 ms it is a change of speed of
@@ -209,28 +209,18 @@ fn must_brake(qdd_rad_s2: f32, period_s: f32, state: RampState, limits: &RampLim
     outward && !fits
 }
 
-/// Ramp that ends where the joint can just stop: one command, no further one is needed.
-///
-/// `q_rad`, `v_rad_s`: expected when the command starts to act. The drive brakes by itself, so a
-/// lost controller cannot send it back.
-pub fn stop(state: RampState, a_rad_s2: f32, limits: &RampLimits) -> RampCommand {
-    let RampState { q_rad, v_rad_s } = state;
-    let room = limits.soft.room_rad(q_rad, v_rad_s);
-    // More than asked for where a soft limit is near.
-    let a_needed = at_least(0.5 * v_rad_s * v_rad_s / at_least(room, 1e-3), a_rad_s2);
-    let a = clamp(a_needed, A_RESOLUTION_RAD_S2, at_least(limits.a_max_rad_s2, A_RESOLUTION_RAD_S2));
-    RampCommand {
-        target_rad: reach::rest_rad(q_rad, v_rad_s, a, limits.soft),
-        velocity_rad_s: Some(at_most(at_least(v_rad_s.abs(), 0.05), limits.v_max_rad_s)),
-        acceleration_rad_s2: Some(a),
-        qdd_rad_s2: -v_rad_s.signum() * a,
-        ..RampCommand::default()
-    }
+/// Acceleration of a ramp to rest, rad/s²: as asked, more where a soft limit is near. Where it ends follows when it leaves
+/// ([`rest_rad`](crate::reach::rest_rad)).
+pub fn stop_rad_s2(state: RampState, a_rad_s2: f32, limits: &RampLimits) -> f32 {
+    let room = limits.soft.room_rad(state.q_rad, state.v_rad_s);
+    let a_needed = at_least(0.5 * state.v_rad_s * state.v_rad_s / at_least(room, 1e-3), a_rad_s2);
+    clamp(a_needed, A_RESOLUTION_RAD_S2, at_least(limits.a_max_rad_s2, A_RESOLUTION_RAD_S2))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::reach;
     use proptest::prelude::*;
 
     const LIMITS: RampLimits = RampLimits {
@@ -345,7 +335,11 @@ mod tests {
         #[test]
         fn stop_ends_within_the_stated_way(v in -2.6f64..2.6, a in 1f32..10.4) {
             let mut drive = ReferenceRamp::at(0.2, v);
-            let command = stop(RampState { q_rad: 0.2, v_rad_s: v as f32 }, a, &LIMITS);
+            let (q_rad, v_rad_s) = (0.2, v as f32);
+            let a_rad_s2 = stop_rad_s2(RampState { q_rad, v_rad_s }, a, &LIMITS);
+            let target_rad = reach::rest_rad(q_rad, v_rad_s, a_rad_s2, LIMITS.soft);
+            let command =
+                RampCommand { target_rad, acceleration_rad_s2: Some(a_rad_s2), ..RampCommand::default() };
             drive.take(&command);
             drive.run((1.2e6 * v.abs() / f64::from(a)) as u32 + 20_000);
             prop_assert!(drive.v.abs() < 0.02, "{drive:?}");
