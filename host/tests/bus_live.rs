@@ -29,6 +29,21 @@ fn scan_home_jog_and_stop_work_over_a_socket() {
 }
 
 #[test]
+fn a_stop_is_sent_although_the_robot_file_or_the_recording_cannot_be_opened() {
+    let mut options = CellOptions::default();
+    options.drive.starts_homed = true;
+    let served = Served::arm(options);
+    for (option, file, expected) in
+        [("--robot", "no-such-robot.toml", 4), ("--record", "no-such-folder/a", 10)]
+    {
+        let stop = cubectl(&["stop", "--bus", &served.spec, option, file]);
+        assert!(out(&stop).contains("6 of them halted"), "{}", out(&stop));
+        assert_eq!(code(&stop), expected, "{}", err(&stop));
+        assert!(err(&stop).contains(file), "{}", err(&stop));
+    }
+}
+
+#[test]
 fn ctrl_c_in_a_jog_stops_the_module_before_the_program_ends() {
     let mut options = CellOptions::default();
     options.drive.starts_homed = true;

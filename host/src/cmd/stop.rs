@@ -10,7 +10,8 @@ use super::modules::survey_with_progress;
 use super::report::BIT_RATE;
 use crate::error::ExpectedError;
 use crate::exit;
-use operator::bus::{BusArgs, Session};
+use can_link::BusSpec;
+use operator::bus::{BusArgs, BusFailure, Session};
 use operator::live::stopping::JUDGED_AFTER;
 use operator::live::{LiveState, LiveTap};
 use operator::machine::Machine;
@@ -21,7 +22,8 @@ pub(super) const TIMES: usize = 3;
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  cubectl stop --bus can0\n\nThe halt is sent before anything else; only then is looked who obeyed."
+    after_help = "Example:\n  cubectl stop --bus can0\n\nThe halt is sent before anything else; only then it looks which joints stand. A robot file, a scenario or a recording \
+that cannot be opened is reported after the halt."
 )]
 pub struct Args {
     /// Bus options.
@@ -38,18 +40,38 @@ pub(super) fn halt(session: &mut Session) -> Result<(), ExpectedError> {
     Ok(())
 }
 
+/// Session on the bus that was named, and what could not be opened beside it: on a real bus no file keeps a halt from being sent.
+fn open(bus: &BusArgs) -> Result<(Session, Machine, Option<BusFailure>), BusFailure> {
+    let whole = |bus: &BusArgs| {
+        let cell = bus.cell.load()?;
+        Ok((bus.open_cell(&cell, None)?, Machine::of(&cell.robot)))
+    };
+    match whole(bus) {
+        Ok((session, machine)) => Ok((session, machine, None)),
+        Err(error) if bus.bus == BusSpec::Sim => Err(error),
+        Err(error) => {
+            let bare = BusArgs { bus: bus.bus.clone(), beside: bus.beside, ..BusArgs::default() };
+            whole(&bare).map(|(session, machine)| (session, machine, Some(error)))
+        }
+    }
+}
+
 /// Runs the verb.
 ///
 /// # Errors
-/// The bus cannot be reached, or a module still moves.
+/// The bus cannot be reached, a module still moves, or a file that was named cannot be opened: the halt was sent all the same.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    let cell = args.bus.cell.load()?;
-    let mut session = args.bus.open_cell(&cell, None)?;
-    let live = LiveState::new(Machine::of(&cell.robot), session.zero_unix(), BIT_RATE);
+    let (session, machine, unopened) = open(&args.bus)?;
+    stop(session, machine, args.bus.beside)?;
+    unopened.map_or(Ok(()), |error| Err(error.into()))
+}
+
+fn stop(mut session: Session, machine: Machine, beside: bool) -> Result<(), ExpectedError> {
+    let live = LiveState::new(machine, session.zero_unix(), BIT_RATE);
     let live = Arc::new(Mutex::new(live));
     session.add_tap(Box::new(LiveTap(Arc::clone(&live))));
     halt(&mut session)?;
-    if !args.bus.beside && session.hears_other_host()? {
+    if !beside && session.hears_other_host()? {
         // Our questions would destroy its frames: what they ask is followed.
         let view = || live.lock().unwrap_or_else(PoisonError::into_inner).snapshot(0).stop;
         let until = session.now() + JUDGED_AFTER;
