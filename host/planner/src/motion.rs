@@ -85,6 +85,21 @@ impl Motion {
         self.events.iter().find(|(_, event)| *event == GripperEvent::Open).map(|(t_s, _)| *t_s)
     }
 
+    /// An arm that stands.
+    #[must_use]
+    pub fn at_rest(q_rad: JointVec) -> Self {
+        let knot = Knot { t_s: 0.0, q_rad, qd_rad_s: JointVec::zeros(q_rad.len()) };
+        Self { knots: vec![knot], events: Vec::new() }
+    }
+
+    /// Goes on with another motion, which begins where this one ends.
+    pub fn then(&mut self, next: Option<Self>) {
+        let (begin_s, next) = (self.duration_s(), next.unwrap_or_default());
+        self.knots
+            .extend(next.knots.into_iter().skip(1).map(|knot| Knot { t_s: begin_s + knot.t_s, ..knot }));
+        self.events.extend(next.events.into_iter().map(|(t_s, event)| (begin_s + t_s, event)));
+    }
+
     /// The motion at `t_s`; at a knot by the cubic that ends there. It stands at its ends before and after.
     #[must_use]
     pub fn at(&self, t_s: f64) -> Sample {

@@ -4,7 +4,9 @@ use nalgebra::Vector3;
 use planner::motion::Motion;
 use planner::plan::rng::SplitMix64;
 use planner::plan::{Arm, Joints};
-use planner::way::{Goal, LineBreak, LineError, Travel, WayError, is_straight, straight_to, way, way_to};
+use planner::way::{
+    Goal, LineBreak, LineError, Travel, WayError, along_places, is_straight, straight_to, way, way_to,
+};
 use robot_model::Pose;
 use robot_model::collision::{CollisionChecker, Obb, Scene, StraightMove};
 
@@ -161,6 +163,38 @@ fn straight_line_of_the_hand_stays_on_the_line_or_says_where_it_breaks() {
         matches!(&hit, Err(WayError::Line(LineError { what: LineBreak::Contact { .. }, .. }))),
         "{hit:?}"
     );
+}
+
+#[test]
+fn hand_draws_a_square_on_its_sides_rests_at_its_corners_and_a_controller_has_room_for_it() {
+    let (arm, scene) = (arm(), Scene::default());
+    let near = deg([0.0, -60.0, -80.0, 0.0, 30.0, 0.0]);
+    let corners =
+        [[0.5, 0.15, 0.45], [0.5, -0.15, 0.45], [0.5, -0.15, 0.75], [0.5, 0.15, 0.75], [0.5, 0.15, 0.45]]
+            .map(Vector3::from);
+    let places = corners.map(Goal::Point);
+    let motion = along_places(&arm, &scene, &Travel::default(), &near, &places).unwrap();
+    require_free_and_within_limits(&arm, &scene, &motion, 0.3);
+    assert!((9..=256).contains(&motion.knots.len()), "{} knots", motion.knots.len());
+    let hand = |t_s: f64| arm.ee_at(&motion.at(t_s).q).pos;
+    let mut ahead = corners.iter().peekable();
+    for i in 0..=4_000 {
+        let p = hand(motion.duration_s() * f64::from(i) / 4_000.0);
+        let beside = corners.windows(2).map(|side| {
+            let along = (side[1] - side[0]).normalize();
+            let s = (p - side[0]).dot(&along).clamp(0.0, (side[1] - side[0]).norm());
+            (p - side[0] - along * s).norm()
+        });
+        let beside_m = beside.fold(f64::INFINITY, f64::min);
+        assert!(beside_m < 5e-4, "{i}: {beside_m} m beside the sides");
+        ahead.next_if(|corner| (*corner - p).norm() < 1e-4);
+    }
+    assert_eq!(ahead.next(), None, "each corner is passed, in order");
+    let rests = motion.knots.iter().filter(|knot| knot.qd_rad_s.amax() < 1e-9).count();
+    assert_eq!(rests, 5);
+    let far = [corners[0], Vector3::new(9.0, 0.0, 0.0)].map(Goal::Point);
+    let refused = along_places(&arm, &scene, &Travel::default(), &near, &far).unwrap_err();
+    assert!(matches!(refused, (2, WayError::Line(_))), "{refused:?}");
 }
 
 #[test]

@@ -13,6 +13,7 @@
 //! | `fastest` | time-optimal speed along a path under limits of speed and acceleration |
 //! | `law` | the same with bounded jerk: a moving average of it, slowed where that exceeds a limit |
 //! | `given` | points that have their times already |
+//! | `thinned` | the same motion with fewer knots |
 //!
 //! Angles are in rad, lengths of paths in rad too (Euclidean norm over the joints). Each entry point gives a [`Motion`], whose
 //! cubics are what a controller runs; limits are checked on these cubics.
@@ -22,11 +23,13 @@ mod given;
 mod law;
 mod path;
 mod straight;
+mod thinned;
 
 pub use given::{GivenError, Row, motion_of_rows};
 pub use law::along;
 pub use path::{Path, PathError};
 pub use straight::{Straight, straight};
+pub(crate) use thinned::thinned;
 
 use crate::motion::{Knot, Motion};
 use robot_model::{JOINTS_MAX, JointVec, RobotModel};

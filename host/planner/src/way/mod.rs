@@ -27,7 +27,7 @@ use robot_model::collision::{Body, CollisionChecker, Scene, StraightMove};
 use robot_model::{JointVec, RobotModel};
 
 use crate::motion::Motion;
-use crate::timing::{Limits, Path, along, straight};
+use crate::timing::{Limits, Path, along, straight, thinned};
 use search::Space;
 
 /// Bodies that come nearer than this count as touching, m.
@@ -41,6 +41,8 @@ const THERE_RAD: f64 = 1e-3;
 /// Corners are rounded by as much as this at first; below the second number not at all, rad.
 const BLEND_RAD: f64 = 0.4;
 const BLEND_MIN_RAD: f64 = 0.01;
+/// A line of the hand is made of many short pieces; a cubic that is at most so far beside them, rad, follows several.
+const THIN_RAD: f64 = 5e-5;
 
 /// How an arm goes from one rest to another.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -176,7 +178,39 @@ pub fn straight_to(
     let mut checker = CollisionChecker::new(arm, scene);
     require_free(arm, &mut checker, from, true)?;
     let Some(path) = line::path(arm, &mut checker, from, goal)? else { return Ok(None) };
-    Ok(along(&path, &limits))
+    Ok(along(&path, &limits).map(|motion| thinned(&motion, &limits, THIN_RAD)))
+}
+
+/// The hand goes from place to place on straight lines and stops at each. Of the poses that the first place allows, the one nearest to
+/// `near` is taken from which all lines can be gone.
+///
+/// # Errors
+/// [`WayError`] with the number of the place, from 1, to which the hand does not come.
+pub fn along_places(
+    arm: &RobotModel,
+    scene: &Scene,
+    travel: &Travel,
+    near: &JointVec,
+    places: &[Goal],
+) -> Result<Motion, (usize, WayError)> {
+    let (first, rest) = places.split_first().ok_or((1, WayError::Goal(NoGoal::OutOfReach)))?;
+    let mut checker = CollisionChecker::new(arm, scene);
+    let starts = goal::poses(arm, &mut checker, near, first).map_err(|error| (1, error.into()))?;
+    let mut farthest = (0, WayError::Goal(NoGoal::OutOfReach));
+    for start in starts {
+        let mut motion = Motion::at_rest(start);
+        let lines: Result<(), (usize, WayError)> = rest.iter().zip(2..).try_for_each(|(place, number)| {
+            let line = straight_to(arm, scene, travel, &motion.stop_rad(), place);
+            motion.then(line.map_err(|error| (number, error))?);
+            Ok(())
+        });
+        match lines {
+            Ok(()) => return Ok(motion),
+            Err(failed) if failed.0 > farthest.0 => farthest = failed,
+            Err(_) => {}
+        }
+    }
+    Err(farthest)
 }
 
 fn limits(arm: &RobotModel, share: f64) -> Result<Limits, WayError> {

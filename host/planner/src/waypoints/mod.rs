@@ -3,12 +3,16 @@
 //! | form | columns or fields |
 //! |---|---|
 //! | CSV | a header; a column for each joint, by its name, in any order: `joint1` or `q_joint1_rad` in rad, `joint1_deg` in degrees; `t_s` and `qd_joint1_rad_s` if there are times and speeds; lines that begin with `#` are comments |
+//! | CSV of the hand | `x_m`, `y_m`, `z_m` in the frame of the base, and `roll_deg`, `pitch_deg`, `yaw_deg` if it is to turn; without times |
 //! | JSON, YAML | `joint_names`, `points` with `positions` (rad), and `velocities` (rad/s) and `time_from_start` if there are any |
 //!
 //! Times are in all rows or in none, and so are speeds. Accelerations and efforts are read over: the motion between the points follows
 //! from positions, times and speeds.
 
+mod hand;
 mod yaml;
+
+pub use hand::{is_of_hand, read_hand};
 
 use serde::Deserialize;
 
