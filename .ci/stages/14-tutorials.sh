@@ -4,7 +4,8 @@
 . .ci/pages.sh
 export PATH=$PWD/target/debug:$PATH
 work=$PWD/target/tutorials
-rm -rf "$work" && mkdir -p "$work"
+# Folders of results that the pages name.
+rm -rf "$work" target/there target/square && mkdir -p "$work"
 count=0
 for page in docs/*.md docs/*/*.md firmware/boards/*.md; do
     [[ " ${pages_with_a_cell[*]} " != *" $page "* ]] || continue

@@ -14,7 +14,7 @@
 . .ci/wait.sh
 root=$PWD
 work=$root/target/readme
-rm -rf "$work" arm.registers.toml throw1 && mkdir -p "$work"
+rm -rf "$work" arm.registers.toml throw1 target/drawn && mkdir -p "$work"
 
 seconds() { date +%s.%N; }
 told() { awk -v what="$1" -v from="$2" -v to="$(seconds)" 'BEGIN { printf "%-56s %8.2f s\n", what, to - from }'; }

@@ -67,9 +67,10 @@ fn places_that_cannot_be_reached_are_refused_with_a_next_step_and_nothing_moves(
 #[test]
 fn waypoints_are_followed_through_the_run_of_a_move_that_was_written() {
     let folder = Folder::new("waypoints");
-    let (plan, table) = (folder.file("move.json"), folder.file("path.csv"));
+    let (moved, plan, table) =
+        (folder.file("moved"), folder.file("moved/plan.json"), folder.file("path.csv"));
     let written =
-        cubectl(&["move", "--joints", "0,-1.2,-1.4,0,0.4,0", "--home", "--dry-run", "--out", &plan]);
+        cubectl(&["move", "--joints", "0,-1.2,-1.4,0,0.4,0", "--home", "--dry-run", "--out", &moved]);
     assert_eq!(code(&written), 0, "{}", err(&written));
     let run = cubectl(&["run", &plan, "--home"]);
     assert_eq!(code(&run), 0, "{}", err(&run));
@@ -87,4 +88,42 @@ fn waypoints_are_followed_through_the_run_of_a_move_that_was_written() {
     assert_eq!(code(&fast), 4, "{}", out(&fast));
     assert!(err(&fast).contains("joint 1: speed") && err(&fast).contains("--retime"), "{}", err(&fast));
     assert_eq!(code(&cubectl(&["run", &table, "--home", "--retime"])), 0);
+}
+
+#[test]
+fn hand_draws_a_square_and_the_folder_holds_what_was_measured() {
+    let folder = Folder::new("square");
+    let (table, results) = (folder.file("square.csv"), folder.file("square"));
+    let corners = "0.5,0.15,0.45\n0.5,-0.15,0.45\n0.5,-0.15,0.75\n0.5,0.15,0.75\n0.5,0.15,0.45\n";
+    std::fs::write(&table, format!("x_m,y_m,z_m\n{corners}")).unwrap();
+    let run = cubectl(&["run", &table, "--home", "--out", &results]);
+    assert_eq!(code(&run), 0, "{}", err(&run));
+    assert!(out(&run).contains(&format!("results in {results}")), "{}", out(&run));
+    let read = |name: &str| std::fs::read_to_string(format!("{results}/{name}")).unwrap();
+    let summary: Value = serde_json::from_str(&read("summary.json")).unwrap();
+    assert_eq!((&summary["outcome"], &summary["seed"]), (&"reached".into(), &Value::Null));
+    let errors = summary["tracking"]["error_max_rad"].as_array().unwrap();
+    assert!(errors.iter().all(|e| (1e-5..5e-3).contains(&e.as_f64().unwrap())), "{errors:?}");
+    assert!(read("report.html").contains("Path of the hand"));
+    // The same report can be made again from the files, and the results are not overwritten.
+    let again = cubectl(&["report", &results, "--out", &folder.file("again.html")]);
+    assert_eq!(code(&again), 0, "{}", err(&again));
+    let twice = cubectl(&["run", &table, "--home", "--out", &results]);
+    assert_eq!(code(&twice), 10, "{}", out(&twice));
+    let moved = folder.file("moved");
+    let by = cubectl(&["move", "--by", "1=10deg", "--home", "--out", &moved]);
+    assert_eq!(code(&by), 0, "{}", err(&by));
+    assert!(std::path::Path::new(&moved).join("report.html").is_file());
+}
+
+#[test]
+fn places_that_the_hand_cannot_reach_are_refused_by_number_before_anything_moves() {
+    let folder = Folder::new("places");
+    let table = folder.file("far.csv");
+    std::fs::write(&table, "x_m,y_m,z_m\n0.5,0,0.5\n5,0,0.5\n").unwrap();
+    let far = cubectl(&["run", &table, "--home"]);
+    assert_eq!(code(&far), 3, "{}", out(&far));
+    assert!(err(&far).contains("place 2") && err(&far).contains("nothing has moved"), "{}", err(&far));
+    let blended = cubectl(&["run", &table, "--home", "--blend-rad", "0.1"]);
+    assert_eq!(code(&blended), 4, "{}", err(&blended));
 }

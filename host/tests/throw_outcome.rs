@@ -127,9 +127,10 @@ fn unobserved(folder: &Folder, name: &str) -> (Outcome, String, Record) {
     let dir = folder.0.join(name);
     let [plan, log, summary] = ["plan.json", "bus.log", "summary.json"].map(|file| dir.join(file));
     let recorded = report::read(&plan, &log, Some(&summary), None, report::BIT_RATE).unwrap();
-    let order = Order::throw(&recorded.arm, &recorded.plan, Travel::default());
+    let plan = recorded.ran.throw.as_ref().unwrap();
+    let order = Order::throw(&recorded.arm, plan, Travel::default());
     let analysis = recorded.analysis.unwrap();
-    let landing = computed_landing(&recorded.plan, &analysis);
+    let landing = computed_landing(plan, &analysis);
     let record =
         Record { ball: BallOutcome::NotObserved, landing, analysis: Some(analysis), ..Record::default() };
     let verdict = judge(&order, &record);

@@ -133,8 +133,28 @@ fn samples(lines: &[Line], arm: &Arm) -> Samples {
 }
 
 /// A whole run, its start to be found.
-fn whole<'a>(samples: &'a Samples, plan: &'a PlanFile, arm: &'a Arm) -> Run<'a> {
-    Run { samples, plan, arm, start: None, gripper_opening: None, certified: None }
+fn whole<'a>(
+    samples: &'a Samples,
+    plan: &'a PlanFile,
+    motion: &'a planner::motion::Motion,
+    arm: &'a Arm,
+) -> Run<'a> {
+    Run { samples, motion, throw: Some(plan), arm, start: None, gripper_opening: None, certified: None }
+}
+
+#[test]
+fn a_motion_that_throws_nothing_has_the_same_tracking_and_no_release() {
+    let (arm, plan) = plan();
+    let samples = samples(&log_by_hand(&arm, &plan), &arm);
+    let motion = motion(&plan);
+    let thrown = whole(&samples, &plan, &motion, &arm);
+    let moved = analysis::analyse(&Run { throw: None, ..thrown }).unwrap();
+    let thrown = analysis::analyse(&thrown).unwrap();
+    assert!(thrown.release.is_some() && moved.release.is_none() && moved.release_t_s.is_none());
+    for (a, b) in thrown.joints.iter().zip(&moved.joints) {
+        assert_eq!((a.position_error_rad.max, &a.samples), (b.position_error_rad.max, &b.samples));
+        assert!(a.position_error_rad.at_release.is_some() && b.position_error_rad.at_release.is_none());
+    }
 }
 
 #[test]
@@ -142,7 +162,7 @@ fn a_log_made_from_closed_forms_gives_them_back() {
     let (arm, plan) = plan();
     let lines = log_by_hand(&arm, &plan);
     let samples = samples(&lines, &arm);
-    let analysis = analysis::analyse(&whole(&samples, &plan, &arm)).unwrap();
+    let analysis = analysis::analyse(&whole(&samples, &plan, &motion(&plan), &arm)).unwrap();
 
     assert_eq!(analysis.start_from, StartFrom::Telemetry);
     let start_off_s = analysis.start_log_s - START_US as f64 * 1e-6;
@@ -194,7 +214,7 @@ fn a_log_without_a_run_or_without_a_drive_says_so() {
     let mut lines = log_by_hand(&arm, &plan);
     let analyse = |lines: &[Line], start| {
         let samples = samples(lines, &arm);
-        analysis::analyse(&Run { start, ..whole(&samples, &plan, &arm) }).map(drop)
+        analysis::analyse(&Run { start, ..whole(&samples, &plan, &motion(&plan), &arm) }).map(drop)
     };
     assert_eq!(analyse(&[], None), Err(AnalysisError::Empty));
     let third = arm.drives().unwrap()[2].address;
@@ -293,7 +313,7 @@ fn a_throw_in_the_cell_is_measured_as_the_cell_itself_has_it() {
     let log = std::fs::File::open(folder.join("bus.log")).unwrap();
     let lines = read(std::io::BufReader::new(log)).unwrap().lines;
     let samples = samples(&lines, &arm);
-    let analysis = analysis::analyse(&whole(&samples, &plan, &arm)).unwrap();
+    let analysis = analysis::analyse(&whole(&samples, &plan, &motion(&plan), &arm)).unwrap();
     assert!(analysis.completed && analysis.fault.is_none(), "{:#?}", analysis.events);
 
     let (mut q_worst, mut v_worst) = (0.0_f64, 0.0_f64);

@@ -7,6 +7,8 @@ use operator::dialogue::operator::OperatorError;
 use operator::job::summary::{Circumstances, summary};
 use operator::job::{JobError, Judge, Order, Outcome, Record};
 
+use serde_json::Value;
+
 use crate::error::ExpectedError;
 use crate::exit;
 
@@ -69,14 +71,14 @@ impl Seen {
         Self { bus, simulated, bus_errors: session.bus_errors().len() }
     }
 
-    /// Prints the summary of a job that leaves no folder of results.
-    pub(super) fn print(
+    /// The summary of a job on this session.
+    pub(super) fn summary(
         &self,
         order: &Order<'_>,
         record: &Record,
         wrong: Option<&ExpectedError>,
         wall_s: &[f64],
-    ) {
+    ) -> Value {
         let about = Circumstances {
             bus: &self.bus,
             time: if self.simulated { "virtual time" } else { "real time" },
@@ -87,7 +89,7 @@ impl Seen {
             wall_s,
             ..Circumstances::default()
         };
-        super::print_json(&summary(order, record, &about));
+        summary(order, record, &about)
     }
 }
 

@@ -1,4 +1,4 @@
-//! The folder of a throw.
+//! The folder of results of a job.
 
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -21,7 +21,7 @@ impl Folder {
         for name in ["summary.json", "bus.log", "log.candump"] {
             if this.file(name).is_file() {
                 return Err(refused(&format!(
-                    "{} holds the results of another throw\n  next: name another folder with --out",
+                    "{} holds the results of another run\n  next: name another folder with --out",
                     this.path.display()
                 )));
             }

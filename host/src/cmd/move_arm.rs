@@ -4,9 +4,8 @@ use std::path::PathBuf;
 
 use nalgebra::Vector3;
 use planner::motion::Motion;
-use planner::plan::file::{MotionInfo, RobotId};
+use planner::plan::file::RobotId;
 use planner::plan::{Arm, Joints};
-use planner::record::MovePlan;
 use planner::store::robot_fingerprint;
 use planner::way::{Goal, Travel, WayError, straight_to, way, way_to};
 use protocol::cyphal::id::NodeId;
@@ -20,6 +19,7 @@ use super::goal::{Angles, Difference, Hand};
 use super::poses::{Poses, PosesArgs};
 use super::progress::{ProgressView, Ui};
 use super::report::BIT_RATE;
+use super::results::Results;
 use super::{fixed, print_json};
 use crate::error::ExpectedError;
 use crate::exit;
@@ -72,8 +72,8 @@ pub struct Args {
     /// Find the way and say how long it takes; nothing moves.
     #[arg(long)]
     pub dry_run: bool,
-    /// Write the motion as a plan, which `cubectl run` takes.
-    #[arg(long, value_name = "FILE")]
+    /// Folder for plan.json, which `cubectl run` takes, and after the motion bus.log, bus.mcap, summary.json and report.html.
+    #[arg(long, value_name = "DIR", conflicts_with = "record")]
     pub out: Option<PathBuf>,
     /// File with named poses.
     #[command(flatten)]
@@ -111,7 +111,12 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let target = Target::of(args, &arm)?;
     let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
     let key = args.key.load()?;
-    let mut session = args.bus.open_with_controller()?;
+    let mut bus = args.bus.clone();
+    let results = Results::create(args.out.as_deref(), &mut bus)?;
+    if args.dry_run {
+        bus.record = None;
+    }
+    let mut session = bus.open_with_controller()?;
     session.set_key(key);
     let words = ["The arm moves. Nobody near?"; 2];
     let mut ui = Ui { progress: ProgressView::new(args.json), consent, words, look: None, agreed: false };
@@ -142,8 +147,10 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         say(args, &arm, &Said { from: &from, motion: None, moved: false, record: None });
         return Ok(());
     };
-    let written =
-        args.out.as_ref().map_or(Ok(()), |path| write_plan(path, source, &fingerprint, &arm, &motion));
+    let written = results.as_ref().map_or(Ok(()), |results| {
+        let (source, name) = (source.to_owned(), arm.name().to_owned());
+        results.write_plan(RobotId { source, name, fingerprint: fingerprint.clone() }, &arm, &motion)
+    });
     if args.dry_run || written.is_err() {
         ui.progress.quiet();
         session.finish()?;
@@ -158,14 +165,21 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     tell_warnings(&mut session);
     let wrong = failure(&record).or_else(|| off_target(&record, &order.judge));
     let seen = Seen::of(&session);
-    let finished = session.finish().map_err(ExpectedError::from);
+    let mut finished = session.finish().map_err(ExpectedError::from);
+    let summary = seen.summary(&order, &record, wrong.as_ref(), &ui.progress.wall_s);
+    if let Some(results) = &results {
+        finished = finished.and(results.write(source, summary.clone()));
+    }
     if args.json {
-        seen.print(&order, &record, wrong.as_ref(), &ui.progress.wall_s);
+        print_json(&summary);
     } else if wrong.is_none() {
         let motion = Some(order.program.motion());
         say(args, &arm, &Said { from: &from, motion, moved: true, record: Some(&record.verdict.text) });
     }
-    outcome_last(wrong, finished, None)
+    if let (Some(results), None, false) = (&results, &wrong, args.json) {
+        console::line!("results in {}", results.path().display());
+    }
+    outcome_last(wrong, finished, results.as_ref().map(Results::path))
 }
 
 impl Args {
@@ -256,24 +270,6 @@ impl Target {
             ExpectedError::new(code, format!("{error}\n  next: {next}"))
         })
     }
-}
-
-fn write_plan(
-    path: &std::path::Path,
-    source: &str,
-    fingerprint: &str,
-    arm: &Arm,
-    motion: &Motion,
-) -> Result<(), ExpectedError> {
-    let robot = RobotId {
-        source: source.to_owned(),
-        name: arm.name().to_owned(),
-        fingerprint: fingerprint.to_owned(),
-    };
-    let names = arm.joints().iter().map(|joint| joint.name.clone());
-    let text = MovePlan::new(robot, MotionInfo::of(names, motion)).to_json();
-    planner::store::file::write_whole(path, text.as_bytes())
-        .map_err(|error| ExpectedError::output(path, &error))
 }
 
 /// What came of it.

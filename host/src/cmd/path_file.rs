@@ -5,9 +5,12 @@ use std::path::Path;
 use planner::motion::Motion;
 use planner::plan::Arm;
 use planner::timing::{self, Limits, Row, along, motion_of_rows};
+use planner::way::{Travel, along_places};
 use planner::waypoints;
+use robot_model::collision::Scene;
 
 use crate::error::ExpectedError;
+use crate::exit;
 
 /// Options for files of waypoints.
 #[derive(Debug, Clone, Copy, clap::Args)]
@@ -71,6 +74,9 @@ pub(super) fn motion(path: &Path, text: &str, arm: &Arm, args: &RetimeArgs) -> R
     let refused = |what: &dyn std::fmt::Display, next: &str| {
         ExpectedError::bad_input(&format!("{}: {what}\n  next: {next}", path.display()))
     };
+    if waypoints::is_of_hand(text) {
+        return of_hand(path, text, arm, args);
+    }
     let names: Vec<&str> = arm.joints().iter().map(|joint| joint.name.as_str()).collect();
     let found = waypoints::read(text, &names)
         .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", path.display())))?;
@@ -104,4 +110,27 @@ pub(super) fn motion(path: &Path, text: &str, arm: &Arm, args: &RetimeArgs) -> R
     let path_of = timing::Path::through(&points, args.blend_rad.unwrap_or(0.02))
         .map_err(|error| refused(&error, "give two places"))?;
     along(&path_of, &limits).ok_or_else(|| refused(&"no times were found", "take points out"))
+}
+
+/// The hand on straight lines from place to place, with a stop at each.
+fn of_hand(path: &Path, text: &str, arm: &Arm, args: &RetimeArgs) -> Result<Motion, ExpectedError> {
+    let place = path.display();
+    if args.blend_rad.is_some() {
+        let what =
+            "--blend-rad is for waypoints of the joints; on lines of the hand the arm stops at each corner";
+        return Err(ExpectedError::bad_input(&format!("{place}: {what}\n  next: leave --blend-rad out")));
+    }
+    let goals =
+        waypoints::read_hand(text).map_err(|error| ExpectedError::bad_input(&format!("{place}: {error}")))?;
+    let travel = Travel { share: args.share(), ..Travel::default() };
+    let middle = (arm.q_min() + arm.q_max()) * 0.5;
+    let motion = along_places(arm, &Scene::default(), &travel, &middle, &goals).map_err(|(number, error)| {
+        let next =
+            "choose places that the hand reaches in one posture, or leave the angles out; nothing has moved";
+        ExpectedError::new(exit::NO_THROW, format!("{place}: place {number}: {error}\n  next: {next}"))
+    })?;
+    if motion.knots.len() < 2 {
+        return Err(ExpectedError::bad_input(&format!("{place}: all places are one\n  next: give two")));
+    }
+    Ok(motion)
 }

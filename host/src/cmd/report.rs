@@ -7,12 +7,13 @@ use protocol::cyphal::crc::Crc64;
 use protocol::{Duration, Instant};
 use serde_json::Value;
 
+use super::folder::Folder;
 use super::print_json;
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::industrial::RobotRun;
 use crate::report::motion;
-use crate::report::run::{EarlyReport, RunReport};
+use crate::report::run::{EarlyReport, Ran, RunReport};
 use operator::analysis::events::{self, RunEvent};
 use operator::analysis::{PlanClock, Run, RunAnalysis, analyse, drives_of};
 use operator::log::candump::{self, Tear};
@@ -20,7 +21,8 @@ use operator::log::text_in;
 use operator::samples::Samples;
 use planner::follow::limits::Limits;
 use planner::follow::plan::FollowPlan;
-use planner::plan::file::PlanFile;
+use planner::plan::file::{Kind, PlanFileError, require_robot};
+use planner::record::PlanRecord;
 use planner::throw::Arm;
 
 /// Default bit rate of a bus, bit/s.
@@ -62,8 +64,8 @@ pub struct Args {
 pub struct Recorded {
     /// The robot.
     pub arm: Arm,
-    /// The plan.
-    pub plan: PlanFile,
+    /// What was run.
+    pub ran: Ran,
     /// What the log says, or why it does not suffice.
     pub analysis: Result<RunAnalysis, String>,
     /// What happened, in time of the log; empty if there is an analysis, which has them in time of the plan.
@@ -136,9 +138,17 @@ pub fn read(
 ) -> Result<Recorded, ExpectedError> {
     let recording = candump::read_file(log)?;
     let mut files = vec![checksum(plan)?, checksum(log)?];
-    let plan_file = PlanFile::read(plan).map_err(|error| ExpectedError::bad_input(&error))?;
-    let arm = super::robot(robot.unwrap_or(&plan_file.robot.source))?;
-    plan_file.require_robot(plan, &arm).map_err(|error| ExpectedError::bad_input(&error))?;
+    let bad = |error: PlanFileError| ExpectedError::bad_input(&error);
+    let ran = match PlanRecord::read(plan).map_err(bad)? {
+        PlanRecord::Throw(plan) => Ran::from(*plan),
+        PlanRecord::Move(plan) => Ran { motion: plan.motion.to_motion(), robot: plan.robot, throw: None },
+        PlanRecord::Follow(_) => {
+            let (found, wanted) = (Kind::Follow, Kind::Throw);
+            return Err(bad(PlanFileError::OtherKind { path: plan.to_owned(), found, wanted }));
+        }
+    };
+    let arm = super::robot(robot.unwrap_or(&ran.robot.source))?;
+    require_robot(plan, &ran.robot, ran.motion.start_rad().len(), &arm).map_err(bad)?;
     let summary = match summary {
         Some(path) => {
             files.push(checksum(path)?);
@@ -159,7 +169,8 @@ pub fn read(
     let samples = Samples::of_log(recording.lines, drives, &arm, bit_rate_bit_s);
     let run = Run {
         samples: &samples,
-        plan: &plan_file,
+        motion: &ran.motion,
+        throw: ran.throw.as_ref(),
         arm: &arm,
         start: None,
         gripper_opening: told("gripper_opening_us").and_then(|us| us.as_u64()).map(Duration::from_micros),
@@ -174,11 +185,21 @@ pub fn read(
         Err(error) => return Err(not_analysed(log, &error.to_string())),
     };
     let analysis = analysis.map(|analysis| RunAnalysis { torn: recording.tear, ..analysis });
-    Ok(Recorded { arm, plan: plan_file, analysis, events, torn: recording.tear, summary, files })
+    Ok(Recorded { arm, ran, analysis, events, torn: recording.tear, summary, files })
 }
 
 fn not_analysed(log: &Path, why: &str) -> ExpectedError {
     ExpectedError::bad_input(&format!("{}: {why}", log.display()))
+}
+
+/// Writes the report of a job into its folder, from the files there.
+///
+/// # Errors
+/// As [`run`].
+pub(super) fn write_into(folder: &Folder, robot: &str) -> Result<(), ExpectedError> {
+    let [plan, log, summary] = ["plan.json", "bus.log", "summary.json"].map(|name| folder.file(name));
+    let recorded = read(&plan, &log, Some(&summary), Some(robot), BIT_RATE)?;
+    write(&recorded, &folder.file("report.html"))
 }
 
 /// Writes the report.
@@ -186,12 +207,12 @@ fn not_analysed(log: &Path, why: &str) -> ExpectedError {
 /// # Errors
 /// The file cannot be written.
 pub fn write(recorded: &Recorded, out: &Path) -> Result<(), ExpectedError> {
-    let Recorded { arm, plan, analysis, events, torn, summary, files } = recorded;
+    let Recorded { arm, ran, analysis, events, torn, summary, files } = recorded;
     let html = match (analysis, summary) {
-        (Ok(analysis), summary) => RunReport { arm, plan, analysis, summary: summary.as_ref(), files }.html(),
+        (Ok(analysis), summary) => RunReport { arm, ran, analysis, summary: summary.as_ref(), files }.html(),
         (Err(why), Some(summary)) => {
             let why = why.lines().next().unwrap_or_default();
-            EarlyReport { plan, summary, why, events, torn: *torn, files }.html()
+            EarlyReport { ran, summary, why, events, torn: *torn, files }.html()
         }
         (Err(why), None) => return Err(ExpectedError::bad_input(why)),
     };

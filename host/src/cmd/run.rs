@@ -9,8 +9,10 @@ use super::consent::Consent;
 use super::controlled::tell_warnings;
 use super::ended::{Seen, failure, off_target, outcome_last};
 use super::path_file::RetimeArgs;
+use super::print_json;
 use super::progress::{ProgressView, Ui};
 use super::report::BIT_RATE;
+use super::results::Results;
 use super::upload::{node_id, read};
 use crate::error::ExpectedError;
 use operator::bus::BusArgs;
@@ -51,6 +53,9 @@ pub struct Args {
     /// Longest time for the run, s.
     #[arg(long, default_value_t = 60.0, value_name = "SECONDS", value_parser = super::home::positive)]
     pub timeout: f64,
+    /// Folder for plan.json, bus.log, bus.mcap, summary.json and report.html.
+    #[arg(long, value_name = "DIR", conflicts_with = "record")]
+    pub out: Option<PathBuf>,
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
@@ -72,7 +77,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let consent = Consent::on(&args.bus.bus, args.yes)?;
     let source = read(&args.file, args.bus.cell.robot.as_deref(), &args.retime)?;
     let key = args.key.load()?;
-    let mut session = args.bus.open_with_controller()?;
+    let mut bus = args.bus.clone();
+    let results = Results::create(args.out.as_deref(), &mut bus)?;
+    let mut session = bus.open_with_controller()?;
     session.set_key(key);
     let order = Order {
         homes: args.home,
@@ -89,9 +96,15 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     tell_warnings(&mut session);
     let wrong = failure(&record).or_else(|| off_target(&record, &order.judge));
     let seen = Seen::of(&session);
-    let finished = session.finish().map_err(ExpectedError::from);
+    let mut finished = session.finish().map_err(ExpectedError::from);
+    let summary = seen.summary(&order, &record, wrong.as_ref(), &ui.progress.wall_s);
+    if let Some(results) = &results {
+        let motion = order.program.motion();
+        let written = results.write_plan(source.robot_id(), &source.arm, motion);
+        finished = finished.and(written).and(results.write(&source.robot, summary.clone()));
+    }
     if args.json {
-        seen.print(&order, &record, wrong.as_ref(), &ui.progress.wall_s);
+        print_json(&summary);
     } else if wrong.is_none() {
         let end = record.states.last().map(|(_, group)| *group).unwrap_or_default();
         console::line!("{}", record.verdict.text);
@@ -102,5 +115,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             end.cycles_saturated
         );
     }
-    outcome_last(wrong, finished, None)
+    if let (Some(results), None, false) = (&results, &wrong, args.json) {
+        console::line!("results in {}", results.path().display());
+    }
+    outcome_last(wrong, finished, results.as_ref().map(Results::path))
 }

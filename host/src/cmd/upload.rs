@@ -14,9 +14,8 @@ use operator::bus::key_file::KeyArgs;
 use operator::job::{Answer, Extent, Judge, Order, Program, perform};
 use operator::port::OnBus;
 use operator::trajectory::motion_of;
-use planner::motion::Motion;
 use planner::plan::Arm;
-use planner::plan::file::{Kind, PlanFileError, require_robot};
+use planner::plan::file::{Kind, PlanFileError, RobotId, require_robot};
 use planner::record::PlanRecord;
 use planner::store::robot_fingerprint;
 
@@ -80,6 +79,11 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 }
 
 impl Source {
+    pub(super) fn robot_id(&self) -> RobotId {
+        let (source, name) = (self.robot.clone(), self.arm.name().to_owned());
+        RobotId { source, name, fingerprint: self.fingerprint.clone() }
+    }
+
     /// The motion of an arm that stands where it begins.
     pub(super) fn order(&self) -> Order<'_> {
         Order::new(&self.arm, &self.fingerprint, self.program.clone(), Judge::Reach)
@@ -88,6 +92,8 @@ impl Source {
 
 /// What a file holds that can be run.
 pub(super) struct Source {
+    /// Its name or file.
+    pub(super) robot: String,
     pub(super) arm: Arm,
     /// Fingerprint of its robot.
     pub(super) fingerprint: String,
@@ -101,18 +107,18 @@ pub(super) fn read(path: &Path, robot: Option<&str>, retime: &RetimeArgs) -> Res
     let bytes = toml_reader::read_bytes(path, planner::plan::file::FILE_MAX_BYTES)
         .map_err(|error| ExpectedError::io(path, &error))?;
     let is_controllers = bytes.starts_with(&firmware::trajectory_format::MAGIC);
-    if let Some(text) = path_file::waypoints_in(&bytes).filter(|_| !is_controllers) {
-        let arm = super::robot(robot.unwrap_or("powercube6"))?;
+    let of_arm = |program: &dyn Fn(&Arm) -> Result<Program, ExpectedError>, travels| {
+        let robot = robot.unwrap_or("powercube6").to_owned();
+        let arm = super::robot(&robot)?;
         let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
-        let motion = path_file::motion(path, text, &arm, retime)?;
-        return Ok(Source { arm, fingerprint, program: Program::Motion(motion), travels: true });
+        Ok(Source { program: program(&arm)?, robot, arm, fingerprint, travels })
+    };
+    if let Some(text) = path_file::waypoints_in(&bytes).filter(|_| !is_controllers) {
+        return of_arm(&|arm| path_file::motion(path, text, arm, retime).map(Program::Motion), true);
     }
     retime.require_none()?;
     if is_controllers {
-        let arm = super::robot(robot.unwrap_or("powercube6"))?;
-        let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
-        let motion = motion_of(&bytes).unwrap_or(Motion { knots: Vec::new(), events: Vec::new() });
-        return Ok(Source { arm, fingerprint, program: Program::File(bytes, motion), travels: false });
+        return of_arm(&|_| Ok(Program::File(bytes.clone(), motion_of(&bytes).unwrap_or_default())), false);
     }
     if !bytes.trim_ascii_start().starts_with(b"{") {
         return Err(ExpectedError::bad_input(&format!(
@@ -124,7 +130,8 @@ pub(super) fn read(path: &Path, robot: Option<&str>, retime: &RetimeArgs) -> Res
     let bad = |error: &PlanFileError| ExpectedError::bad_input(error);
     let plan = PlanRecord::read(path).map_err(|error| bad(&error))?;
     let id = plan.robot().clone();
-    let arm = super::robot(robot.unwrap_or(&id.source))?;
+    let source = robot.unwrap_or(&id.source).to_owned();
+    let arm = super::robot(&source)?;
     let motion = match &plan {
         PlanRecord::Throw(plan) => &plan.motion,
         PlanRecord::Move(plan) => &plan.motion,
@@ -135,6 +142,7 @@ pub(super) fn read(path: &Path, robot: Option<&str>, retime: &RetimeArgs) -> Res
     };
     require_robot(path, &id, motion.joints.len(), &arm).map_err(|error| bad(&error))?;
     Ok(Source {
+        robot: source,
         arm,
         fingerprint: id.fingerprint,
         program: Program::Motion(motion.to_motion()),

@@ -334,7 +334,7 @@ fn space(arm: &RobotModel, plan: &PlanFile) -> String {
     let ball_after = |s: f64| model.as_ref().map_or(p0, |flight| flight.fly(&p0, &v0, s).p);
     scene::data(
         arm,
-        plan,
+        Some(plan),
         &scene::SceneMotion {
             q_at: &|t_s| motion::at(plan, t_s).q,
             from_s: 0.0,

@@ -49,7 +49,7 @@ impl Flight<'_> {
 
 /// The data as a JavaScript object.
 #[must_use]
-pub fn data(arm: &RobotModel, plan: &PlanFile, motion: &SceneMotion<'_>) -> String {
+pub fn data(arm: &RobotModel, plan: Option<&PlanFile>, motion: &SceneMotion<'_>) -> String {
     let last_s = motion.flight.map_or(motion.to_s, |flight| motion.to_s.max(flight.landing_s())) + 0.05;
     let time = |i: u32| motion.from_s + (last_s - motion.from_s) * f64::from(i) / f64::from(STEPS);
     // The release and the landing are points of the animation, whatever its steps.
@@ -71,7 +71,8 @@ pub fn data(arm: &RobotModel, plan: &PlanFile, motion: &SceneMotion<'_>) -> Stri
     }
     let boxes = arm.collision().boxes().iter().map(|b| body(b.link, &b.x_lb, &b.half_m));
     // Obstacles stand in the world like the base.
-    let obstacles = plan.obstacles.iter().map(|o| body(0, &o.pose(), &Vector3::from(o.half_m)));
+    let obstacles =
+        plan.iter().flat_map(|plan| &plan.obstacles).map(|o| body(0, &o.pose(), &Vector3::from(o.half_m)));
     let boxes: Vec<String> = boxes.chain(obstacles).collect();
     let flown = motion.flight.map_or_else(Vec::new, |flight| {
         let time = |i: u32| flight.flight_s * f64::from(i) / f64::from(FLIGHT_STEPS);
@@ -86,11 +87,11 @@ pub fn data(arm: &RobotModel, plan: &PlanFile, motion: &SceneMotion<'_>) -> Stri
         arm.world().floor_z_m,
         arm.gripper().ball_radius_m,
         arm.joints().len(),
-        point(&Vector3::from(plan.meeting_m())),
+        plan.map_or("null".to_owned(), |plan| point(&Vector3::from(plan.meeting_m()))),
         list(&hand),
         list(&flown),
-        list(&ellipse_in_space(plan)),
-        rim(plan).map_or("null".to_owned(), |points| list(&points)),
+        plan.map_or("null".to_owned(), |plan| list(&ellipse_in_space(plan))),
+        plan.and_then(rim).map_or("null".to_owned(), |points| list(&points)),
         boxes.join(","),
         steps.join(",")
     )

@@ -7,10 +7,7 @@ use serde::Serialize;
 
 use super::collect::{Heard, Reading};
 use super::tracking::interpolate;
-use super::{AFTER_S, BEFORE_S};
-use planner::motion::Motion;
-use planner::plan::file::PlanFile;
-use planner::throw::Arm;
+use super::{AFTER_S, BEFORE_S, Run};
 
 /// Distance of the points of predicted curves, s.
 const STEP_S: f64 = 0.005;
@@ -41,16 +38,17 @@ pub struct SupplyCurrents {
 
 /// Currents of all supplies; empty for a robot whose file has no drives or no supplies.
 #[must_use]
-pub fn supplies(plan: &PlanFile, arm: &Arm, heard: &Heard) -> Vec<SupplyCurrents> {
-    let from_s = -BEFORE_S;
-    let steps = ((plan.end_time_s + AFTER_S - from_s) / STEP_S).ceil() as u32;
-    let motion: Motion = plan.motion.to_motion();
-    let holding = arm.holding_ball();
+pub fn supplies(run: &Run<'_>, heard: &Heard) -> Vec<SupplyCurrents> {
+    let Run { motion, arm, .. } = *run;
+    let (from_s, end_s) = (-BEFORE_S, motion.duration_s());
+    let steps = ((end_s + AFTER_S - from_s) / STEP_S).ceil() as u32;
+    let holding = run.throw.and_then(|plan| Some((arm.holding_ball()?, plan.release_time_s)));
     let motors: Option<Vec<(f64, _)>> = (0..=steps)
         .map(|i| {
             let t_s = from_s + STEP_S * f64::from(i);
             let s = motion.at(t_s);
-            let moved = holding.as_ref().filter(|_| t_s <= plan.release_time_s).unwrap_or(arm);
+            let held = holding.as_ref().filter(|(_, release_s)| t_s <= *release_s);
+            let moved = held.map_or(arm, |(holding, _)| holding);
             arm.motor_currents(&s.qd, &moved.inverse_dynamics(&s.q, &s.qd, &s.qdd)).map(|i_a| (t_s, i_a))
         })
         .collect();
@@ -63,8 +61,8 @@ pub fn supplies(plan: &PlanFile, arm: &Arm, heard: &Heard) -> Vec<SupplyCurrents
                 .iter()
                 .map(|(t_s, a)| Reading { t_s: *t_s, value: fed.iter().map(|j| a[*j]).sum() })
                 .collect();
-            let measured = sum_of_magnitudes(heard, &fed, from_s, plan.end_time_s + AFTER_S);
-            let in_plan = |r: &&Reading| (0.0..=plan.end_time_s).contains(&r.t_s);
+            let measured = sum_of_magnitudes(heard, &fed, from_s, end_s + AFTER_S);
+            let in_plan = |r: &&Reading| (0.0..=end_s).contains(&r.t_s);
             let peak =
                 |readings: &[Reading]| readings.iter().filter(in_plan).map(|r| r.value).reduce(f64::max);
             let differences: Vec<f64> = measured

@@ -7,7 +7,6 @@ use super::PlanClock;
 use crate::log::watch::Severity;
 use crate::samples::{Freeze, Samples};
 use planner::motion::Motion;
-use planner::plan::file::PlanFile;
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RunEvent {
@@ -68,16 +67,15 @@ pub fn events(samples: &Samples, clock: PlanClock) -> Vec<RunEvent> {
 
 /// The first fault after the start of the plan.
 #[must_use]
-pub fn first_fault(samples: &Samples, plan: &PlanFile, clock: PlanClock) -> Option<FirstFault> {
+pub fn first_fault(samples: &Samples, motion: &Motion, clock: PlanClock) -> Option<FirstFault> {
     let freeze = samples.freezes.iter().find(|freeze| clock.t_s(freeze.at) > 0.0)?;
-    Some(in_time_of(freeze, plan, clock))
+    Some(in_time_of(freeze, motion, clock))
 }
 
-fn in_time_of(freeze: &Freeze, plan: &PlanFile, clock: PlanClock) -> FirstFault {
+fn in_time_of(freeze: &Freeze, motion: &Motion, clock: PlanClock) -> FirstFault {
     let t_s = clock.t_s(freeze.at);
     let group = &freeze.group;
     let info = Cause::from_code(group.fault_cause).and_then(Cause::info);
-    let motion: Motion = plan.motion.to_motion();
     let joints = freeze
         .joints
         .iter()

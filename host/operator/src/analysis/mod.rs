@@ -39,6 +39,7 @@ use serde::Serialize;
 use crate::log::candump::Tear;
 use crate::samples::Samples;
 use crate::samples::drives::Drives;
+use planner::motion::Motion;
 use planner::plan::file::PlanFile;
 use planner::throw::Arm;
 
@@ -67,8 +68,10 @@ pub const SPEED_BOUND_RAD_S: f64 = 0.1;
 pub struct Run<'a> {
     /// What was measured and told.
     pub samples: &'a Samples,
-    /// The plan that was run.
-    pub plan: &'a PlanFile,
+    /// The motion that was run.
+    pub motion: &'a Motion,
+    /// The throw that it is the motion of; `None` if nothing is thrown.
+    pub throw: Option<&'a PlanFile>,
     /// The arm that ran it.
     pub arm: &'a Arm,
     /// When the plan began, in time of the log; `None`: of the runs that [`start::find`] finds, the one that begins
@@ -124,8 +127,8 @@ pub struct RunAnalysis {
     pub start_log_s: f64,
     /// How that was found.
     pub start_from: StartFrom,
-    /// Release of the plan, in its time, s.
-    pub release_t_s: f64,
+    /// Release of the plan, in its time, s; `None` if nothing is thrown.
+    pub release_t_s: Option<f64>,
     /// End of the plan, in its time, s.
     pub end_t_s: f64,
     /// The controller said that it came to the end of the plan.
@@ -189,7 +192,8 @@ impl PlanClock {
 /// # Errors
 /// [`AnalysisError`].
 pub fn analyse(run: &Run<'_>) -> Result<RunAnalysis, AnalysisError> {
-    let Run { plan, samples, .. } = *run;
+    let Run { motion, samples, .. } = *run;
+    let end_s = motion.duration_s();
     if samples.is_empty() {
         return Err(AnalysisError::Empty);
     }
@@ -200,32 +204,32 @@ pub fn analyse(run: &Run<'_>) -> Result<RunAnalysis, AnalysisError> {
     let (start, heard) = starts
         .into_iter()
         .map(|at| (at, collect::collect(samples, PlanClock::starting(at))))
-        .min_by(|(_, a), (_, b)| tracking::unlike(plan, a).total_cmp(&tracking::unlike(plan, b)))
+        .min_by(|(_, a), (_, b)| tracking::unlike(motion, a).total_cmp(&tracking::unlike(motion, b)))
         .ok_or(AnalysisError::NoRun)?;
     let clock = PlanClock::starting(start);
     let bus = samples.bus.as_ref();
-    let joints = tracking::joints(plan, run.arm, bus.map(|bus| &bus.drives), &heard)?;
+    let joints = tracking::joints(run, bus.map(|bus| &bus.drives), &heard)?;
     Ok(RunAnalysis {
         torn: None,
         start_log_s: start.as_secs_f64(),
         start_from,
-        release_t_s: plan.release_time_s,
-        end_t_s: plan.end_time_s,
-        completed: heard.completed(plan.end_time_s),
+        release_t_s: run.throw.map(|plan| plan.release_time_s),
+        end_t_s: end_s,
+        completed: heard.completed(end_s),
         release: release::release(run, &joints, &heard),
         joints,
-        supplies: currents::supplies(plan, run.arm, &heard),
-        cycles: timing::cycles(&heard, plan.end_time_s),
+        supplies: currents::supplies(run, &heard),
+        cycles: timing::cycles(&heard, end_s),
         // Where no orders are heard, nothing can be compared.
         coverage: run
             .certified
             .filter(|_| heard.joints.iter().any(|joint| !joint.commands.is_empty()))
-            .map(|certified| coverage::coverage(&heard, plan.end_time_s, certified)),
-        answers: bus.map(|bus| timing::answers(&bus.frames, clock, plan.end_time_s)),
-        bus: bus.map(|bus| bus::usage(&bus.frames, clock, plan.end_time_s, bus.bit_s())),
-        counts: heard.counts(plan.end_time_s),
+            .map(|certified| coverage::coverage(&heard, end_s, certified)),
+        answers: bus.map(|bus| timing::answers(&bus.frames, clock, end_s)),
+        bus: bus.map(|bus| bus::usage(&bus.frames, clock, end_s, bus.bit_s())),
+        counts: heard.counts(end_s),
         events: events::events(samples, clock),
-        fault: events::first_fault(samples, plan, clock),
+        fault: events::first_fault(samples, motion, clock),
     })
 }
 

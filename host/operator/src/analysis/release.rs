@@ -7,6 +7,7 @@ use super::Run;
 use super::collect::{Heard, Reading};
 use super::tracking::{HALF_WINDOW_S, JointTracking, SIDE_MIN, Sample, line};
 use planner::flight::FlightModel;
+use planner::motion::Motion;
 use planner::plan::file::PlanFile;
 use planner::throw::Joints;
 
@@ -35,12 +36,12 @@ pub struct ReleaseMotion {
     pub gripper_ordered_t_s: Option<f64>,
 }
 
-/// Ball and landing from the measured motion; `None` if a joint was not heard on both sides of the release.
+/// Ball and landing from the measured motion; `None` if nothing is thrown or a joint was not heard on both sides of the release.
 ///
 /// The ball is free the gripper's opening time after the order that is on the bus; if either is not known, when planned.
 #[must_use]
 pub fn release(run: &Run<'_>, joints: &[JointTracking], heard: &Heard) -> Option<ReleaseMotion> {
-    let plan = run.plan;
+    let plan = run.throw?;
     let gripper_ordered_t_s = heard
         .gripper_ordered_t_s
         .iter()
@@ -50,7 +51,7 @@ pub fn release(run: &Run<'_>, joints: &[JointTracking], heard: &Heard) -> Option
     let t_s = gripper_ordered_t_s
         .zip(run.gripper_opening)
         .map_or(plan.release_time_s, |(ordered, opening)| ordered + opening.as_secs_f64());
-    let (state, scatter) = state_at(plan, joints, t_s)?;
+    let (state, scatter) = state_at(run.motion, joints, t_s)?;
     let (p, v) = hand(run, &state);
     let landing = land(run, &state, t_s, 0.0);
     let aim = plan.target.aim();
@@ -74,8 +75,8 @@ struct State {
 }
 
 /// Measured state at `t_s`, and its standard errors.
-fn state_at(plan: &PlanFile, joints: &[JointTracking], t_s: f64) -> Option<(State, State)> {
-    let reference = plan.motion.to_motion().at(t_s);
+fn state_at(motion: &Motion, joints: &[JointTracking], t_s: f64) -> Option<(State, State)> {
+    let reference = motion.at(t_s);
     let zero = Joints::zeros(reference.q.len());
     let zero = State { q_rad: zero, qd_rad_s: zero };
     let (mut state, mut scatter) = (zero, zero);
@@ -106,9 +107,10 @@ fn land(
     more_drag_per_m: f64,
 ) -> Option<(Vector3<f64>, Vector2<f64>)> {
     let (p, v) = hand(run, state);
-    let flight = flight(run.plan)?;
+    let plan = run.throw?;
+    let flight = flight(plan)?;
     let flight = flight.with_drag(flight.drag_per_m() + more_drag_per_m).ok()?;
-    let (aim, since_s) = (run.plan.target.aim(), t_s - run.plan.release_time_s);
+    let (aim, since_s) = (plan.target.aim(), t_s - plan.release_time_s);
     let landing = flight.meet(&p, &v, &aim, since_s)?;
     Some((landing.p, aim.coordinates(&landing.p, since_s + landing.time_s)))
 }
@@ -121,12 +123,12 @@ fn uncertainty_m(
     (t_s, state, scatter): (f64, &State, &State),
     landing: Vector2<f64>,
 ) -> Option<f64> {
-    let noise = &run.plan.landing.noise;
+    let noise = &run.throw?.landing.noise;
     let shift = |moved: Option<(Vector3<f64>, Vector2<f64>)>| moved.map(|(_, at)| at - landing);
     let mut by_time_m = 0.0_f64;
     for steps in -2..=2 {
         let t_s = t_s + 0.5 * f64::from(steps) * SIGMAS_99 * noise.release_time_s;
-        let (moved, _) = state_at(run.plan, joints, t_s)?;
+        let (moved, _) = state_at(run.motion, joints, t_s)?;
         by_time_m = by_time_m.max(shift(land(run, &moved, t_s, 0.0))?.norm());
     }
     let mut covariance_m2 = Matrix2::zeros();

@@ -9,11 +9,9 @@ use serde::Serialize;
 
 use super::collect::{Commanded, Heard, Reading};
 use super::control::{Control, controls};
-use super::{AFTER_S, AnalysisError, BEFORE_S, TRANSIENT_S};
+use super::{AFTER_S, AnalysisError, BEFORE_S, Run, TRANSIENT_S};
 use crate::samples::drives::Drives;
 use planner::motion::Motion;
-use planner::plan::file::PlanFile;
-use planner::throw::Arm;
 
 /// Half of the time over which the slope of an error is taken, s: at 3 ms and 0.02° it leaves 2 mrad/s of noise.
 pub const HALF_WINDOW_S: f64 = 0.025;
@@ -48,7 +46,7 @@ pub struct ErrorSize {
     pub max_after_transient: f64,
     /// Root of the mean square from the start of the plan to its end.
     pub rms: f64,
-    /// At the release of the plan, with its sign; `None` if nothing was measured on both sides of it.
+    /// At the release, with its sign; `None` if nothing is thrown, or nothing was measured on both sides of it.
     pub at_release: Option<f64>,
 }
 
@@ -82,12 +80,13 @@ pub struct JointTracking {
 /// # Errors
 /// [`AnalysisError::Silent`].
 pub fn joints(
-    plan: &PlanFile,
-    arm: &Arm,
+    run: &Run<'_>,
     drives: Option<&Drives>,
     heard: &Heard,
 ) -> Result<Vec<JointTracking>, AnalysisError> {
-    let end = plan.end_time_s;
+    let Run { motion, arm, .. } = *run;
+    let end = motion.duration_s();
+    let release_s = run.throw.map(|plan| plan.release_time_s);
     let shown = |t_s: f64| (-BEFORE_S..=end + AFTER_S).contains(&t_s);
     let mut all = Vec::with_capacity(arm.n());
     for (j, drive) in heard.joints.iter().enumerate().take(arm.n()) {
@@ -97,13 +96,14 @@ pub fn joints(
         let kept = (-BEFORE_S - margin)..=(end + AFTER_S + margin);
         let positions: Vec<Reading> =
             drive.positions.iter().copied().filter(|p| kept.contains(&p.t_s)).collect();
-        let mut samples = samples(plan, j, &positions);
+        let mut samples = samples(motion, j, &positions);
         samples.retain(|sample| shown(sample.t_s));
         let in_plan = samples.iter().filter(|sample| (0.0..=end).contains(&sample.t_s)).count();
         let module = drives.map(|drives| drives.address[j]);
         let silent = AnalysisError::Silent { joint: name.clone(), module };
-        let position = error_size(&samples, plan, |sample| sample.error_rad).ok_or_else(|| silent.clone())?;
-        let speed = error_size(&samples, plan, |sample| sample.error_rad_s).ok_or(silent)?;
+        let position =
+            error_size(&samples, end, release_s, |sample| sample.error_rad).ok_or_else(|| silent.clone())?;
+        let speed = error_size(&samples, end, release_s, |sample| sample.error_rad_s).ok_or(silent)?;
         let a_max = arm.joints()[j].limits.a_control_max_rad_s2;
         let at_limit =
             |c: &&Commanded| (0.0..=end).contains(&c.t_s) && c.a_rad_s2.is_some_and(|a| a >= 0.999 * a_max);
@@ -115,8 +115,7 @@ pub fn joints(
             speed_error_rad_s: speed,
             commands_at_limit: drive.commands.iter().filter(at_limit).count(),
             controls: {
-                let motion: Motion = plan.motion.to_motion();
-                let mut controls = controls(&motion, j, &drive.commands, &drive.positions);
+                let mut controls = controls(motion, j, &drive.commands, &drive.positions);
                 controls.retain(|control| (0.0..=end).contains(&control.t_s));
                 controls
             },
@@ -130,11 +129,11 @@ pub fn joints(
 /// Mean magnitude of the position errors in the first quarter of the plan, rad; infinite without any. A run that
 /// was stopped later is still like its plan there.
 #[must_use]
-pub fn unlike(plan: &PlanFile, heard: &Heard) -> f64 {
-    let motion: Motion = plan.motion.to_motion();
+pub fn unlike(motion: &Motion, heard: &Heard) -> f64 {
+    let quarter_s = 0.25 * motion.duration_s();
     let (mut sum, mut count) = (0.0, 0_usize);
-    for (j, drive) in heard.joints.iter().enumerate().take(plan.motion.joints.len()) {
-        for p in drive.positions.iter().filter(|p| (0.0..=0.25 * plan.end_time_s).contains(&p.t_s)) {
+    for (j, drive) in heard.joints.iter().enumerate().take(motion.start_rad().len()) {
+        for p in drive.positions.iter().filter(|p| (0.0..=quarter_s).contains(&p.t_s)) {
             sum += (motion.at(p.t_s).q[j] - p.value).abs();
             count += 1;
         }
@@ -142,8 +141,7 @@ pub fn unlike(plan: &PlanFile, heard: &Heard) -> f64 {
     if count > 0 { sum / count as f64 } else { f64::INFINITY }
 }
 
-fn samples(plan: &PlanFile, joint: usize, positions: &[Reading]) -> Vec<Sample> {
-    let motion: Motion = plan.motion.to_motion();
+fn samples(motion: &Motion, joint: usize, positions: &[Reading]) -> Vec<Sample> {
     let references: Vec<(f64, f64)> = positions
         .iter()
         .map(|p| {
@@ -197,9 +195,14 @@ pub(super) fn line(readings: &[Reading]) -> Option<(f64, f64, f64)> {
     (tt > 0.0).then(|| (t_mean, mean, te / tt))
 }
 
-fn error_size(samples: &[Sample], plan: &PlanFile, error: impl Fn(&Sample) -> f64) -> Option<ErrorSize> {
+fn error_size(
+    samples: &[Sample],
+    end_s: f64,
+    release_s: Option<f64>,
+    error: impl Fn(&Sample) -> f64,
+) -> Option<ErrorSize> {
     let (mut max, mut max_after, mut squares, mut count) = (0.0_f64, 0.0_f64, 0.0, 0_usize);
-    for sample in samples.iter().filter(|s| (0.0..=plan.end_time_s).contains(&s.t_s)) {
+    for sample in samples.iter().filter(|s| (0.0..=end_s).contains(&s.t_s)) {
         let e = error(sample);
         max = max.max(e.abs());
         if sample.t_s >= TRANSIENT_S {
@@ -208,7 +211,7 @@ fn error_size(samples: &[Sample], plan: &PlanFile, error: impl Fn(&Sample) -> f6
         squares += e * e;
         count += 1;
     }
-    let at_release = interpolate(samples, plan.release_time_s, |s| s.t_s, error);
+    let at_release = release_s.and_then(|t_s| interpolate(samples, t_s, |s| s.t_s, error));
     (count > 0).then(|| ErrorSize {
         max,
         max_after_transient: max_after,

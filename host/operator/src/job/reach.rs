@@ -4,9 +4,8 @@ use serde::Serialize;
 
 use super::record::Record;
 use super::verdict::Outcome;
-use crate::analysis::POSITION_BOUND_RAD;
+use crate::analysis::{POSITION_BOUND_RAD, Run, RunAnalysis, analyse, start};
 use crate::port::Operator;
-use crate::samples::Samples;
 use planner::motion::Motion;
 use planner::plan::Arm;
 
@@ -29,31 +28,34 @@ pub struct Reached {
     pub samples: usize,
 }
 
-/// What the samples say of a motion that was the last to run; `None` if they do not suffice.
+/// What the samples say of a motion that was the last to run; nothing if they do not suffice.
 pub(super) fn observe(operator: &mut dyn Operator, arm: &Arm, motion: &Motion, record: &mut Record) {
-    record.reached =
-        operator.take_samples(arm, record.drives.clone()).and_then(|samples| reached(&samples, motion));
+    record.analysis = operator.take_samples(arm, record.drives.clone()).and_then(|samples| {
+        let run = Run {
+            samples: &samples,
+            motion,
+            throw: None,
+            arm,
+            start: Some(start::find(&samples.group).pop()?),
+            gripper_opening: record.gripper_opening,
+            certified: record.certified,
+        };
+        analyse(&run).ok()
+    });
+    record.reached = record.analysis.as_ref().and_then(|analysis| reached(analysis, motion));
 }
 
-fn reached(samples: &Samples, motion: &Motion) -> Option<Reached> {
-    let started_at = crate::analysis::start::find(&samples.group).pop()?;
-    let mut found = Reached { off_rad: 0.0, off_joint: 0, end_off_rad: 0.0, end_off_joint: 0, samples: 0 };
-    let (end_s, end) = (motion.duration_s(), motion.stop_rad());
-    for (joint, heard) in samples.joints.iter().enumerate() {
-        let since_s = |at: protocol::Instant| at.as_secs_f64() - started_at.as_secs_f64();
-        for sample in heard.positions.iter().filter(|sample| (0.0..=end_s).contains(&since_s(sample.at))) {
-            let off_rad = (motion.at(since_s(sample.at)).q[joint] - sample.value).abs();
-            if off_rad > found.off_rad {
-                (found.off_rad, found.off_joint) = (off_rad, joint);
-            }
-            found.samples += 1;
-        }
-        let end_off_rad = (heard.positions.last()?.value - end[joint]).abs();
-        if end_off_rad > found.end_off_rad {
-            (found.end_off_rad, found.end_off_joint) = (end_off_rad, joint);
-        }
-    }
-    (found.samples > 0).then_some(found)
+fn reached(analysis: &RunAnalysis, motion: &Motion) -> Option<Reached> {
+    let end = motion.stop_rad();
+    let largest = |of: &dyn Fn(usize) -> Option<f64>| {
+        let all: Option<Vec<f64>> = (0..analysis.joints.len()).map(of).collect();
+        all?.into_iter().enumerate().max_by(|(_, a), (_, b)| a.total_cmp(b))
+    };
+    let (off_joint, off_rad) = largest(&|j| Some(analysis.joints[j].position_error_rad.max))?;
+    let (end_off_joint, end_off_rad) =
+        largest(&|j| analysis.joints[j].samples.last().map(|sample| (sample.q_rad - end[j]).abs()))?;
+    let samples = analysis.joints.iter().map(|joint| joint.samples_in_plan).sum();
+    Some(Reached { off_rad, off_joint, end_off_rad, end_off_joint, samples })
 }
 
 pub(super) fn verdict(record: &Record) -> (Outcome, String) {

@@ -29,8 +29,8 @@ pub struct Circumstances<'a> {
     pub time: &'a str,
     /// `soft`, `node`, or `led` for a robot that is led.
     pub controller: &'a str,
-    /// Seed of planner and cell.
-    pub seed: u64,
+    /// Seed of planner and cell, if one was used.
+    pub seed: Option<u64>,
     /// Exit code of the program.
     pub exit_code: u8,
     /// What ended the job early, as people read it.

@@ -39,9 +39,11 @@ pub(super) fn radius_99_m(covariance_m2: &Matrix2<f64>) -> f64 {
 /// What the samples say of the throw, and where the ball landed.
 pub(super) fn observe(operator: &mut dyn Operator, arm: &Arm, plan: &PlanFile, record: &mut Record) {
     record.analysis = operator.take_samples(arm, record.drives.clone()).and_then(|samples| {
+        let motion = plan.motion.to_motion();
         let run = Run {
             samples: &samples,
-            plan,
+            motion: &motion,
+            throw: Some(plan),
             arm,
             start: None,
             gripper_opening: record.gripper_opening,

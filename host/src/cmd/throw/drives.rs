@@ -6,12 +6,12 @@ use can_link::BusSpec;
 use firmware::settings::Settings;
 use protocol::ModuleId;
 
-use super::folder::Folder;
 use super::{Args, Done, read_gains};
 use crate::cmd::controlled::{is_soft, tell_warnings};
 use crate::cmd::doctor::examine_modules;
 use crate::cmd::ended::failure;
 use crate::cmd::finding::Level;
+use crate::cmd::folder::Folder;
 use crate::cmd::meaning::Deed;
 use crate::cmd::modules::Wanted;
 use crate::cmd::plan::search::Planned;

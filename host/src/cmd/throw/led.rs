@@ -19,9 +19,9 @@ use planner::follow::verify::verify_commands;
 use planner::plan::file::RobotId;
 use planner::store::robot_fingerprint;
 
-use super::folder::Folder;
 use super::{Args, Done};
 use crate::cmd::ended::{failure, off_target};
+use crate::cmd::folder::Folder;
 use crate::cmd::meaning::Deed;
 use crate::cmd::plan::follow::{REFINEMENTS, paper_grid, searched};
 use crate::cmd::plan::options::FormName;

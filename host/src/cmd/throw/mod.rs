@@ -1,7 +1,6 @@
 //! `cubectl throw`
 
 mod drives;
-mod folder;
 pub mod led;
 
 use std::path::{Path, PathBuf};
@@ -13,10 +12,10 @@ use toml_reader::{DESCRIPTION_MAX_BYTES, read_text};
 
 use self::drives::Drives;
 pub(super) use self::drives::period_request;
-use self::folder::Folder;
 use self::led::Led;
 use super::consent::Consent;
 use super::ended::{off_target, outcome_last};
+use super::folder::Folder;
 use super::home::share;
 use super::last_look::LastLook;
 use super::meaning::{Deed, Given};
@@ -203,7 +202,7 @@ impl Done {
             bus: &self.bus,
             time: self.time,
             controller: self.controller,
-            seed,
+            seed: Some(seed),
             bus_errors: self.bus_errors,
             soft: self.soft.as_ref(),
             answering: self.answering.clone(),
@@ -277,7 +276,7 @@ impl Prepared {
             folder.write("summary.json", &format!("{value:#}\n")),
         ];
         match self {
-            Self::Drives(_) => results.push(write_report(folder, &args.search.options.robot)),
+            Self::Drives(_) => results.push(report::write_into(folder, &args.search.options.robot)),
             Self::Led(led) => {
                 results.push(folder.write("motion.csv", &led.motion_csv(done)));
                 results.push(report::write_robot(&folder.path, &folder.file("report.html")));
@@ -292,14 +291,6 @@ impl Prepared {
         }
         written
     }
-}
-
-/// The report is made from the files, as `cubectl report` makes it.
-fn write_report(folder: &Folder, robot: &str) -> Result<(), ExpectedError> {
-    let files = ["plan.json", "bus.log", "summary.json"].map(|name| folder.file(name));
-    let [plan, log, summary] = &files;
-    let recorded = report::read(plan, log, Some(summary), Some(robot), report::BIT_RATE)?;
-    report::write(&recorded, &folder.file("report.html"))
 }
 
 impl Args {

@@ -66,7 +66,9 @@ impl RunReport<'_> {
             .collect();
         let period = self.analysis.cycles.period_s.map_or(3e-3, |p| p.median).clamp(1e-3, 40e-3);
         let fault = self.analysis.fault.as_ref();
-        let (middle, what) = fault.map_or((self.plan.release_time_s, "release"), |f| (f.t_s, "first fault"));
+        let normal =
+            self.ran.release_s().map_or((0.5 * self.ran.end_s(), "middle of the motion"), |s| (s, "release"));
+        let (middle, what) = fault.map_or(normal, |f| (f.t_s, "first fault"));
         let (from, to) = (middle - 2.0 * period, middle + 1.0 * period);
         page.html(&format!(
             "<p></p><figure class=\"card timeline\">{}</figure>",
@@ -78,7 +80,7 @@ impl RunReport<'_> {
     /// Each interval and delay of the run beside the range that the gains are certified for.
     fn certified_timing(&self, page: &mut Page, coverage: &Coverage) {
         let certified = &coverage.certified;
-        let end = (0.0, self.plan.end_time_s);
+        let end = (0.0, self.ran.end_s());
         let (low_s, high_s) = certified.intervals_s();
         let curves = |limits: &[f64], scale: f64, of: &dyn Fn(&JointCoverage) -> &[Reading]| {
             let joints = coverage.joints.iter().zip(&self.analysis.joints).enumerate();

@@ -1,20 +1,19 @@
-//! Page of a throw that ended before its plan ran, or whose log does not suffice for an analysis.
+//! Page of a job that ended before its motion ran, or whose log does not suffice for an analysis.
 
 use serde_json::Value;
 
 use super::super::chart::escape;
 use super::super::frame::{foot, head, told_outcome, tone};
 use super::super::page::{Tone, cell};
-use super::record;
+use super::{Ran, record};
 use operator::analysis::events::RunEvent;
 use operator::job::Outcome;
 use operator::log::candump::Tear;
-use planner::plan::file::PlanFile;
 
-/// Page of a throw that ended before the arm moved.
+/// Page of a job that ended before its motion ran.
 pub struct EarlyReport<'a> {
-    pub plan: &'a PlanFile,
-    /// `summary.json` of the throw.
+    pub ran: &'a Ran,
+    /// `summary.json` of the job.
     pub summary: &'a Value,
     /// Why there is no analysis.
     pub why: &'a str,
@@ -30,12 +29,11 @@ impl EarlyReport<'_> {
     /// One self-contained HTML file.
     #[must_use]
     pub fn html(&self) -> String {
-        let [x, y, z] = self.plan.target.position_m;
         let (outcome, text) =
             told_outcome(self.summary).unwrap_or((Outcome::NotThrown, "no outcome is recorded".to_owned()));
         let text_of = |key: &str| self.summary.get(key).and_then(Value::as_str);
-        let (title, robot) = (format!("Throw to ({x}, {y}, {z}) m"), &self.plan.robot);
-        let mut page = head(&title, &robot.name, Some(self.summary), None, (&text, tone(outcome)));
+        let robot = &self.ran.robot;
+        let mut page = head(&self.ran.title(), &robot.name, Some(self.summary), None, (&text, tone(outcome)));
         page.section("What happened", "");
         let cause = text_of("cause").unwrap_or("The summary names no cause.");
         page.html(&format!("<div class=\"card\"><pre>{}</pre></div>", escape(cause)));
@@ -64,7 +62,7 @@ impl EarlyReport<'_> {
             "What controller, host and drives said. Time zero is the first frame of the log.",
         );
         page.html(&record::events_table(self.events));
-        foot(&mut page, robot, Some(self.plan.search.seed), None, Some(self.summary), self.files);
+        foot(&mut page, robot, self.ran.seed(), None, Some(self.summary), self.files);
         page.finish()
     }
 }

@@ -5,11 +5,14 @@
 
 mod bus;
 mod early;
+mod hand;
+mod ran;
 mod record;
 mod tracking;
 
 pub use early::EarlyReport;
 use nalgebra::Vector3;
+pub use ran::Ran;
 use serde_json::Value;
 
 use super::chart::{Chart, Curve};
@@ -20,17 +23,16 @@ use operator::analysis::release::{ReleaseMotion, flight};
 use operator::analysis::tracking::{JointTracking, interpolate};
 use operator::analysis::{POSITION_BOUND_RAD, RunAnalysis, SPEED_BOUND_RAD_S};
 use operator::job::default_tolerance_m;
-use planner::motion::Motion;
 use planner::plan::file::PlanFile;
 use planner::throw::{Arm, Joints};
 
 /// What a report is about.
 pub struct RunReport<'a> {
     pub arm: &'a Arm,
-    pub plan: &'a PlanFile,
+    pub ran: &'a Ran,
     /// What the log says.
     pub analysis: &'a RunAnalysis,
-    /// `summary.json` of the run, if it was a throw: where the ball landed, seeds, versions, hashes.
+    /// `summary.json` of the job: how it ended, where the ball landed, seeds, versions, hashes.
     pub summary: Option<&'a Value>,
     /// Files behind the report: name, bytes, checksum.
     pub files: &'a [(String, u64, String)],
@@ -40,25 +42,29 @@ impl RunReport<'_> {
     /// One self-contained HTML file.
     #[must_use]
     pub fn html(&self) -> String {
-        let [x, y, z] = self.plan.target.position_m;
         let (verdict, tone) = self.verdict();
-        let (title, plan) = (format!("Throw to ({x}, {y}, {z}) m"), self.plan);
-        let more = format!("plan {:.3} s, release at {:.3} s", plan.end_time_s, plan.release_time_s);
-        let mut page = head(&title, &plan.robot.name, self.summary, Some(more), (&verdict, tone));
+        let ran = self.ran;
+        let release = ran.release_s().map_or_else(String::new, |s| format!(", release at {s:.3} s"));
+        let more = format!("plan {:.3} s{release}", ran.end_s());
+        let mut page = head(&ran.title(), &ran.robot.name, self.summary, Some(more), (&verdict, tone));
         page.tiles(&self.tiles());
         if let Some(fault) = &self.analysis.fault {
             self.fault(&mut page, fault);
         }
+        let thrown = "; flight (orange); the ellipse is the predicted spread of the landing (2σ).";
         page.section(
             "In space",
-            "Arm and hand path (blue) as measured, flight (orange); grey dashes are the planned path, the ellipse is the \
-             predicted spread of the landing (2σ). Drag to turn, wheel to zoom; the slider moves all pictures.",
+            &format!(
+                "Arm and hand path (blue) as measured, grey dashes as planned{} Drag to turn, wheel to zoom; the slider moves all \
+                 pictures.",
+                if ran.throw.is_some() { thrown } else { "." }
+            ),
         );
-        let beside = format!(
-            "<figure class=\"card\">{}</figure>",
-            landing::chart(self.plan, &self.landing_marks()).svg()
-        );
-        page.scene(self.space(), &beside);
+        let beside = match &ran.throw {
+            Some(plan) => landing::chart(plan, &self.landing_marks(plan)),
+            None => self.hand_seen_flat(),
+        };
+        page.scene(self.space(), &format!("<figure class=\"card\">{}</figure>", beside.svg()));
         self.tracking(&mut page);
         self.currents(&mut page);
         self.bus(&mut page);
@@ -112,13 +118,14 @@ impl RunReport<'_> {
             Some(m) => {
                 (format!("missed, by the measured motion: {:.1} mm from the target", m * 1e3), Tone::Bad)
             }
+            None if self.ran.throw.is_none() => ("ran to its end".to_owned(), Tone::Good),
             None => ("ran to its end; no release was ordered".to_owned(), Tone::Warn),
         }
     }
 
     fn tolerance_m(&self) -> f64 {
         let told = self.in_summary("/tolerance_m").and_then(Value::as_f64);
-        told.unwrap_or_else(|| default_tolerance_m(self.arm, self.plan))
+        told.or_else(|| Some(default_tolerance_m(self.arm, self.ran.throw.as_ref()?))).unwrap_or(0.0)
     }
 
     fn tiles(&self) -> Vec<(String, &'static str, String, Tone)> {
@@ -134,6 +141,10 @@ impl RunReport<'_> {
                 (false, false) => (Tone::Bad, "landing error by the measured motion, not observed"),
             };
             tiles.push((format!("{:.1}", m * 1e3), "mm", what.to_owned(), tone));
+        }
+        if self.ran.throw.is_none() {
+            let what = "largest distance of the hand from its plan".to_owned();
+            tiles.push((format!("{:.2}", 1e3 * self.hand_error_m()), "mm", what, Tone::Plain));
         }
         let bounded = |value: f64, bound: f64| if value <= bound { Tone::Good } else { Tone::Bad };
         let q = largest(&|j| j.position_error_rad.max_after_transient);
@@ -194,17 +205,17 @@ impl RunReport<'_> {
         tiles
     }
 
-    fn landing_marks(&self) -> Vec<landing::Mark> {
+    fn landing_marks(&self, plan: &PlanFile) -> Vec<landing::Mark> {
         let mut marks = Vec::new();
         if let Some((p, name)) = self.landed() {
-            let xy_m = self.plan.target.coordinates(p, self.plan.landing.flight_s);
+            let xy_m = plan.target.coordinates(p, plan.landing.flight_s);
             marks.push(landing::Mark { name, colour: 1, xy_m });
         }
         if let Some(p) = self.thrown().and_then(|release| release.landing_m) {
             marks.push(landing::Mark {
                 name: "measured motion".to_owned(),
                 colour: 0,
-                xy_m: self.plan.target.coordinates(p, self.plan.landing.flight_s),
+                xy_m: plan.target.coordinates(p, plan.landing.flight_s),
             });
         }
         marks
@@ -212,7 +223,7 @@ impl RunReport<'_> {
 
     /// Measured joint angles: reference less the interpolated error, which is straighter than the angle.
     fn q_at(&self, t_s: f64) -> Joints {
-        let reference = self.plan.motion.to_motion().at(t_s).q;
+        let reference = self.ran.motion.at(t_s).q;
         Joints::from_fn(reference.len(), |j| {
             let samples = &self.analysis.joints[j].samples;
             let last = samples.last().map_or(reference[j], |s| s.q_rad);
@@ -222,13 +233,17 @@ impl RunReport<'_> {
     }
 
     fn space(&self) -> String {
-        let plan = self.plan;
+        let (plan, end_s) = (self.ran.throw.as_ref(), self.ran.end_s());
         let thrown = self.thrown();
         let p0 = thrown.map_or_else(Vector3::zeros, |release| Vector3::from(release.position_m));
         let v0 = thrown.map_or_else(Vector3::zeros, |release| Vector3::from(release.velocity_m_s));
-        let model = flight(plan);
-        let landed = model.as_ref().and_then(|flight| flight.meet(&p0, &v0, &plan.target.aim(), 0.0));
-        let flight_s = landed.map_or(plan.landing.flight_s, |landed| landed.time_s);
+        let model = plan.and_then(flight);
+        let landed = model
+            .as_ref()
+            .zip(plan)
+            .and_then(|(flight, plan)| flight.meet(&p0, &v0, &plan.target.aim(), 0.0));
+        let planned_s = plan.map_or(0.0, |plan| plan.landing.flight_s);
+        let flight_s = landed.map_or(planned_s, |landed| landed.time_s);
         // The ball ends where it was seen to land: the difference grows with the time of flight.
         let miss = match (self.landed(), landed) {
             (Some((seen, _)), Some(landed)) => Vector3::from(seen) - landed.p,
@@ -236,11 +251,10 @@ impl RunReport<'_> {
         };
         let ball_after =
             |s: f64| model.as_ref().map_or(p0, |flight| flight.fly(&p0, &v0, s).p + miss * (s / flight_s));
-        let motion: Motion = plan.motion.to_motion();
-        let planned = (0..=60)
+        let planned = (0..=120)
             .map(|i| {
-                let t_s = plan.end_time_s * f64::from(i) / 60.0;
-                self.arm.ball(&self.arm.fk(&motion.at(t_s).q)).pos
+                let q = self.ran.motion.at(end_s * f64::from(i) / 120.0).q;
+                self.arm.ball(&self.arm.fk(&q)).pos
             })
             .collect();
         scene::data(
@@ -249,7 +263,7 @@ impl RunReport<'_> {
             &scene::SceneMotion {
                 q_at: &|t_s| self.q_at(t_s),
                 from_s: 0.0,
-                to_s: plan.end_time_s,
+                to_s: end_s,
                 flight: thrown.map(|release| scene::Flight {
                     release_s: release.t_s,
                     ball_after: &ball_after,
@@ -266,7 +280,7 @@ impl RunReport<'_> {
             x_label: "time of the plan in s".to_owned(),
             y_label: y_label.to_owned(),
             curves,
-            mark: Some((self.plan.release_time_s, "release".to_owned())),
+            mark: self.ran.release_s().map(|s| (s, "release".to_owned())),
             fault: self.analysis.fault.as_ref().map(|fault| (fault.t_s, format!("fault {}", fault.code))),
             is_time: true,
             ..Chart::default()

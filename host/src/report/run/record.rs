@@ -49,8 +49,7 @@ impl RunReport<'_> {
     pub(super) fn repeat(&self, page: &mut Page) {
         let start =
             format!("{:.6} s ({:?})", self.analysis.start_log_s, self.analysis.start_from).to_lowercase();
-        let (robot, seed) = (&self.plan.robot, Some(self.plan.search.seed));
-        foot(page, robot, seed, Some(&start), self.summary, self.files);
+        foot(page, &self.ran.robot, self.ran.seed(), Some(&start), self.summary, self.files);
     }
 }
 

@@ -14,7 +14,7 @@ impl RunReport<'_> {
             "Reference minus measurement. The green bands are the bounds that the paper reports for its arm after a \
              transient of 0.1 s (figure 3): 0.05 rad and 0.1 rad/s. Speeds are estimated from the change of the errors.",
         );
-        let end = self.plan.end_time_s;
+        let end = self.ran.end_s();
         let joints = &self.analysis.joints;
         let overview = |title: &str,
                         y_label: &str,
@@ -137,8 +137,8 @@ impl RunReport<'_> {
             })
             .collect();
         page.charts(&charts);
-        let motion = self.plan.motion.to_motion();
-        let times = || (0..=400).map(|i| self.plan.end_time_s * f64::from(i) / 400.0);
+        let motion = &self.ran.motion;
+        let times = || (0..=400).map(|i| self.ran.end_s() * f64::from(i) / 400.0);
         let of_reference = |title: &str, y_label: &str, value: &dyn Fn(f64, usize) -> f64| {
             let curves = joints.iter().enumerate().map(|(j, joint)| {
                 Curve::line(joint.name.clone(), j, times().map(|t_s| (t_s, value(t_s, j))).collect())
@@ -159,7 +159,7 @@ impl RunReport<'_> {
         let limits = self.arm.joints()[j].limits;
         let samples = || joint.samples.iter();
         let target = joint.commands.iter().map(|c| (c.t_s, c.target_rad)).collect();
-        let shown = (-BEFORE_S, self.plan.end_time_s + AFTER_S);
+        let shown = (-BEFORE_S, self.ran.end_s() + AFTER_S);
         let q = self.time_chart(
             &format!("{}: position", joint.name),
             "angle in rad",
@@ -207,7 +207,7 @@ impl RunReport<'_> {
                 // A limit far away would make the curves flat; the heading names it anyway.
                 let peak = supply.measured_peak_a.unwrap_or(0.0).max(supply.predicted_peak_a);
                 if peak > 0.25 * supply.limit_a {
-                    let shown = (-BEFORE_S, self.plan.end_time_s + AFTER_S);
+                    let shown = (-BEFORE_S, self.ran.end_s() + AFTER_S);
                     curves.push(Curve::limit(shown, supply.limit_a));
                 }
                 self.time_chart(
