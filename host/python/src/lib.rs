@@ -9,11 +9,12 @@
 //!    \     /
 //!     calls           long calls: without the lock of the interpreter, ended by Ctrl-C
 //!       |
-//! catch  flight  logs  plans  robot  sweep
+//! arm  catch  flight  logs  plans  robot  sweep
 //!                  |     |
 //!                 bus  simulate
 //! ```
 
+mod arm;
 mod arrays;
 mod bus;
 mod calls;
@@ -30,6 +31,8 @@ use pyo3::prelude::*;
 
 #[pymodule]
 mod _native {
+    #[pymodule_export]
+    use super::arm::Arm;
     #[pymodule_export]
     use super::bus::{bus_record, bus_scan, bus_status};
     #[pymodule_export]

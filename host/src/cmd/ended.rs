@@ -13,7 +13,7 @@ use crate::error::ExpectedError;
 use crate::exit;
 
 /// What ended a job early: the step, what happened, what to do.
-pub(super) fn failure(record: &Record) -> Option<ExpectedError> {
+pub fn failure(record: &Record) -> Option<ExpectedError> {
     let error = record.ended.as_ref()?;
     let step = record.at_work.map_or("start", |(step, _)| step.name());
     let expected = match error {
@@ -33,7 +33,7 @@ pub(super) fn failure(record: &Record) -> Option<ExpectedError> {
 }
 
 /// The error that a verdict makes; `None` if ball or arm are where they should be, as far as is known.
-pub(super) fn off_target(record: &Record, judge: &Judge<'_>) -> Option<ExpectedError> {
+pub fn off_target(record: &Record, judge: &Judge<'_>) -> Option<ExpectedError> {
     let verdict = &record.verdict;
     let next = match (verdict.outcome, judge) {
         (Outcome::Missed, Judge::Follow { .. }) => {

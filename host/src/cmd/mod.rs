@@ -48,7 +48,7 @@ pub mod web;
 mod bus_errors;
 pub mod consent;
 mod controlled;
-mod ended;
+pub mod ended;
 mod last_look;
 mod modules;
 mod progress;

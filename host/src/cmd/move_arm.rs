@@ -7,7 +7,7 @@ use planner::motion::Motion;
 use planner::plan::file::RobotId;
 use planner::plan::{Arm, Joints};
 use planner::store::robot_fingerprint;
-use planner::way::{Goal, Travel, WayError, straight_to, way, way_to};
+use planner::way::{Goal, Travel, WayError};
 use protocol::cyphal::id::NodeId;
 use robot_model::Pose;
 use robot_model::collision::{CollisionChecker, Obb, Scene};
@@ -25,7 +25,7 @@ use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::BusArgs;
 use operator::bus::key_file::KeyArgs;
-use operator::job::{Extent, Judge, Order, Program, perform};
+use operator::job::{Extent, Judge, Order, Program, Target, TargetError, perform};
 use operator::port::OnBus;
 
 /// Arguments.
@@ -108,7 +108,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let source = args.bus.cell.robot.as_deref().unwrap_or("powercube6");
     let arm = super::robot(source)?;
     let scene = args.scene();
-    let target = Target::of(args, &arm)?;
+    let target = target(args, &arm)?;
     let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
     let key = args.key.load()?;
     let mut bus = args.bus.clone();
@@ -130,7 +130,11 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 
     let ready = perform(&mut operator, &order(Motion::default(), Extent::Ready), &mut |step| ui.answer(step));
     let way = match (failure(&ready), &ready.pose) {
-        (None, Some(from)) => target.way(args, &arm, &scene, from).map(|way| (way, *from)),
+        (None, Some(from)) => {
+            let travel = Travel { share: args.speed_share, seed: args.way_seed, range: None };
+            let way = target.way(&arm, &scene, &travel, from).map_err(|error| no_way(&error));
+            way.map(|way| (way, *from))
+        }
         (wrong, _) => Err(wrong.unwrap_or_else(|| ExpectedError::new(exit::DRIVE, "no pose was measured"))),
     };
     let (way, from) = match way {
@@ -192,84 +196,47 @@ impl Args {
     }
 }
 
-/// Where to.
-enum Target {
-    Joints(Joints),
-    By(Vec<Difference>),
-    Hand(Goal),
-}
-
-impl Target {
-    fn of(args: &Args, arm: &Arm) -> Result<Self, ExpectedError> {
-        if args.poses.poses.is_some() && args.pose.is_none() {
-            return Err(ExpectedError::bad_input(&"--poses is for --pose\n  next: leave --poses out"));
-        }
-        let joints = arm.joints().len();
-        let fits = |q: &[f64]| {
-            (q.len() == joints).then(|| Joints::from_slice(q)).ok_or_else(|| {
-                ExpectedError::bad_input(&format!(
-                    "{} angles for an arm of {joints} joints\n  next: give one for each joint",
-                    q.len()
-                ))
-            })
-        };
-        if let Some(Angles(q)) = &args.joints {
-            return Ok(Self::Joints(fits(q)?));
-        }
-        if let Some(name) = &args.pose {
-            return Ok(Self::Joints(fits(Poses::read(args.poses.path())?.of(name, arm.name())?)?));
-        }
-        if let Some(Hand(goal)) = args.to {
-            let Some(path) = &args.calibration else { return Ok(Self::Hand(goal)) };
+/// Where to, as the command line says.
+fn target(args: &Args, arm: &Arm) -> Result<Target, ExpectedError> {
+    if args.poses.poses.is_some() && args.pose.is_none() {
+        return Err(ExpectedError::bad_input(&"--poses is for --pose\n  next: leave --poses out"));
+    }
+    let bad = |error: TargetError| ExpectedError::bad_input(&error);
+    if let Some(Angles(q)) = &args.joints {
+        return Target::joints(arm, q).map_err(bad);
+    }
+    if let Some(name) = &args.pose {
+        return Target::joints(arm, Poses::read(args.poses.path())?.of(name, arm.name())?).map_err(bad);
+    }
+    let Some(Hand(goal)) = args.to else {
+        let turned: Vec<(usize, f64)> = args.by.iter().map(|by| (by.joint - 1, by.by_rad)).collect();
+        return Target::by(arm, &turned).map_err(bad);
+    };
+    let goal = match &args.calibration {
+        None => goal,
+        Some(path) => {
             let x_wr = super::tracker::room_to_robot(path, arm.name())?;
-            return Ok(Self::Hand(match goal {
+            match goal {
                 Goal::Point(p) => Goal::Point(x_wr.transform_point(&p)),
                 Goal::Pose(pose) => Goal::Pose(x_wr * pose),
-            }));
-        }
-        match args.by.iter().find(|by| by.joint > joints) {
-            Some(by) => Err(ExpectedError::bad_input(&format!(
-                "joint {} of an arm of {joints} joints\n  next: name a joint from 1 to {joints}",
-                by.joint
-            ))),
-            None => Ok(Self::By(args.by.clone())),
-        }
-    }
-
-    /// The way there; `None` if the arm is there.
-    fn way(
-        &self,
-        args: &Args,
-        arm: &Arm,
-        scene: &Scene,
-        from: &Joints,
-    ) -> Result<Option<Motion>, ExpectedError> {
-        let travel = Travel { share: args.speed_share, seed: args.way_seed, range: None };
-        let found = match self {
-            Self::Joints(to) => way(arm, scene, &travel, from, to),
-            Self::By(all) => {
-                let mut to = *from;
-                all.iter().for_each(|by| to[by.joint - 1] += by.by_rad);
-                way(arm, scene, &travel, from, &to)
             }
-            Self::Hand(goal) if args.straight => straight_to(arm, scene, &travel, from, goal),
-            Self::Hand(goal) => way_to(arm, scene, &travel, from, goal),
-        };
-        found.map_err(|error| {
-            let next = match &error {
-                WayError::Blocked { at_start: true, .. } => "`cubectl jog` frees the arm; nothing has moved",
-                WayError::Blocked { .. } => "choose another place; nothing has moved",
-                WayError::NoWay { .. } => {
-                    "try another --way-seed, or go by a place between; nothing has moved"
-                }
-                WayError::Goal(_) => "choose another place, or leave the orientation out; nothing has moved",
-                WayError::Line(_) => "leave --straight out, or go to another place first; nothing has moved",
-                WayError::Share { .. } => "--speed-share 0.2",
-            };
-            let code = if matches!(error, WayError::Share { .. }) { exit::BAD_INPUT } else { exit::NO_THROW };
-            ExpectedError::new(code, format!("{error}\n  next: {next}"))
-        })
-    }
+        }
+    };
+    Ok(Target::Hand { goal, straight: args.straight })
+}
+
+/// The error of a way that was not found; nothing has moved.
+pub fn no_way(error: &WayError) -> ExpectedError {
+    let next = match error {
+        WayError::Blocked { at_start: true, .. } => "`cubectl jog` frees the arm; nothing has moved",
+        WayError::Blocked { .. } => "choose another place; nothing has moved",
+        WayError::NoWay { .. } => "try another --way-seed, or go by a place between; nothing has moved",
+        WayError::Goal(_) => "choose another place, or leave the orientation out; nothing has moved",
+        WayError::Line(_) => "leave --straight out, or go to another place first; nothing has moved",
+        WayError::Share { .. } => "--speed-share 0.2",
+    };
+    let code = if matches!(error, WayError::Share { .. }) { exit::BAD_INPUT } else { exit::NO_THROW };
+    ExpectedError::new(code, format!("{error}\n  next: {next}"))
 }
 
 /// What came of it.

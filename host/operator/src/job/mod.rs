@@ -11,6 +11,7 @@
 //! | [`record`] | the steps, what is known of them, and why a job ends early |
 //! | [`verdict`] | how a job ended |
 //! | [`throw`], [`follow`], [`reach`] | the judges: a ball released at an instant, by a hand that follows its flight; a motion |
+//! | [`target`] | where a motion is to go, and the way there |
 //! | [`cell`](mod@cell) | the simulated cell that a plan reckons with |
 //! | [`mod@summary`] | a record in numbers, as JSON |
 //!
@@ -28,11 +29,13 @@ pub mod perform;
 pub mod reach;
 pub mod record;
 pub mod summary;
+pub mod target;
 pub mod throw;
 pub mod verdict;
 
 pub use order::{Extent, Judge, Order, Program};
 pub use perform::{Answer, OnProgress, Progress, Question, perform};
 pub use record::{BallOutcome, JobError, Landing, LandingSource, Record, Start, Step};
+pub use target::{Target, TargetError};
 pub use throw::default_tolerance_m;
 pub use verdict::{Outcome, Verdict};

@@ -37,6 +37,22 @@ impl<'a> OnBus<'a> {
         Self { session, wanted, node: None, keeper, bit_rate_bit_s }
     }
 
+    /// Stops that others gave before are over; the next one ends a job again.
+    pub fn heed_stops_from_now(&mut self) {
+        self.session.watch_stops();
+    }
+
+    /// Clears the latched fault of the controller; nothing without one.
+    ///
+    /// # Errors
+    /// Those of the controller and the link.
+    pub fn clear_fault(&mut self) -> Result<(), OperatorError> {
+        let node = self.session.find_controller(self.wanted)?;
+        self.node = Some(node);
+        let group = self.session.group().unwrap_or_default();
+        if group.state == State::Fault { self.session.clear_fault(node, group.fault_cause) } else { Ok(()) }
+    }
+
     fn node(&self) -> Result<NodeId, OperatorError> {
         self.node.ok_or(OperatorError::NoController)
     }

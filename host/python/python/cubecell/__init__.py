@@ -13,6 +13,7 @@ run, and Ctrl-C ends them.
     'landed'
 """
 
+from ._arm import Arm, ArmState, Gripper, Moved, connect
 from ._bus import Bus, Modules
 from ._catch import (
     BallCatch,
@@ -39,6 +40,8 @@ from ._simulate import Run, simulate
 from ._sweep import Swept, sweep, sweep_summary
 
 __all__ = [
+    "Arm",
+    "ArmState",
     "BallCatch",
     "BallChoice",
     "Bus",
@@ -56,9 +59,11 @@ __all__ = [
     "FollowReport",
     "FollowRun",
     "Gains",
+    "Gripper",
     "Log",
     "Modules",
     "Motion",
+    "Moved",
     "Plan",
     "Report",
     "Robot",
@@ -70,6 +75,7 @@ __all__ = [
     "catch_ball",
     "catch_disc",
     "check",
+    "connect",
     "fly",
     "landing",
     "plan",

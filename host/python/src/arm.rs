@@ -1,0 +1,478 @@
+//! An arm that stays connected: a thread of its own has the session and does one order at a time.
+//!
+//! A call waits for its order, and the arm stands when it returns. A stop, from another thread or by Ctrl-C, brings the arm to rest
+//! along its path, and ends all orders until it is carried out.
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, TryRecvError, channel, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::time::Duration as WallTime;
+
+use host::cmd::ended::{failure, off_target};
+use host::cmd::move_arm::no_way;
+use host::cmd::report::BIT_RATE;
+use host::error::ExpectedError;
+use host::exit;
+use nalgebra::Vector3;
+use operator::bus::args::CellArgs;
+use operator::bus::key_file::KeyArgs;
+use operator::bus::period::settings_with_gains;
+use operator::bus::{BusArgs, Session};
+use operator::dialogue::operator::OperatorError;
+use operator::job::{Answer, Extent, Judge, Order, Program, Progress, Record, Target, perform};
+use operator::port::{OnBus, Operator as _};
+use planner::motion::Motion;
+use planner::store::robot_fingerprint;
+use planner::timing::{Limits, Path, Row, along, motion_of_rows};
+use planner::way::{Goal, Travel};
+use protocol::Duration;
+use protocol::cyphal::cubecell::group_state::State;
+use protocol::cyphal::id::NodeId;
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+use robot_model::collision::{Obb, Scene};
+use robot_model::{JointVec, Pose, RobotModel};
+use serde_json::json;
+
+use crate::arrays::doubles;
+use crate::errors::{bad, refused};
+
+/// Time between two looks at signals, and of one look at a bus without orders.
+const LOOK: WallTime = WallTime::from_millis(50);
+const IDLE: Duration = Duration::from_millis(20);
+/// Longest start-up of a controller.
+const BOOT_MAX: Duration = Duration::from_secs(20);
+/// An arm this near to the end of its last motion stands there, rad: the next one begins at the planned end. From the measured place
+/// each motion would add its own error to those before.
+const THERE_RAD: f64 = 5e-3;
+
+/// How an arm is connected.
+#[derive(FromPyObject)]
+pub(crate) struct Connection {
+    #[pyo3(item)]
+    bus: String,
+    #[pyo3(item)]
+    robot: Option<String>,
+    #[pyo3(item)]
+    seed: Option<u64>,
+    #[pyo3(item)]
+    scenario: Option<PathBuf>,
+    #[pyo3(item)]
+    controller: Option<u8>,
+    #[pyo3(item)]
+    key_file: Option<PathBuf>,
+    #[pyo3(item)]
+    record: Option<PathBuf>,
+}
+
+type Answered = Result<String, ExpectedError>;
+type Work = Box<dyn FnOnce(&mut Connected<'_>) -> Answered + Send>;
+
+/// An order, and where its result goes.
+struct Asked {
+    work: Work,
+    answer: SyncSender<Answered>,
+}
+
+/// What the thread has.
+struct Connected<'a> {
+    operator: OnBus<'a>,
+    robot: &'a RobotModel,
+    fingerprint: &'a str,
+    step: &'a Mutex<String>,
+    stop: &'a AtomicBool,
+    /// Planned end of the last motion, rad.
+    end: Option<JointVec>,
+}
+
+/// An arm on a bus.
+#[pyclass]
+pub(crate) struct Arm {
+    orders: Option<Sender<Asked>>,
+    stop: Arc<AtomicBool>,
+    step: Arc<Mutex<String>>,
+    joints: usize,
+}
+
+#[pymethods]
+impl Arm {
+    /// Joins the bus.
+    #[new]
+    fn connect(py: Python<'_>, connection: Connection) -> PyResult<Self> {
+        let (stop, step) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(String::new())));
+        let (orders, asked) = channel();
+        let (ready, opened) = sync_channel(1);
+        let (stopped, shown) = (Arc::clone(&stop), Arc::clone(&step));
+        let thread = thread::Builder::new().name("arm".to_owned()).stack_size(8 << 20);
+        let thread = thread.spawn(move || serve(&connection, &stopped, &shown, &asked, &ready));
+        drop(thread.map_err(|error| PyRuntimeError::new_err(error.to_string()))?);
+        let mut opened = opened;
+        let waiting = &mut opened;
+        let joints = py
+            .detach(move || waiting.recv())
+            .unwrap_or_else(|_| Err(lost()))
+            .map_err(|error| refused(&error))?;
+        Ok(Self { orders: Some(orders), stop, step, joints })
+    }
+
+    #[getter]
+    const fn joints(&self) -> usize {
+        self.joints
+    }
+
+    /// The step at work, as people read it.
+    fn progress(&self) -> String {
+        self.step.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn home(&self, py: Python<'_>) -> PyResult<String> {
+        self.order(py, |arm| {
+            let record =
+                arm.perform(&Order { homes: true, ..arm.order(Motion::default(), Extent::Ready) })?;
+            Ok(json!({ "q_rad": record.pose.map(|q| q.as_slice().to_vec()) }).to_string())
+        })
+    }
+
+    /// To joint angles.
+    fn move_joints(&self, py: Python<'_>, q_rad: &[u8], how: How) -> PyResult<String> {
+        let q_rad = doubles(q_rad)?;
+        self.order(py, move |arm| {
+            let target = Target::joints(arm.robot, &q_rad).map_err(|e| ExpectedError::bad_input(&e))?;
+            arm.go(&target, &how)
+        })
+    }
+
+    /// Joints, from 0, turned by angles in rad.
+    fn move_by(&self, py: Python<'_>, turned: Vec<(usize, f64)>, how: How) -> PyResult<String> {
+        self.order(py, move |arm| {
+            let target = Target::by(arm.robot, &turned).map_err(|e| ExpectedError::bad_input(&e))?;
+            arm.go(&target, &how)
+        })
+    }
+
+    /// The hand to a place (three numbers, m) or a pose (with roll, pitch and yaw, rad).
+    fn move_hand(&self, py: Python<'_>, to: &[u8], straight: bool, how: How) -> PyResult<String> {
+        let to = doubles(to)?;
+        let goal = match to[..] {
+            [x, y, z] => Goal::Point(Vector3::new(x, y, z)),
+            [x, y, z, roll, pitch, yaw] => {
+                Goal::Pose(Pose::from_rpy([roll, pitch, yaw], Vector3::new(x, y, z)))
+            }
+            _ => return Err(bad(&"a place of the hand is x, y, z, or x, y, z, roll, pitch, yaw")),
+        };
+        if !to.iter().all(|value| value.is_finite()) {
+            return Err(bad(&"a place of the hand has finite numbers"));
+        }
+        self.order(py, move |arm| arm.go(&Target::Hand { goal, straight }, &how))
+    }
+
+    /// Through rows of joint angles, at times if there are any.
+    #[pyo3(signature = (t_s, q_rad, blend_rad, how))]
+    fn run(
+        &self,
+        py: Python<'_>,
+        t_s: Option<&[u8]>,
+        q_rad: &[u8],
+        blend_rad: f64,
+        how: How,
+    ) -> PyResult<String> {
+        let (t_s, q_rad) = (t_s.map(doubles).transpose()?, doubles(q_rad)?);
+        self.order(py, move |arm| arm.follow(t_s.as_deref(), &q_rad, blend_rad, &how))
+    }
+
+    fn gripper(&self, py: Python<'_>, open: bool) -> PyResult<String> {
+        self.order(py, move |arm| {
+            arm.operator.connect()?;
+            arm.operator.heed_stops()?;
+            arm.operator.set_gripper(open)?;
+            Ok(String::new())
+        })
+    }
+
+    fn state(&self, py: Python<'_>) -> PyResult<String> {
+        self.order(py, |arm| {
+            arm.operator.connect()?;
+            if arm.operator.group().state == State::Boot
+                && let Err(error) = arm.operator.wait_for(BOOT_MAX, &|state| state != State::Boot)
+                && !matches!(error, OperatorError::Stopped { .. })
+            {
+                return Err(error.into());
+            }
+            let group = arm.operator.group();
+            let known = !matches!(group.state, State::Boot | State::Fault);
+            let q_rad = known.then(|| arm.operator.pose()).transpose()?;
+            Ok(json!({
+                "state": format!("{:?}", group.state).to_lowercase(),
+                "fault": (group.fault_cause != 0).then_some(group.fault_cause),
+                "homed": (0..arm.robot.n()).map(|j| group.homed_mask >> j & 1 == 1).collect::<Vec<_>>(),
+                "q_rad": q_rad,
+            })
+            .to_string())
+        })
+    }
+
+    fn clear(&self, py: Python<'_>) -> PyResult<String> {
+        self.order(py, |arm| {
+            arm.operator.clear_fault()?;
+            Ok(String::new())
+        })
+    }
+
+    /// Brings the arm to rest: what is at work ends along its path, and what waits is not begun.
+    fn stop(&self, py: Python<'_>) -> PyResult<()> {
+        self.stop.store(true, Ordering::Relaxed);
+        self.carry_out_stop(py)
+    }
+
+    /// Ends the connection; the arm stands.
+    fn close(&mut self, py: Python<'_>) -> PyResult<()> {
+        let Some(orders) = self.orders.take() else { return Ok(()) };
+        let (answer, mut ended) = sync_channel(1);
+        // A thread that is gone has ended its session.
+        let _ = orders.send(Asked { work: Box::new(|_| Ok(String::new())), answer });
+        drop(orders);
+        let waiting = &mut ended;
+        let _ = py.detach(move || waiting.recv());
+        Ok(())
+    }
+}
+
+impl Arm {
+    fn carry_out_stop(&self, py: Python<'_>) -> PyResult<()> {
+        let stop = Arc::clone(&self.stop);
+        self.ask(py, move |arm| {
+            stop.store(false, Ordering::Relaxed);
+            arm.operator.connect()?;
+            arm.operator.stop()?;
+            Ok(String::new())
+        })
+        .map(drop)
+    }
+
+    /// Does an order. If a signal handler raises, as that of Ctrl-C does, the arm comes to rest before the exception is passed on.
+    fn order(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut Connected<'_>) -> Answered + Send + 'static,
+    ) -> PyResult<String> {
+        self.ask(py, |arm| {
+            if arm.stop.load(Ordering::Relaxed) {
+                return Err(ExpectedError::new(exit::INTERRUPTED, "stopped before it began"));
+            }
+            work(arm).inspect_err(|_| {
+                // A stop of somebody else is reported once.
+                arm.operator.heed_stops_from_now();
+            })
+        })
+    }
+
+    fn ask(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut Connected<'_>) -> Answered + Send + 'static,
+    ) -> PyResult<String> {
+        let orders = self.orders.as_ref().ok_or_else(|| bad(&"the connection is closed"))?;
+        let (answer, mut answered) = sync_channel(1);
+        orders.send(Asked { work: Box::new(work), answer }).map_err(|_| refused(&lost()))?;
+        let mut raised = None;
+        loop {
+            let waiting = &mut answered;
+            match py.detach(move || waiting.recv_timeout(LOOK)) {
+                Ok(done) => match raised {
+                    None => return done.map_err(|error| refused(&error)),
+                    Some(error) => {
+                        self.carry_out_stop(py)?;
+                        return Err(error);
+                    }
+                },
+                Err(RecvTimeoutError::Timeout) => {
+                    if let Err(error) = py.check_signals() {
+                        self.stop.store(true, Ordering::Relaxed);
+                        raised.get_or_insert(error);
+                    }
+                }
+                Err(RecvTimeoutError::Disconnected) => return Err(refused(&lost())),
+            }
+        }
+    }
+}
+
+fn lost() -> ExpectedError {
+    ExpectedError::new(exit::BUG, "the thread of the connection has ended")
+}
+
+/// How a motion is made.
+#[derive(FromPyObject)]
+pub(crate) struct How {
+    #[pyo3(item)]
+    speed_share: f64,
+    #[pyo3(item)]
+    seed: u64,
+    /// Centre and half edges, m, base frame.
+    #[pyo3(item)]
+    obstacles: Vec<[f64; 6]>,
+    #[pyo3(item)]
+    ball: bool,
+}
+
+impl How {
+    fn scene(&self) -> Scene {
+        let named = |(b, k): (&[f64; 6], usize)| {
+            let obb = Obb::new(Pose::translation(b[0], b[1], b[2]), Vector3::new(b[3], b[4], b[5]));
+            (format!("obstacle {k}"), obb)
+        };
+        Scene { obstacles: self.obstacles.iter().zip(1..).map(named).collect(), ball_held: self.ball }
+    }
+
+    fn travel(&self) -> Travel {
+        Travel { share: self.speed_share, seed: self.seed, range: None }
+    }
+}
+
+impl<'a> Connected<'a> {
+    fn order(&self, motion: Motion, extent: Extent) -> Order<'a> {
+        let order = Order::new(self.robot, self.fingerprint, Program::Motion(motion), Judge::Reach);
+        Order { extent, ..order }
+    }
+
+    fn perform(&mut self, order: &Order<'_>) -> Result<Record, ExpectedError> {
+        let step = self.step;
+        let show = |text: &str| text.clone_into(&mut step.lock().unwrap_or_else(PoisonError::into_inner));
+        let record = perform(&mut self.operator, order, &mut |progress| {
+            if let Progress::Begin(step) = progress {
+                show(step.name());
+            }
+            Answer::Yes
+        });
+        show("");
+        failure(&record).or_else(|| off_target(&record, &order.judge)).map_or(Ok(record), Err)
+    }
+
+    fn go(&mut self, target: &Target, how: &How) -> Answered {
+        let scene = how.scene();
+        let ready = self.perform(&self.order(Motion::default(), Extent::Ready))?;
+        let measured = ready.pose.ok_or_else(|| ExpectedError::new(exit::DRIVE, "no pose was measured"))?;
+        let from = self.end.filter(|end| (end - measured).amax() < THERE_RAD).unwrap_or(measured);
+        let way = target.way(self.robot, &scene, &how.travel(), &from).map_err(|error| no_way(&error))?;
+        match way {
+            Some(motion) => self.move_along(Order { scene, ..self.order(motion, Extent::Run) }),
+            None => Ok(json!({
+                "duration_s": 0.0, "q_rad": from.as_slice(), "off_rad": 0.0, "end_off_rad": 0.0,
+                "text": "the arm is there; nothing has moved",
+            })
+            .to_string()),
+        }
+    }
+
+    fn follow(&mut self, t_s: Option<&[f64]>, q_rad: &[f64], blend_rad: f64, how: &How) -> Answered {
+        let bad = |error: &dyn std::fmt::Display| ExpectedError::bad_input(&error);
+        let rows: Vec<&[f64]> = q_rad.chunks_exact(self.robot.n()).collect();
+        let limits = Limits::of_arm(self.robot, if t_s.is_some() { 1.0 } else { how.speed_share })
+            .ok_or_else(|| bad(&"a share of the limits is above 0 and at most 1"))?;
+        for (row, number) in rows.iter().zip(1..) {
+            let outside = |j: &usize| {
+                let range = self.robot.q_min()[*j]..=self.robot.q_max()[*j];
+                !range.contains(&row[*j])
+            };
+            if let Some(j) = (0..row.len()).find(outside) {
+                let name = &self.robot.joints()[j].name;
+                return Err(bad(&format!("point {number}: {name} at {} rad is outside its range", row[j])));
+            }
+        }
+        let motion = match t_s {
+            Some(t_s) => {
+                let rows: Vec<Row> = t_s
+                    .iter()
+                    .zip(&rows)
+                    .map(|(t_s, q_rad)| Row { t_s: *t_s, q_rad: q_rad.to_vec(), qd_rad_s: None })
+                    .collect();
+                motion_of_rows(&rows, &limits).map_err(|error| bad(&error))?
+            }
+            None => {
+                let path = Path::through(&rows, blend_rad).map_err(|error| bad(&error))?;
+                along(&path, &limits).ok_or_else(|| bad(&"no times were found: take points out"))?
+            }
+        };
+        let travel = Some(Travel { share: how.speed_share.min(1.0), ..how.travel() });
+        self.move_along(Order { scene: how.scene(), travel, ..self.order(motion, Extent::Run) })
+    }
+
+    fn move_along(&mut self, order: Order<'_>) -> Answered {
+        self.end = None;
+        let record = self.perform(&order)?;
+        let motion = order.program.motion();
+        self.end = Some(motion.stop_rad());
+        Ok(json!({
+            "duration_s": motion.duration_s(),
+            "q_rad": motion.stop_rad().as_slice(),
+            "off_rad": record.reached.map(|reached| reached.off_rad),
+            "end_off_rad": record.reached.map(|reached| reached.end_off_rad),
+            "text": record.verdict.text,
+        })
+        .to_string())
+    }
+}
+
+/// The thread: joins the bus, does what is asked until nobody can ask any more, and leaves.
+fn serve(
+    connection: &Connection,
+    stop: &Arc<AtomicBool>,
+    step: &Mutex<String>,
+    asked: &Receiver<Asked>,
+    ready: &SyncSender<Result<usize, ExpectedError>>,
+) {
+    let (mut session, robot) = match open(connection, stop) {
+        Ok(opened) => opened,
+        Err(error) => {
+            let _ = ready.send(Err(error));
+            return;
+        }
+    };
+    let _ = ready.send(Ok(robot.n()));
+    let fingerprint = format!("{:016x}", robot_fingerprint(&robot));
+    let waits = session.is_simulated();
+    let controller = connection.controller.and_then(|node| NodeId::new(node).ok());
+    let operator = OnBus::new(&mut session, controller, BIT_RATE);
+    let mut arm = Connected { operator, robot: &robot, fingerprint: &fingerprint, step, stop, end: None };
+    loop {
+        // The time of a simulated cell stands between orders; a real bus is listened to.
+        let next =
+            if waits { asked.recv().map_err(|_| TryRecvError::Disconnected) } else { asked.try_recv() };
+        match next {
+            Ok(Asked { work, answer }) => {
+                let _ = answer.send(work(&mut arm));
+            }
+            Err(TryRecvError::Empty) => {
+                if arm.operator.pass(IDLE).is_err() {
+                    // The next order reports it.
+                    thread::sleep(LOOK);
+                }
+            }
+            Err(TryRecvError::Disconnected) => break,
+        }
+    }
+    drop(arm);
+    // The bus may be gone; whatever moves is halted if it is not.
+    let _ = session.halt_if_moving();
+    let _ = session.finish();
+}
+
+fn open(connection: &Connection, stop: &Arc<AtomicBool>) -> Result<(Session, RobotModel), ExpectedError> {
+    let cell = CellArgs {
+        robot: connection.robot.clone(),
+        seed: connection.seed,
+        scenario: connection.scenario.clone(),
+    };
+    let bus = connection.bus.parse().map_err(|error| ExpectedError::bad_input(&error))?;
+    let args = BusArgs { bus, cell, record: connection.record.clone(), ..BusArgs::default() };
+    let cell = args.cell.load()?;
+    let is_simulated = connection.bus == "sim";
+    let settings = is_simulated.then(|| settings_with_gains(&cell.robot)).transpose();
+    let settings = settings.map_err(|error| ExpectedError::bad_input(&error))?;
+    let key = KeyArgs { key_file: connection.key_file.clone() }.load()?;
+    let mut session = args.open_cell_until(&cell, settings.as_ref(), Arc::clone(stop))?;
+    session.set_key(key);
+    Ok((session, cell.robot))
+}

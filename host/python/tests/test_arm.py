@@ -1,0 +1,117 @@
+"""An arm that stays connected, against the kinematics of the package and, over a socket, against what the program sees."""
+
+import json
+import os
+import signal
+import subprocess
+import threading
+import time
+
+import cubecell
+import numpy as np
+import pytest
+
+from test_bus import served
+
+CUBECTL = os.environ["CUBECTL"]
+
+
+def test_home_moves_and_a_path_end_where_the_joints_are_measured() -> None:
+    robot = cubecell.Robot("powercube6")
+    with cubecell.connect(seed=3) as arm:
+        assert arm.joints == 6 and arm.state().state == "idle" and not arm.state().homed.any()
+        q = arm.home()
+        assert arm.state().homed.all() and np.abs(q).max() < 0.02
+        target = [0.2, -1.0, -1.2, 0.1, 0.4, 0.0]
+        moved = arm.move(target)
+        assert 0.5 < moved.duration_s < 30 and moved.off_rad is not None and 0 < moved.off_rad < 0.01
+        measured = arm.state().q_rad
+        assert measured is not None and np.abs(measured - target).max() < 0.01
+        arm.move(by={1: 0.3, 6: -0.2})
+        turned = arm.state().q_rad
+        assert turned is not None and np.allclose(turned - measured, [0.3, 0, 0, 0, 0, -0.2], atol=0.01)
+        there = arm.move(arm.move(turned + 0.0).q_rad)
+        assert there.duration_s == 0.0 and "nothing has moved" in there.text
+        rows = np.array([[0.0, -1.0, -1.2, 0.0, 0.4, 0.0], [0.3, -1.1, -1.1, 0.0, 0.4, 0.0], [0.3, -1.3, -1.0, 0.0, 0.4, 0.0]])
+        assert arm.run(rows).q_rad.tolist() == rows[-1].tolist()
+        timed = arm.run(rows, [0.0, 2.0, 4.0])
+        assert timed.duration_s == pytest.approx(4.0)
+        arm.gripper.open()
+        arm.gripper.close()
+    with pytest.raises(cubecell.CubecellError, match="closed"):
+        arm.state()
+    assert robot.q_min_rad[0] < 0.0
+
+
+def test_the_hand_goes_to_a_place_and_on_a_straight_line() -> None:
+    with cubecell.connect() as arm:
+        arm.home()
+        arm.move(to=[0.5, 0.15, 0.45])
+        moved = arm.move(to=[0.5, -0.15, 0.45], straight=True)
+        assert moved.off_rad is not None and moved.off_rad < 0.01
+        with pytest.raises(cubecell.CubecellError, match="straight line breaks") as refused:
+            arm.move(to=[3.0, 0.0, 0.5], straight=True)
+        assert refused.value.exit_code == 3 and "nothing has moved" in str(refused.value)
+
+
+def test_what_cannot_be_is_refused_before_anything_moves() -> None:
+    with pytest.raises(ValueError, match="may_move"):
+        cubecell.connect("can0")
+    with pytest.raises(cubecell.CubecellError):
+        cubecell.connect("socketcand://127.0.0.1:1/can0", may_move=True)
+    with cubecell.connect() as arm:
+        with pytest.raises(cubecell.CubecellError, match="hom"):
+            arm.move([0.0] * 6)
+        arm.home()
+        with pytest.raises(cubecell.CubecellError, match="5 angles"):
+            arm.move([0.0] * 5)
+        with pytest.raises(ValueError, match="one of"):
+            arm.move()
+        with pytest.raises(cubecell.CubecellError, match="outside"):
+            arm.run([[0.0] * 6, [9.0] * 6])
+        with pytest.raises(cubecell.CubecellError, match="speed"):
+            arm.run([[0.0] * 6, [2.0, 0, 0, 0, 0, 0]], [0.0, 0.1])
+        with pytest.raises(cubecell.CubecellError, match="finite|number"):
+            arm.move(to=[float("nan"), 0.0, 0.5])
+        here = arm.state().q_rad
+        assert here is not None and np.abs(here).max() < 0.02
+
+
+def test_a_stop_from_another_thread_ends_the_motion_and_the_next_motion_goes_on() -> None:
+    with served("--controller") as place, cubecell.connect(place, may_move=True) as arm:
+        arm.home()
+        errors: list[cubecell.CubecellError] = []
+
+        def go() -> None:
+            try:
+                arm.move([1.0, -1.0, -1.0, 0.0, 0.0, 0.0], speed_share=0.05)
+            except cubecell.CubecellError as error:
+                errors.append(error)
+
+        thread = threading.Thread(target=go)
+        thread.start()
+        while arm.progress != "run":
+            time.sleep(0.01)
+        time.sleep(0.5)
+        arm.stop()
+        thread.join(timeout=60)
+        assert len(errors) == 1 and errors[0].exit_code in (6, 13), errors
+        stopped = arm.state()
+        assert stopped.q_rad is not None and 0.001 < stopped.q_rad[0] < 0.9 and stopped.state == "stopped"
+        # The program sees the same arm at the same place.
+        seen = json.loads(subprocess.run([CUBECTL, "status", "--bus", place, "--json"], capture_output=True, text=True).stdout)
+        assert not seen["asked"]
+        arm.move([0.3, -0.3, -0.3, 0.0, 0.0, 0.0])
+        reached = arm.state().q_rad
+        assert reached is not None and np.allclose(reached, [0.3, -0.3, -0.3, 0, 0, 0], atol=0.01)
+
+
+def test_ctrl_c_brings_the_arm_to_rest_and_then_interrupts() -> None:
+    with served("--controller") as place, cubecell.connect(place, may_move=True) as arm:
+        arm.home()
+        threading.Timer(1.0, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+        with pytest.raises(KeyboardInterrupt):
+            for turn in range(100):
+                arm.move(by={1: 0.5 if turn % 2 == 0 else -0.5}, speed_share=0.05)
+        one, two = arm.state().q_rad, arm.state().q_rad
+        assert one is not None and two is not None and np.abs(one - two).max() < 1e-3
