@@ -215,3 +215,79 @@ fn a_monitor_that_asks_gives_way_to_who_moves_the_arm() {
     assert_eq!(code(&jog), 7, "{}", out(&jog));
     assert!(err(&jog).contains("end the other program, which did not give way"), "{}", err(&jog));
 }
+
+#[test]
+fn every_verb_reports_a_failure_as_one_object_with_json() {
+    let folder = Folder::new("json-errors");
+    let none = folder.file("none");
+    let dir = folder.0.display().to_string();
+    for (words, expected) in [
+        (&["throw", "--target", "1,1,-1", "--robot", &none][..], 4),
+        (&["throw", "--target", "here"], 2),
+        (&["check", &none], 4),
+        (&["export", &none], 4),
+        (&["robot", "check", &none], 4),
+        (&["report", &none], 4),
+        (&["jog", "9", "--for", "1"], 4),
+        (&["scan", "--bus", "nosuchcan7"], 7),
+        (&["controller", "--bus", "nosuchcan7"], 7),
+        (&["record", &none, "--bus", "nosuchcan7"], 7),
+        (&["replay", &none], 4),
+        (&["explain", "9999"], 4),
+        (&["man", &dir, "--of", "nothing"], 2),
+        (&["config", "restore", &none], 4),
+    ] {
+        let output = cubectl(&[words, &["--json"]].concat());
+        let text = out(&output);
+        let seen: Value = serde_json::from_str(&text).unwrap_or_else(|e| panic!("{words:?}: {e}: {text}"));
+        assert_eq!(code(&output), expected, "{words:?}: {text}");
+        assert_eq!(seen["code"], expected, "{words:?}: {text}");
+        let (what, next) = (seen["what"].as_str().unwrap(), seen["next"].as_array().unwrap());
+        assert!(!what.is_empty() && !what.contains("next: "), "{words:?}: {text}");
+        assert!(!next.is_empty() || !err(&output).contains("next: "), "{words:?}: {text}");
+        assert!(err(&output).contains(what.lines().next().unwrap()), "{words:?}: the text is there too");
+    }
+}
+
+#[test]
+fn a_plan_is_exported_in_the_one_format_there_is() {
+    let folder = Folder::new("export");
+    let plan = folder.file("plan.json");
+    let planned = cubectl(&["plan", "throw", "--target", "1,1,-1", "--fast", "--out", &plan]);
+    assert_eq!(code(&planned), 0, "{}", err(&planned));
+    let table = cubectl(&["export", &plan]);
+    assert_eq!(code(&table), 0, "{}", err(&table));
+    assert!(out(&table).starts_with("t_s,q_"), "{}", out(&table));
+}
+
+#[test]
+fn a_setting_that_is_refused_beside_a_motion_says_that_another_program_works() {
+    let served = Served::with_controller();
+    let bus = ["--bus", &served.spec];
+    let mut monitor = Running::start(&["monitor", bus[0], bus[1], "--listen", "--for", "6000", "--json"]);
+    monitor.until("it listens", |_| true);
+    let mut jog = Command::new(env!("CARGO_BIN_EXE_cubectl"));
+    let mut jog =
+        jog.args(["jog", "6", "--for", "600", bus[0], bus[1]]).stderr(Stdio::piped()).spawn().unwrap();
+    monitor.until("the jog", |line| line.contains("jogging"));
+    let output = cubectl(&["registers", "set", "cycle.period_us=4000", "--beside", bus[0], bus[1]]);
+    let _ = jog.kill();
+    let _ = jog.wait();
+    assert_ne!(code(&output), 0, "{}", out(&output));
+    let told = err(&output);
+    assert!(
+        told.contains("another program") && told.contains("next: ") && !told.contains("does not take"),
+        "{told}"
+    );
+}
+
+#[test]
+fn a_result_that_cannot_be_written_leaves_no_empty_file() {
+    let folder = Folder::new("full-disk");
+    std::fs::create_dir_all(folder.file("out")).unwrap();
+    // The temporary file of the summary cannot be made: as on a full disk, there is no summary then.
+    std::os::unix::fs::symlink("/dev/full", folder.file("out/summary.json.part")).unwrap();
+    let output = cubectl(&["throw", "--target", "1,1,-1", "--out", &folder.file("out")]);
+    assert_eq!(code(&output), 10, "{}", err(&output));
+    assert!(!std::path::Path::new(&folder.file("out/summary.json")).exists());
+}
