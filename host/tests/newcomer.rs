@@ -217,6 +217,61 @@ fn a_monitor_that_asks_gives_way_to_who_moves_the_arm() {
 }
 
 #[test]
+fn a_target_out_of_reach_is_refused_at_once_and_the_named_one_is_thrown_at() {
+    let seen = |output: &std::process::Output| -> Value { serde_json::from_str(&out(output)).unwrap() };
+    let mut named = 0;
+    let out_of_reach = [
+        "0,0,-1",
+        "6,0,0",
+        "9,0,-1",
+        "0,0,3",
+        "0,5,2",
+        "0,0,0",
+        "4.9,0,-0.95",
+        "3,0,2",
+        "30,0,0",
+        "-6,1,-1",
+        "0,-6,0.5",
+        "-2.1,4.1,0.96",
+        "-3.4,2.7,1.85",
+        "1.03,0,2.44",
+        "-3.6,-0.3,2",
+        "5.1,1.1,-0.83",
+        "0.5,-4.95,0",
+        "0.85,4.1,0.96",
+        "2.9,2.4,0.8",
+        "4.6,-0.5,1.4",
+    ];
+    for target in out_of_reach {
+        let began = std::time::Instant::now();
+        let refused = cubectl(&["plan", "throw", &format!("--target={target}"), "--json"]);
+        let took_s = began.elapsed().as_secs_f64();
+        assert_eq!(code(&refused), 3, "{target}: {}", err(&refused));
+        let what = seen(&refused)["what"].as_str().unwrap().to_owned();
+        println!("{target}: {took_s:.2} s: {what}");
+        // Less than a second where it is optimised and alone.
+        assert!(took_s < 6.0, "{target}: {took_s} s");
+        let point = what.split("the nearest target in reach is (").nth(1).expect(&what);
+        let point = point.split(')').next().unwrap().replace(' ', "");
+        let planned = cubectl(&["plan", "throw", &format!("--target={point}"), "--fast"]);
+        assert_eq!(code(&planned), 0, "{target}: {point}: {}", err(&planned));
+        named += 1;
+    }
+    assert_eq!(named, 20);
+}
+
+#[test]
+fn a_target_in_millimetres_is_asked_about_before_anything_is_looked_for() {
+    for robot in ["powercube6", "kr16_2"] {
+        let output = cubectl(&["throw", "--robot", robot, "--target", "1000,1000,-1000"]);
+        assert_eq!(code(&output), 4, "{}", err(&output));
+        for text in ["metres?", "next: ", "--target 1,1,-1"] {
+            assert!(err(&output).contains(text), "{robot}: {}", err(&output));
+        }
+    }
+}
+
+#[test]
 fn every_verb_reports_a_failure_as_one_object_with_json() {
     let folder = Folder::new("json-errors");
     let none = folder.file("none");
