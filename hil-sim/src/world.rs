@@ -349,6 +349,16 @@ impl<C: Participants> World<C> {
         Ok(())
     }
 
+    /// Faults with a time of the throw wait for [`World::throw_begins`].
+    pub fn await_throw(&mut self) {
+        self.faults.await_throw();
+    }
+
+    /// A throw starts and releases then: faults with a time of the throw begin accordingly.
+    pub fn throw_begins(&mut self, start: Instant, release: Instant) {
+        self.faults.throw_begins(self.now, start, release);
+    }
+
     /// Lets a node in bus-off begin to recover, for buses that recover on request.
     pub fn request_recovery(&mut self, node: usize) {
         self.bus.request_recovery(node, self.now.as_micros() * NANOS_PER_MICRO);

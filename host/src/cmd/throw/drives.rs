@@ -132,6 +132,9 @@ impl Drives {
         let key = args.key.load()?;
         let mut session = bus.open_cell(&self.cell, self.soft.then_some(&self.settings))?;
         session.set_key(key);
+        if let Some(sim) = session.sim() {
+            sim.world().await_throw();
+        }
         let _page = args.web.serve(&mut session, &self.cell.robot, Some(&self.plan), interrupt())?;
         let wanted = match args.controller {
             Some(Controller::Node(node)) => Some(node),
