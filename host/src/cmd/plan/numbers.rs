@@ -1,5 +1,7 @@
 //! Values of options that are several numbers.
 
+use planner::plan::problem::short;
+
 use crate::error::ExpectedError;
 
 /// `N` numbers separated by commas.
@@ -42,7 +44,7 @@ pub(in crate::cmd) fn require_metres(target_m: [f64; 3]) -> Result<(), ExpectedE
     if !far {
         return Ok(());
     }
-    let ([x, y, z], [a, b, c]) = (target_m, target_m.map(|mm| 1e-3 * mm));
+    let ([x, y, z], [a, b, c]) = (target_m.map(short), target_m.map(|mm| short(1e-3 * mm)));
     Err(ExpectedError::bad_input(&format!(
         "target {x},{y},{z} m lies more than {TARGET_MAX_M} m away: metres?\n  next: targets are in m; if these are millimetres, \
          --target {a},{b},{c}"
