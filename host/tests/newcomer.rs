@@ -346,3 +346,18 @@ fn a_result_that_cannot_be_written_leaves_no_empty_file() {
     assert_eq!(code(&output), 10, "{}", err(&output));
     assert!(!std::path::Path::new(&folder.file("out/summary.json")).exists());
 }
+
+#[test]
+fn a_throw_with_a_page_runs_in_real_time_on_the_default_bus() {
+    let folder = Folder::new("web-sim");
+    let began = std::time::Instant::now();
+    let output = cubectl(&["throw", "--target", "1,1,-1", "--web", "0", "--out", &folder.file("out")]);
+    let took_s = began.elapsed().as_secs_f64();
+    assert_eq!(code(&output), 0, "{}", err(&output));
+    assert!(err(&output).contains("live view at http://127.0.0.1:"), "{}", err(&output));
+    let summary = std::fs::read_to_string(folder.file("out/summary.json")).unwrap();
+    let summary: Value = serde_json::from_str(&summary).unwrap();
+    let steps = summary["steps"].as_array().unwrap().iter();
+    let bus_s: f64 = steps.map(|step| step["bus_time_s"].as_f64().unwrap()).sum();
+    assert!(bus_s > 5.0 && took_s > 0.95 * bus_s, "{bus_s} s of the arm in {took_s} s");
+}

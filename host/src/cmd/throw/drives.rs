@@ -135,7 +135,7 @@ impl Drives {
         if let Some(sim) = session.sim() {
             sim.world().await_throw();
         }
-        let _page = args.web.serve(&mut session, &self.cell.robot, Some(&self.plan), interrupt())?;
+        let page = args.web.serve(&mut session, &self.cell.robot, Some(&self.plan), interrupt())?;
         let wanted = match args.controller {
             Some(Controller::Node(node)) => Some(node),
             Some(Controller::Soft) | None => None,
@@ -151,7 +151,7 @@ impl Drives {
         let lost = session.finish().err().map(ExpectedError::from);
         let time = if simulated { "virtual time" } else { "real time" };
         let controller = if self.soft { "soft" } else { "node" };
-        Ok(Done { record, wrong, lost, bus, time, controller, bus_errors, soft, ..Done::default() })
+        Ok(Done { record, wrong, lost, bus, time, controller, bus_errors, soft, page, ..Done::default() })
     }
 
     /// The error of a job, with what the drives say about it and the next step.
