@@ -349,14 +349,9 @@ impl<C: Participants> World<C> {
         Ok(())
     }
 
-    /// Faults with a time of the throw wait for [`World::throw_begins`].
-    pub fn await_throw(&mut self) {
-        self.faults.await_throw();
-    }
-
-    /// A throw starts and releases then: faults with a time of the throw begin accordingly.
-    pub fn throw_begins(&mut self, start: Instant, release: Instant) {
-        self.faults.throw_begins(self.now, start, release);
+    /// The faults, to time them by a throw.
+    pub fn faults_mut(&mut self) -> &mut Engine {
+        &mut self.faults
     }
 
     /// Lets a node in bus-off begin to recover, for buses that recover on request.

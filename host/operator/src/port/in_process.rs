@@ -97,7 +97,7 @@ impl InProcess {
         let script = Solo::new("script", ScriptedHost::new(&setup.actions));
         let participants = ((cell, script), Solo::new("controller", controller));
         let mut world = World::new(participants, setup.bus, seed, setup.faults.clone())?;
-        world.await_throw();
+        world.faults_mut().await_throw();
         let told = (Instant::ZERO, GroupState::default());
         Ok(Self { world, told, kept: None, stop: None, stops: StopWatch::of_others(), release_after: None })
     }
@@ -348,7 +348,7 @@ impl Operator for InProcess {
         self.order("to run", Order::Run(file(name)))?;
         let ordered_at = self.world.now();
         if let Some(release) = self.release_after.take() {
-            self.world.throw_begins(ordered_at, ordered_at + release);
+            self.world.faults_mut().throw_begins(ordered_at, ordered_at, ordered_at + release);
         }
         let mut following = Following::new(ordered_at);
         let ended =

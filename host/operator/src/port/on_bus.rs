@@ -122,9 +122,10 @@ impl Operator for OnBus<'_> {
         progress: &mut dyn FnMut(Instant, &GroupState),
     ) -> Result<(), OperatorError> {
         let node = self.node()?;
-        let begins = start.unwrap_or(self.session.now());
+        let now = self.session.now();
+        let begins = start.unwrap_or(now);
         if let (Some(release), Some(sim)) = (self.release_after.take(), self.session.sim()) {
-            sim.world().throw_begins(begins, begins + release);
+            sim.world().faults_mut().throw_begins(now, begins, begins + release);
         }
         self.session.run_trajectory_at(node, name, start, limit, progress).map(drop)
     }

@@ -133,7 +133,7 @@ impl Drives {
         let mut session = bus.open_cell(&self.cell, self.soft.then_some(&self.settings))?;
         session.set_key(key);
         if let Some(sim) = session.sim() {
-            sim.world().await_throw();
+            sim.world().faults_mut().await_throw();
         }
         let page = args.web.serve(&mut session, &self.cell.robot, Some(&self.plan), interrupt())?;
         let wanted = match args.controller {
