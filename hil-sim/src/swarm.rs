@@ -213,6 +213,7 @@ pub fn fault(rng: &mut Rng, index: u64, kind: u64, end_us: u64, modules: &[Modul
         target,
         filter,
         start: Instant::from_micros(rng.below(end_us)),
+        at: None,
         length: rng.chance(0.8).then(|| micros(rng, 1, end_us)),
         every: rng.chance(0.3).then(|| micros(rng, 1_000, end_us)),
         probability: if rng.chance(0.5) { 1.0 } else { rng.unit() },

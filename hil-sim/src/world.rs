@@ -349,6 +349,11 @@ impl<C: Participants> World<C> {
         Ok(())
     }
 
+    /// The faults, to time them by a throw.
+    pub fn faults_mut(&mut self) -> &mut Engine {
+        &mut self.faults
+    }
+
     /// Lets a node in bus-off begin to recover, for buses that recover on request.
     pub fn request_recovery(&mut self, node: usize) {
         self.bus.request_recovery(node, self.now.as_micros() * NANOS_PER_MICRO);

@@ -69,6 +69,7 @@ fn fault(kind: WireFault, target: Target) -> Fault {
         target,
         filter: None,
         start: cycles(10),
+        at: None,
         length: Some(Duration::from_micros(20 * CYCLE_US)),
         every: None,
         probability: 1.0,

@@ -1,6 +1,6 @@
 //! Command line of `cubectl`: which verb, with which arguments.
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{Parser, Subcommand};
 
 use crate::cmd::{self, completions};
 use crate::error::ExpectedError;
@@ -146,7 +146,7 @@ pub fn run(cli: Cli) -> Result<(), ExpectedError> {
         Verb::Key(verb) => cmd::key::run(&verb),
         Verb::Unlock(args) => cmd::unlock::run(&args),
         Verb::Completions(args) => completions::run(&args, "cubectl", COMPLETE_VARIABLE),
-        Verb::Man(args) => cmd::man::run(&args, Cli::command()),
+        Verb::Man(args) => cmd::man::run(&args, program::command::<Cli>()),
         Verb::Explain(args) => cmd::explain::run(&args),
         Verb::Identify(args) => cmd::identify::run(&args),
         Verb::Tune(args) => cmd::tune::run(&args),

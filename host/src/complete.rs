@@ -15,7 +15,7 @@ const CAN_INTERFACE: &str = "280";
 /// The command line of a program, with what its values can be.
 #[must_use]
 pub fn command<C: CommandFactory>() -> Command {
-    with_values(C::command())
+    with_values(crate::program::command::<C>())
 }
 
 fn with_values(command: Command) -> Command {

@@ -23,6 +23,9 @@ impl fmt::Display for ExpectedError {
 
 impl std::error::Error for ExpectedError {}
 
+/// Before a next step in a message.
+const NEXT: &str = "  next: ";
+
 /// What to do if the system says this of a file.
 const FILE_ERRORS: [(Errno, &str); 4] = [
     (
@@ -48,11 +51,19 @@ impl ExpectedError {
         if !message.contains("next:") {
             let next = FILE_ERRORS.iter().find(|(errno, _)| message.contains(&system_text(*errno)));
             if let Some((_, next)) = next {
-                message += "\n  next: ";
-                message += next;
+                message += &format!("\n{NEXT}{next}");
             }
         }
         Self { code, message }
+    }
+
+    /// The one object of a failure with `--json`: exit code, what happened, and the next steps.
+    #[must_use]
+    pub fn json(&self) -> serde_json::Value {
+        let (next, what): (Vec<&str>, Vec<&str>) =
+            self.message.lines().partition(|line| line.starts_with(NEXT));
+        let next: Vec<&str> = next.into_iter().filter_map(|line| line.strip_prefix(NEXT)).collect();
+        serde_json::json!({ "code": self.code, "what": what.join("\n"), "next": next })
     }
 
     /// Refused input.

@@ -2,11 +2,11 @@
 
 use std::process::ExitCode;
 
-use clap::{CommandFactory, FromArgMatches};
+use clap::{Arg, ArgAction, ArgMatches, Command, CommandFactory, FromArgMatches};
 use clap_complete::CompleteEnv;
 
 use crate::advice::{self, Place};
-use crate::cmd::meaning;
+use crate::cmd::{meaning, print_json};
 use crate::error::ExpectedError;
 use crate::{complete, exit};
 
@@ -17,9 +17,12 @@ pub fn run<C: CommandFactory + FromArgMatches>(
 ) -> ExitCode {
     // Ends the program if a shell asks for completions.
     CompleteEnv::with_factory(complete::command::<C>).var(complete_variable).complete();
-    let mut command = C::command();
-    let matches = command.get_matches_mut();
-    let cli = C::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    let mut command = command::<C>();
+    let parsed = command.try_get_matches_from_mut(std::env::args_os());
+    let (matches, cli) = match parsed.and_then(|matches| Ok((C::from_arg_matches(&matches)?, matches))) {
+        Ok((cli, matches)) => (matches, cli),
+        Err(error) => return not_understood(&error),
+    };
     let ended = meaning::require_on_bus(&command, &matches).and_then(|()| {
         if let Some(note) = advice::on_simulated_cell(&matches) {
             console::note!("{note}");
@@ -28,11 +31,58 @@ pub fn run<C: CommandFactory + FromArgMatches>(
     });
     match ended.and_then(|()| output_is_whole()) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            console::note!("{}: {}", command.get_name(), Place::of_matches(&matches).told(&error.message));
+        Err(mut error) => {
+            error.message = Place::of_matches(&matches).told(&error.message);
+            if is_json(&matches) && !console::has_begun() {
+                print_json(&error.json());
+            }
+            console::note!("{}: {}", command.get_name(), error.message);
             ExitCode::from(error.code)
         }
     }
+}
+
+/// The command line of a program; every verb has `--json`.
+#[must_use]
+pub fn command<C: CommandFactory>() -> Command {
+    with_json(C::command())
+}
+
+fn with_json(command: Command) -> Command {
+    if command.has_subcommands() {
+        return command.mut_subcommands(with_json);
+    }
+    if command.is_disable_help_flag_set() || command.get_arguments().any(|arg| arg.get_id() == JSON) {
+        return command;
+    }
+    let help = "Write a failure to standard output as a JSON object: code, what, next";
+    command.arg(Arg::new(JSON).long(JSON).action(ArgAction::SetTrue).help(help))
+}
+
+/// Id and name of the option.
+const JSON: &str = "json";
+
+/// Whether the verb was given `--json`.
+fn is_json(matches: &ArgMatches) -> bool {
+    let mut verb = matches;
+    while let Some((_, inner)) = verb.subcommand() {
+        verb = inner;
+    }
+    verb.try_get_one::<bool>(JSON).ok().flatten().copied().unwrap_or_default()
+}
+
+/// Ends a command line that is wrong, or that asks for help.
+fn not_understood(error: &clap::Error) -> ExitCode {
+    if error.use_stderr() && std::env::args_os().any(|word| word == "--json") {
+        let text = error.render().to_string();
+        let what = text.split("\n\n").next().unwrap_or_default().trim_start_matches("error: ");
+        let next = "`--help` behind the verb lists its options";
+        let code = error.exit_code();
+        print_json(&serde_json::json!({ "code": code, "what": what, "next": [next] }));
+    }
+    // A reader that left is no error.
+    let _ = error.print();
+    ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(exit::BUG))
 }
 
 /// Whether everything that was written to standard output is there.

@@ -215,3 +215,149 @@ fn a_monitor_that_asks_gives_way_to_who_moves_the_arm() {
     assert_eq!(code(&jog), 7, "{}", out(&jog));
     assert!(err(&jog).contains("end the other program, which did not give way"), "{}", err(&jog));
 }
+
+#[test]
+fn a_target_out_of_reach_is_refused_at_once_and_the_named_one_is_thrown_at() {
+    let seen = |output: &std::process::Output| -> Value { serde_json::from_str(&out(output)).unwrap() };
+    let mut named = 0;
+    let out_of_reach = [
+        "0,0,-1",
+        "6,0,0",
+        "9,0,-1",
+        "0,0,3",
+        "0,5,2",
+        "0,0,0",
+        "4.9,0,-0.95",
+        "3,0,2",
+        "30,0,0",
+        "-6,1,-1",
+        "0,-6,0.5",
+        "-2.1,4.1,0.96",
+        "-3.4,2.7,1.85",
+        "1.03,0,2.44",
+        "-3.6,-0.3,2",
+        "5.1,1.1,-0.83",
+        "0.5,-4.95,0",
+        "0.85,4.1,0.96",
+        "2.9,2.4,0.8",
+        "4.6,-0.5,1.4",
+    ];
+    for target in out_of_reach {
+        let began = std::time::Instant::now();
+        let refused = cubectl(&["plan", "throw", &format!("--target={target}"), "--json"]);
+        let took_s = began.elapsed().as_secs_f64();
+        assert_eq!(code(&refused), 3, "{target}: {}", err(&refused));
+        let what = seen(&refused)["what"].as_str().unwrap().to_owned();
+        println!("{target}: {took_s:.2} s: {what}");
+        // Less than a second where it is optimised and alone.
+        assert!(took_s < 6.0, "{target}: {took_s} s");
+        let point = what.split("the nearest target in reach is (").nth(1).expect(&what);
+        let point = point.split(')').next().unwrap().replace(' ', "");
+        let planned = cubectl(&["plan", "throw", &format!("--target={point}"), "--fast"]);
+        assert_eq!(code(&planned), 0, "{target}: {point}: {}", err(&planned));
+        named += 1;
+    }
+    assert_eq!(named, 20);
+}
+
+#[test]
+fn a_target_in_millimetres_is_asked_about_before_anything_is_looked_for() {
+    for robot in ["powercube6", "kr16_2"] {
+        let output = cubectl(&["throw", "--robot", robot, "--target", "1000,1000,-1000"]);
+        assert_eq!(code(&output), 4, "{}", err(&output));
+        for text in ["metres?", "next: ", "--target 1,1,-1"] {
+            assert!(err(&output).contains(text), "{robot}: {}", err(&output));
+        }
+    }
+}
+
+#[test]
+fn every_verb_reports_a_failure_as_one_object_with_json() {
+    let folder = Folder::new("json-errors");
+    let none = folder.file("none");
+    let dir = folder.0.display().to_string();
+    for (words, expected) in [
+        (&["throw", "--target", "1,1,-1", "--robot", &none][..], 4),
+        (&["throw", "--target", "here"], 2),
+        (&["check", &none], 4),
+        (&["export", &none], 4),
+        (&["robot", "check", &none], 4),
+        (&["report", &none], 4),
+        (&["jog", "9", "--for", "1"], 4),
+        (&["scan", "--bus", "nosuchcan7"], 7),
+        (&["controller", "--bus", "nosuchcan7"], 7),
+        (&["record", &none, "--bus", "nosuchcan7"], 7),
+        (&["replay", &none], 4),
+        (&["explain", "9999"], 4),
+        (&["man", &dir, "--of", "nothing"], 2),
+        (&["config", "restore", &none], 4),
+    ] {
+        let output = cubectl(&[words, &["--json"]].concat());
+        let text = out(&output);
+        let seen: Value = serde_json::from_str(&text).unwrap_or_else(|e| panic!("{words:?}: {e}: {text}"));
+        assert_eq!(code(&output), expected, "{words:?}: {text}");
+        assert_eq!(seen["code"], expected, "{words:?}: {text}");
+        let (what, next) = (seen["what"].as_str().unwrap(), seen["next"].as_array().unwrap());
+        assert!(!what.is_empty() && !what.contains("next: "), "{words:?}: {text}");
+        assert!(!next.is_empty() || !err(&output).contains("next: "), "{words:?}: {text}");
+        assert!(err(&output).contains(what.lines().next().unwrap()), "{words:?}: the text is there too");
+    }
+}
+
+#[test]
+fn a_plan_is_exported_in_the_one_format_there_is() {
+    let folder = Folder::new("export");
+    let plan = folder.file("plan.json");
+    let planned = cubectl(&["plan", "throw", "--target", "1,1,-1", "--fast", "--out", &plan]);
+    assert_eq!(code(&planned), 0, "{}", err(&planned));
+    let table = cubectl(&["export", &plan]);
+    assert_eq!(code(&table), 0, "{}", err(&table));
+    assert!(out(&table).starts_with("t_s,q_"), "{}", out(&table));
+}
+
+#[test]
+fn a_setting_that_is_refused_beside_a_motion_says_that_another_program_works() {
+    let served = Served::with_controller();
+    let bus = ["--bus", &served.spec];
+    let mut monitor = Running::start(&["monitor", bus[0], bus[1], "--listen", "--for", "6000", "--json"]);
+    monitor.until("it listens", |_| true);
+    let mut jog = Command::new(env!("CARGO_BIN_EXE_cubectl"));
+    let mut jog =
+        jog.args(["jog", "6", "--for", "600", bus[0], bus[1]]).stderr(Stdio::piped()).spawn().unwrap();
+    monitor.until("the jog", |line| line.contains("jogging"));
+    let output = cubectl(&["registers", "set", "cycle.period_us=4000", "--beside", bus[0], bus[1]]);
+    let _ = jog.kill();
+    let _ = jog.wait();
+    assert_ne!(code(&output), 0, "{}", out(&output));
+    let told = err(&output);
+    assert!(
+        told.contains("another program") && told.contains("next: ") && !told.contains("does not take"),
+        "{told}"
+    );
+}
+
+#[test]
+fn a_result_that_cannot_be_written_leaves_no_empty_file() {
+    let folder = Folder::new("full-disk");
+    std::fs::create_dir_all(folder.file("out")).unwrap();
+    // The temporary file of the summary cannot be made: as on a full disk, there is no summary then.
+    std::os::unix::fs::symlink("/dev/full", folder.file("out/summary.json.part")).unwrap();
+    let output = cubectl(&["throw", "--target", "1,1,-1", "--out", &folder.file("out")]);
+    assert_eq!(code(&output), 10, "{}", err(&output));
+    assert!(!std::path::Path::new(&folder.file("out/summary.json")).exists());
+}
+
+#[test]
+fn a_throw_with_a_page_runs_in_real_time_on_the_default_bus() {
+    let folder = Folder::new("web-sim");
+    let began = std::time::Instant::now();
+    let output = cubectl(&["throw", "--target", "1,1,-1", "--web", "0", "--out", &folder.file("out")]);
+    let took_s = began.elapsed().as_secs_f64();
+    assert_eq!(code(&output), 0, "{}", err(&output));
+    assert!(err(&output).contains("live view at http://127.0.0.1:"), "{}", err(&output));
+    let summary = std::fs::read_to_string(folder.file("out/summary.json")).unwrap();
+    let summary: Value = serde_json::from_str(&summary).unwrap();
+    let steps = summary["steps"].as_array().unwrap().iter();
+    let bus_s: f64 = steps.map(|step| step["bus_time_s"].as_f64().unwrap()).sum();
+    assert!(bus_s > 5.0 && took_s > 0.95 * bus_s, "{bus_s} s of the arm in {took_s} s");
+}

@@ -83,17 +83,34 @@ fn drives_that_are_missing_double_or_too_old() {
     refused(&throw(&folder, &["--robot", &folder.file("old.toml")]), 8, &["module 5: firmware 3500"]);
 }
 
-/// Silence while it homes, answers after up to 0.4 ms, and a second host that asks: each needs a longer period than the nominal cell. In
-/// the two others somebody else moves the arm.
+/// Answers after up to 0.4 ms, and a second host that asks: each needs a longer period than the nominal cell. In the two others somebody
+/// else moves the arm.
 #[test]
-fn shipped_scenarios_are_thrown_with_or_name_what_stops_the_throw() {
+fn shipped_scenarios_show_in_a_throw_what_their_name_says() {
     let folder = Folder::new("shipped-scenarios");
     let file = |name: &str| format!("{}/../hil-sim/scenarios/{name}.toml", env!("CARGO_MANIFEST_DIR"));
-    for name in ["silent_joint", "perturbed_plant", "poll"] {
-        let output = throw(&folder, &["--scenario", &file(name)]);
-        assert_eq!(code(&output), 0, "{name}: {}", err(&output));
-        assert!(out(&output).contains("certified 3.75 to 6.25 ms"), "{name}: {}", out(&output));
+    let summary = || -> serde_json::Value {
+        let text = std::fs::read_to_string(folder.file("out/summary.json")).unwrap();
+        serde_json::from_str(&text).unwrap()
+    };
+    let mut landed_m = Vec::new();
+    for words in [&["perturbed_plant"][..], &["perturbed_plant", "--seed", "17"], &["poll"]] {
+        let output = throw(&folder, &[&["--scenario", &file(words[0])], &words[1..]].concat());
+        assert_eq!(code(&output), 0, "{words:?}: {}", err(&output));
+        assert!(out(&output).contains("certified 3.75 to 6.25 ms"), "{words:?}: {}", out(&output));
+        landed_m.push(summary()["landing"]["position_m"].to_string());
     }
+    assert_ne!(landed_m[0], landed_m[1], "another plant, another landing");
+    let log = std::fs::read_to_string(folder.file("out/bus.log")).unwrap();
+    assert!(log.matches(" 0C3#0A62").count() > 500, "the other host polls during the throw");
+    // It falls silent in the throw, 0.1 s before the release.
+    let output = throw(&folder, &["--scenario", &file("silent_joint")]);
+    refused(&output, 13, &["throw: ", "joint 3: a drive missed more replies", "(fault 101)"]);
+    let seen = summary();
+    assert_eq!((&seen["ended_in_step"], &seen["ball"]), (&"throw".into(), &"in_hand".into()));
+    let silent_s = seen["plan"]["release_s"].as_f64().unwrap() - 0.1;
+    let fault_s = seen["fault"]["plan_time_s"].as_f64().unwrap();
+    assert!((silent_s..silent_s + 0.03).contains(&fault_s), "silent at {silent_s} s, fault at {fault_s} s");
     for name in ["cycle", "all_faults"] {
         refused(
             &throw(&folder, &["--scenario", &file(name)]),

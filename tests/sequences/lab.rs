@@ -325,6 +325,7 @@ impl Lab {
             target: Target::Module(ModuleId::new(drive as u8 + 1).expect("addresses from 1")),
             filter: None,
             start: self.now(),
+            at: None,
             length: Some(Duration::from_millis(ms.into())),
             every: None,
             probability: 1.0,

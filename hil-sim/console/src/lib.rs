@@ -14,6 +14,7 @@
 //! |---|---|
 //! | [`line!`], [`text!`] | standard output, with and without an end of line |
 //! | [`note!`] | standard error, a line |
+//! | [`has_begun`] | nothing: whether standard output holds anything |
 //! | [`lost`] | nothing: tells why standard output is incomplete |
 //! | [`mod@interrupt`] | nothing: tells that Ctrl-C or another request to end has come |
 //! | [`typed_bytes`], [`typed_lines`] | nothing: standard input, without waiting for it |
@@ -24,9 +25,11 @@ mod typed;
 use std::fmt::Arguments;
 use std::io::{self, Write};
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 pub use typed::{Fetched, TypedInput, typed_bytes, typed_lines};
 
+static BEGUN: AtomicBool = AtomicBool::new(false);
 static LOST: Mutex<Option<String>> = Mutex::new(None);
 
 /// Writes a line to standard output; arguments as those of `println!`.
@@ -57,6 +60,7 @@ macro_rules! note_text {
 
 /// Writes to standard output: what [`line!`] and [`text!`] do.
 pub fn output(text: Arguments<'_>) {
+    BEGUN.store(true, Ordering::Relaxed);
     let mut out = io::stdout().lock();
     if let Err(error) = out.write_fmt(text).and_then(|()| out.flush()) {
         keep(&error);
@@ -67,6 +71,12 @@ pub fn output(text: Arguments<'_>) {
 pub fn message(text: Arguments<'_>) {
     // In one piece, so that lines of several programs do not mix.
     let _ = io::stderr().lock().write_all(text.to_string().as_bytes());
+}
+
+/// Whether anything was written to standard output.
+#[must_use]
+pub fn has_begun() -> bool {
+    BEGUN.load(Ordering::Relaxed)
 }
 
 /// Why standard output is not whole, if it is not: the first error since the program began. A reader that left is none.

@@ -114,6 +114,23 @@ impl Engine {
         }
     }
 
+    /// Faults with a time of the throw wait for [`Engine::throw_begins`].
+    pub fn await_throw(&mut self) {
+        for entry in self.entries.iter_mut().filter(|entry| entry.fault.at.is_some()) {
+            entry.next = None;
+        }
+    }
+
+    /// Gives the faults with a time of the throw their start. One in the past is now.
+    pub fn throw_begins(&mut self, now: Instant, start: Instant, release: Instant) {
+        for entry in self.entries.iter_mut().filter(|entry| !entry.active) {
+            if let Some(at) = entry.fault.at {
+                entry.fault.start = at.at(start, release).max(now);
+                entry.next = Some(entry.fault.start);
+            }
+        }
+    }
+
     /// Tells each fault its port: `of(fault)` for the target module or the babbler.
     pub fn bind(&mut self, mut of: impl FnMut(&Fault) -> Option<usize>) {
         for entry in &mut self.entries {

@@ -15,4 +15,4 @@ pub mod plan;
 
 pub use engine::{Action, Delivery, Engine, FaultCount};
 pub use physical::{FaultTarget, NotApplicable, PhysicalFault, Place};
-pub use plan::{Fault, FaultKind, IdFilter, Target, WireFault, WrongPart};
+pub use plan::{Fault, FaultKind, IdFilter, Moment, Target, ThrowTime, WireFault, WrongPart};

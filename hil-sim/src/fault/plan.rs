@@ -102,6 +102,33 @@ pub enum FaultKind {
     Physical(Place, PhysicalFault),
 }
 
+/// A time of the throw.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Moment {
+    /// The motion of the throw begins.
+    Start,
+    /// The plan's release of the ball.
+    Release,
+}
+
+/// A time before or after a moment of the throw.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ThrowTime {
+    pub moment: Moment,
+    /// Microseconds after it; before it if negative.
+    pub offset_us: i64,
+}
+
+impl ThrowTime {
+    /// When that is, for a throw that starts and releases then.
+    #[must_use]
+    pub fn at(self, start: Instant, release: Instant) -> Instant {
+        let moment = if self.moment == Moment::Start { start } else { release };
+        let span = Duration::from_micros(self.offset_us.unsigned_abs());
+        if self.offset_us < 0 { moment.saturating_sub(span) } else { moment + span }
+    }
+}
+
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fault {
     /// Names its random stream and its lines in logs; unique in a plan.
@@ -112,6 +139,8 @@ pub struct Fault {
     pub filter: Option<IdFilter>,
     /// From when on.
     pub start: Instant,
+    /// From when on in a run with a throw, instead of `start`.
+    pub at: Option<ThrowTime>,
     /// For how long; `None`: until the end of the run.
     pub length: Option<Duration>,
     /// Period of repetition, counted from start to start; `None`: once.

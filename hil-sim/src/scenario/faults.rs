@@ -5,7 +5,9 @@ use toml_reader::Value;
 
 use super::values::{frames, period, seconds};
 use super::{Problem, ScenarioError, Section};
-use crate::fault::{Fault, FaultKind, IdFilter, PhysicalFault, Place, Target, WireFault, WrongPart};
+use crate::fault::{
+    Fault, FaultKind, IdFilter, Moment, PhysicalFault, Place, Target, ThrowTime, WireFault, WrongPart,
+};
 
 /// Longest time a scenario can name: eleven days.
 const MAX_S: f64 = 1e6;
@@ -60,6 +62,8 @@ enum Kind {
 /// The kinds with their keys, for people.
 pub const HELP: &str = "\
 Every [[fault]] has: kind, target, label, start_s (0), length_s (to the end), every_s (once), probability (1).
+at = \"release - 0.1 s\" (or \"start + 0.2 s\") counts from the throw: in a run with one it replaces start_s. `start` is the
+begin of the throw's motion, `release` the planned release. Without a throw start_s counts; a fault that has none never starts.
 Kinds that act on frames also take id (\"0A3\" or eight digits) and id_mask; their probability is that of each frame.
 
 kind           target            what happens                                         own keys
@@ -91,6 +95,10 @@ pub fn fault(table: &Section<'_>, index: usize) -> Result<Fault, ScenarioError> 
     let target = target(table, kind)?;
     let filter = filter(table, kind)?;
     let kind = fault_kind(table, kind, target)?;
+    let at = table.optional("at", throw_time)?;
+    // Without a throw it never comes.
+    let unsaid = if at.is_some() { Instant::FAR_FUTURE } else { Instant::ZERO };
+    let start = table.optional("start_s", |v| seconds(v, MAX_S))?;
     let fault = Fault {
         label: match table.optional("label", Value::text)? {
             Some("") => {
@@ -102,13 +110,41 @@ pub fn fault(table: &Section<'_>, index: usize) -> Result<Fault, ScenarioError> 
         kind,
         target,
         filter,
-        start: Instant::ZERO + table.or("start_s", Duration::ZERO, |v| seconds(v, MAX_S))?,
+        start: start.map_or(unsaid, |start| Instant::ZERO + start),
+        at,
         length: table.optional("length_s", |v| seconds(v, MAX_S))?,
         every: table.optional("every_s", |v| period(v, MAX_S))?,
         probability: table.or("probability", 1.0, |v| v.number_in(0.0, 1.0))?,
     };
     table.finish()?;
     Ok(fault)
+}
+
+/// `"start"`, `"release - 0.1 s"`, `"start + 0.25 s"`.
+fn throw_time(value: &Value<'_>) -> Result<ThrowTime, ScenarioError> {
+    let text = value.text()?;
+    parse_throw_time(text).ok_or_else(|| {
+        let problem = format!(
+            "'{text}' is no time of a throw; write \"start + 0.2 s\", \"release - 0.1 s\", \"start\" or \"release\""
+        );
+        value.error(Problem::Invalid(problem))
+    })
+}
+
+fn parse_throw_time(text: &str) -> Option<ThrowTime> {
+    let text = text.trim();
+    let (moment, rest) = [("start", Moment::Start), ("release", Moment::Release)]
+        .into_iter()
+        .find_map(|(name, moment)| Some((moment, text.strip_prefix(name)?.trim_start())))?;
+    let Some(sign) = rest.chars().next() else { return Some(ThrowTime { moment, offset_us: 0 }) };
+    let sign = match sign {
+        '+' => 1.0,
+        '-' => -1.0,
+        _ => return None,
+    };
+    let offset_s: f64 = rest[1..].trim().strip_suffix('s')?.trim_end().parse().ok()?;
+    let sensible = (0.0..=MAX_S).contains(&offset_s);
+    sensible.then(|| ThrowTime { moment, offset_us: (sign * offset_s * 1e6).round() as i64 })
 }
 
 fn name_of(kind: &FaultKind) -> &'static str {
@@ -270,4 +306,26 @@ fn physical(table: &Section<'_>, kind: Kind, target: Target) -> Result<FaultKind
         _ => PhysicalFault::Frozen,
     };
     Ok(FaultKind::Physical(place, fault))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_of_a_throw_are_read_or_refused() {
+        let read = |text| parse_throw_time(text).map(|at| (at.moment, at.offset_us));
+        assert_eq!(read("release - 0.1 s"), Some((Moment::Release, -100_000)));
+        assert_eq!(read("start+0.25s"), Some((Moment::Start, 250_000)));
+        assert_eq!(read("start"), Some((Moment::Start, 0)));
+        for text in
+            ["", "landing", "release 0.1 s", "release - 0.1", "start + -1 s", "start + nan s", "release -"]
+        {
+            assert_eq!(read(text), None, "{text}");
+        }
+        let at =
+            |text| parse_throw_time(text).unwrap().at(Instant::from_micros(500), Instant::from_micros(900));
+        assert_eq!(at("release - 0.0001 s"), Instant::from_micros(800));
+        assert_eq!(at("start - 1 s"), Instant::ZERO);
+    }
 }

@@ -26,7 +26,8 @@
 //! [[fault]]
 //! kind = "silent"                 # `hil-sim faults` lists all kinds with their keys
 //! target = "module 3"
-//! start_s = 1.0
+//! start_s = 1.0                   # in a run without a throw
+//! at = "release - 0.1 s"          # in a run with one; or "start + 0.2 s"
 //! length_s = 0.2
 //! probability = 1.0
 //!

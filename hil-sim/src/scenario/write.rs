@@ -8,7 +8,7 @@ use protocol::{Duration, Id, Instant};
 use toml_reader::quoted;
 
 use super::{Action, Scenario};
-use crate::fault::{Fault, FaultKind, PhysicalFault, Target, WireFault, WrongPart};
+use crate::fault::{Fault, FaultKind, Moment, PhysicalFault, Target, WireFault, WrongPart};
 
 /// Seconds that read back as the same microseconds.
 fn seconds(span: Duration) -> String {
@@ -45,8 +45,16 @@ pub fn fault_lines(fault: &Fault) -> Vec<String> {
         format!("kind = \"{}\"", fault.kind_name()),
         format!("target = \"{}\"", target(fault.target)),
         format!("label = {}", quoted(&fault.label)),
-        format!("start_s = {}", seconds(fault.start.saturating_since(Instant::ZERO))),
     ];
+    if fault.start < Instant::FAR_FUTURE {
+        lines.push(format!("start_s = {}", seconds(fault.start.saturating_since(Instant::ZERO))));
+    }
+    if let Some(at) = fault.at {
+        let moment = if at.moment == Moment::Start { "start" } else { "release" };
+        let sign = if at.offset_us < 0 { '-' } else { '+' };
+        let span = seconds(Duration::from_micros(at.offset_us.unsigned_abs()));
+        lines.push(format!("at = \"{moment} {sign} {span} s\""));
+    }
     let mut key = |name: &str, value: String| lines.push(format!("{name} = {value}"));
     if let Some(length) = fault.length {
         key("length_s", seconds(length));

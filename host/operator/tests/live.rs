@@ -192,3 +192,26 @@ fn a_port_that_other_machines_reach_is_refused() {
         LiveServer::start("0.0.0.0:0".parse().unwrap(), state, String::new(), Vec::new(), Arc::default());
     assert!(matches!(started.err(), Some(ServeError::NotLoopback(_))));
 }
+
+#[test]
+fn a_job_that_is_over_leaves_its_last_picture_its_words_and_its_report() {
+    let mut view = view();
+    let mut socket = view.open("/live", None, None).unwrap();
+    view.tell(1_000, 1, 0.25);
+    let report = "GET /report HTTP/1.1\nHost: localhost:PORT";
+    assert!(view.ask(report).0.starts_with("HTTP/1.1 404"), "there is none yet");
+    assert!(json(&mut socket)["ended"].is_null());
+    view.server
+        .end("ended: landed 6.3 mm from the target".to_owned(), Some("<title>report</title>".to_owned()));
+    let seen = loop {
+        let seen = json(&mut socket);
+        if !seen["ended"].is_null() {
+            break seen;
+        }
+    };
+    assert_eq!(seen["ended"]["text"], "ended: landed 6.3 mm from the target");
+    assert_eq!(seen["ended"]["report"], true);
+    assert_eq!(seen["joints"][0]["q_rad"], 0.25, "the last picture stays");
+    let (head, body) = view.ask(report);
+    assert!(head.starts_with("HTTP/1.1 200") && body == "<title>report</title>", "{head}");
+}

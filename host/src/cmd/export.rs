@@ -14,7 +14,7 @@ use planner::plan::file::PlanFile;
 pub struct Args {
     /// Plan file.
     pub plan: PathBuf,
-    /// Write comma-separated values: time, then position, speed and acceleration of every joint.
+    /// Write comma-separated values: time, then position, speed and acceleration of every joint. The one format there is.
     #[arg(long)]
     pub csv: bool,
     /// Distance of rows in s.
@@ -30,9 +30,6 @@ pub struct Args {
 /// # Errors
 /// If the plan cannot be read, the step is not positive, or the table cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    if !args.csv {
-        return Err(ExpectedError::bad_input(&"choose a format: --csv"));
-    }
     let fine = args.step_s >= 1e-5 && args.step_s <= 10.0;
     if !fine {
         return Err(ExpectedError::bad_input(&format!(

@@ -3,6 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
+use planner::store::file::write_whole;
+
 use crate::error::ExpectedError;
 use crate::exit;
 
@@ -35,7 +37,7 @@ impl Folder {
 
     pub(super) fn write(&self, name: &str, text: &str) -> Result<(), ExpectedError> {
         let path = self.file(name);
-        std::fs::write(&path, text).map_err(|error| refused(&format!("{}: {error}", path.display())))
+        write_whole(&path, text.as_bytes()).map_err(|error| refused(&format!("{}: {error}", path.display())))
     }
 }
 

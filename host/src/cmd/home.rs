@@ -6,6 +6,7 @@ use protocol::{Duration, JointIndex, ModuleId};
 use super::controlled::{Controlled, ControllerArgs};
 use super::modules::Modules;
 use super::print_json;
+use super::progress::while_working;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::BusArgs;
@@ -222,10 +223,12 @@ fn home_all(
         }
         // Without a zero before there is nothing to compare.
         let zero = (args.verify && is_homed).then(|| ZeroCheck::new(v_rad_s));
-        let homed = controlled
-            .session
-            .home_joint(node, (joint, module), limit, zero)
-            .map_err(|error| at(module, controlled.renumbered(error)))?;
+        let what = format!("module {module}: looking for its zero");
+        let at_most = format!("up to {:.0} s of the arm", args.timeout);
+        let homed = while_working(&what, &at_most, || {
+            controlled.session.home_joint(node, (joint, module), limit, zero)
+        });
+        let homed = homed.map_err(|error| at(module, controlled.renumbered(error)))?;
         if !args.json {
             console::line!(
                 "module {module}: zero found in {:.1} s, stands at {:.4} rad, at most {:.1} A",

@@ -84,7 +84,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let live = LiveState::new(Machine::of(&cell.robot), session.zero_unix(), BIT_RATE);
     let live = Arc::new(Mutex::new(live));
     session.add_tap(Box::new(LiveTap(Arc::clone(&live))));
-    let span = args.time.or(session.is_simulated().then_some(1.0));
+    let span = args.time.or((session.is_simulated() && page.is_none()).then_some(1.0));
     let end = span.map_or(Instant::FAR_FUTURE, |s| session.now() + Duration::from_secs_f64(s));
     let period = Duration::from_secs_f64(1e-3 * args.period_ms);
     // A page is shown more often than lines are printed.

@@ -3,9 +3,9 @@
 use std::io::IsTerminal;
 use std::path::Path;
 use std::sync::atomic::Ordering;
-use std::time::Instant as WallTime;
+use std::time::{Duration, Instant as WallTime};
 
-use indicatif::ProgressBar;
+use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::Vector3;
 
 use operator::analysis::tracking::JointTracking;
@@ -19,6 +19,22 @@ use tuner::gains::choose::GainsFrom;
 
 use super::consent::Consent;
 use super::last_look::LastLook;
+
+/// How long a search for a throw that follows the flight takes as a rule.
+pub(super) const USUAL_SEARCH: &str = "10 to 30 s";
+
+/// Does `work`. A terminal shows meanwhile what it is, for how long already, and how long it takes as a rule.
+pub(super) fn while_working<T>(what: &str, usual: &str, work: impl FnOnce() -> T) -> T {
+    let bar = ProgressBar::new_spinner().with_message(format!("{what}, as a rule {usual}"));
+    if let Ok(style) = ProgressStyle::with_template("{spinner} {elapsed} {msg}") {
+        bar.set_style(style);
+    }
+    // Nothing is drawn where standard error is no terminal.
+    bar.enable_steady_tick(Duration::from_millis(200));
+    let result = work();
+    bar.finish_and_clear();
+    result
+}
 
 /// What people see while it works.
 pub(super) struct ProgressView {
@@ -88,7 +104,7 @@ impl ProgressView {
                 self.begun = WallTime::now();
                 if !self.silent && std::io::stderr().is_terminal() {
                     self.bar = ProgressBar::new_spinner().with_message(step.name());
-                    self.bar.enable_steady_tick(std::time::Duration::from_millis(200));
+                    self.bar.enable_steady_tick(Duration::from_millis(200));
                 }
             }
             Progress::Part(done, all) => {

@@ -1,11 +1,14 @@
 //! `--web`: the live view of a session.
 
+use std::io::IsTerminal;
 use std::net::SocketAddr;
-use std::sync::atomic::AtomicBool;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
 use operator::bus::session::Session;
-use operator::live::serve::address;
+use operator::interrupt::interrupt;
+use operator::live::serve::{PERIOD, address};
 use operator::live::{LiveServer, LiveState, LiveTap};
 use operator::machine::Machine;
 use planner::plan::file::PlanFile;
@@ -36,10 +39,11 @@ pub struct WebArgs {
 }
 
 impl WebArgs {
-    /// Serves what passes in `session` until the answer is dropped; a page that stops sets `stop`.
+    /// Serves what passes in `session` until the answer is dropped; a page that stops sets `stop`. A simulated cell inside this
+    /// program then runs in real time.
     ///
     /// # Errors
-    /// The session is in virtual time, or the port cannot be had.
+    /// The port cannot be had.
     pub(super) fn serve(
         &self,
         session: &mut Session,
@@ -48,11 +52,9 @@ impl WebArgs {
         stop: Arc<AtomicBool>,
     ) -> Result<Option<LiveServer>, ExpectedError> {
         let Some(address) = self.web else { return Ok(None) };
-        if session.is_simulated() {
-            return Err(ExpectedError::bad_input(
-                &"--web shows real time, the bus `sim` runs in virtual time\n  next: `cubectl sim` in another terminal, then --bus \
-                  socketcand://127.0.0.1:29536/can0",
-            ));
+        if let Some(sim) = session.sim() {
+            // A picture of virtual time would be over at once.
+            sim.pace();
         }
         let state = LiveState::new(Machine::of(robot), session.zero_unix(), BIT_RATE);
         let state = Arc::new(Mutex::new(state));
@@ -62,5 +64,21 @@ impl WebArgs {
             .map_err(|error| ExpectedError::new(exit::OUTPUT, error.to_string()))?;
         console::note!("live view at {}", server.url());
         Ok(Some(server))
+    }
+}
+
+/// Shows on the page what the job has come to, with its report. On a terminal the page stays until Ctrl-C.
+pub(super) fn show_end(page: &LiveServer, text: String, report: &Path) {
+    page.end(text, std::fs::read_to_string(report).ok());
+    if !(std::io::stdin().is_terminal() && std::io::stderr().is_terminal()) {
+        // Pages that look on get the last picture.
+        std::thread::sleep(10 * PERIOD);
+        return;
+    }
+    let interrupt = interrupt();
+    interrupt.store(false, Ordering::Relaxed);
+    console::note!("{} shows the end and the report until Ctrl-C", page.url());
+    while !interrupt.load(Ordering::Relaxed) {
+        std::thread::sleep(PERIOD);
     }
 }

@@ -42,7 +42,7 @@ pub fn page(robot: &RobotModel, bus: &str, plan: Option<&PlanFile>) -> String {
          <header><h1>{title}<span class=\"pill warn\" id=\"link\">connecting</span></h1><p>What passes on the bus, fifty times a \
          second. This page looks and stops; it moves nothing.</p></header>\
          <div class=\"stopbar\"><button id=\"stop\">Stop (Esc)</button><output id=\"stopped\"></output></div>\
-         <p class=\"card bad\" id=\"fault\" hidden></p><div class=\"tiles\">{tiles}</div>\
+         <p class=\"card\" id=\"ended\" hidden></p><p class=\"card bad\" id=\"fault\" hidden></p><div class=\"tiles\">{tiles}</div>\
          <div class=\"scene\"><figure class=\"card\"><canvas id=\"scene\" aria-label=\"arm\"></canvas><div class=\"bar\">\
          <button id=\"reset\">Reset</button><button id=\"top\">From above</button></div>{flight_note}</figure>\
          <div class=\"card scroll\"><table id=\"joints\"><tr><th class=\"l\">joint</th><th>q rad</th><th>speed rad/s</th>\

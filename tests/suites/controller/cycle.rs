@@ -121,6 +121,7 @@ fn late_answers_to_the_last_commands_of_a_run_stop_nothing() {
             target: Target::Module(module),
             filter: None,
             start: lab.world.now(),
+            at: None,
             length: Some(Duration::from_micros(5_500)),
             every: None,
             probability: 1.0,

@@ -247,6 +247,7 @@ fn strike(lab: &mut Lab, kind: FaultKind, module: ModuleId) {
         target: Target::Module(module),
         filter: None,
         start: lab.world.now(),
+        at: None,
         length: None,
         every: None,
         probability: 1.0,

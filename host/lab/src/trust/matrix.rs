@@ -131,6 +131,7 @@ impl Variant {
                     target,
                     filter: None,
                     start,
+                    at: None,
                     length,
                     every: None,
                     probability: self.probability,

@@ -211,6 +211,7 @@ mod tests {
                 target: Target::Module(*module),
                 filter: None,
                 start: Instant::from_micros(123_456),
+                at: None,
                 length: Some(Duration::from_millis(800)),
                 every: Some(Duration::from_secs(3)),
                 probability: 0.5,

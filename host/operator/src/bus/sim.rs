@@ -2,6 +2,7 @@
 
 use std::cell::Cell;
 use std::rc::Rc;
+use std::time::Instant as WallTime;
 
 use firmware::ControllerNode;
 use firmware::authority::Seed;
@@ -24,6 +25,9 @@ use super::seen::Seen;
 use crate::node::host_node::HostNode;
 use crate::tap::Way;
 
+/// A cell in real time waits for the clock if it is ahead of it by so much, and does not catch up with more.
+const AHEAD: std::time::Duration = std::time::Duration::from_millis(2);
+const BEHIND_MAX: std::time::Duration = std::time::Duration::from_millis(50);
 /// Virtual time between two looks at whether the verb has what it wants.
 const SLICE: Duration = Duration::from_micros(100);
 /// Error classes of Linux `can/error.h`.
@@ -133,6 +137,8 @@ pub struct SimBus {
     aside: Box<HostNode>,
     is_lent: bool,
     desk_port: usize,
+    /// In real time: an instant of the clock, and the virtual time then.
+    paced: Option<(WallTime, Instant)>,
 }
 
 struct Tapped<'a, 'b> {
@@ -172,12 +178,30 @@ impl SimBus {
         let mut world = World::new(participants, setup.bus, seed, setup.faults.clone())?;
         // A piece of a file is 40 frames: what the queue of the adapter has no place for waits in the host node.
         world.keep_queue_short(desk_port, setup.bus.queue_depth);
-        Ok(Self { world, aside: Box::default(), is_lent: false, desk_port })
+        Ok(Self { world, aside: Box::default(), is_lent: false, desk_port, paced: None })
     }
 
     /// Virtual time.
     pub fn now(&self) -> Instant {
         self.world.now()
+    }
+
+    /// From now on virtual time passes no faster than the clock, so that people can look on.
+    pub fn pace(&mut self) {
+        self.paced = Some((WallTime::now(), self.world.now()));
+    }
+
+    fn wait_for_clock(&mut self) {
+        let Some((wall, at)) = &mut self.paced else { return };
+        let due =
+            *wall + std::time::Duration::from_micros(self.world.now().saturating_since(*at).as_micros());
+        let now = WallTime::now();
+        let ahead = due.saturating_duration_since(now);
+        if ahead > AHEAD {
+            std::thread::sleep(ahead);
+        } else if now.saturating_duration_since(due) > BEHIND_MAX {
+            (*wall, *at) = (now, self.world.now());
+        }
     }
 
     /// The world, to look at and to add faults.
@@ -213,6 +237,7 @@ impl SimBus {
         let to = (self.world.now() + SLICE).min(until);
         let desk_port = self.desk_port;
         self.world.run_until(to, &mut Tapped { seen, desk_port })?;
+        self.wait_for_clock();
         Ok(())
     }
 }

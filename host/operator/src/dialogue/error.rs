@@ -62,6 +62,16 @@ pub enum OperatorError {
         /// Name asked for.
         name: String,
     },
+    /// It keeps its value because it works for somebody.
+    #[error(
+        "the controller is {state}: another program works with the arm, so {name} cannot be changed\n  next: wait until it has \
+         ended (`cubectl monitor` shows it), or end it with `cubectl stop`"
+    )]
+    InUse {
+        /// What it does.
+        state: State,
+        name: String,
+    },
     /// It keeps another value.
     #[error(
         "the controller does not take {name} = {wanted}, it keeps {found}\n  next: the value must be in the register's \

@@ -4,6 +4,7 @@ use firmware::registers::{self, Number, RegisterInfo, TABLE};
 use firmware::settings::Settings;
 use protocol::cyphal::bits::Decode;
 use protocol::cyphal::client::Policy;
+use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;
 use protocol::cyphal::uavcan::register::{
     ACCESS, AccessRequest, AccessResponse, LIST, ListRequest, ListResponse,
@@ -203,6 +204,11 @@ impl Session {
             return Ok(());
         }
         let name = name.to_owned();
+        if let Some(state) =
+            self.group().map(|group| group.state).filter(|state| state.may_move() || *state == State::Armed)
+        {
+            return Err(OperatorError::InUse { state, name });
+        }
         Err(OperatorError::RegisterRefused { name, wanted: wanted.to_string(), found: found.to_string() })
     }
 

@@ -291,6 +291,9 @@ impl Steps<'_, '_> {
             start = Some(at);
             limit += ahead;
         }
+        if let Judge::Throw { plan, .. } = self.order.judge {
+            self.operator.expect_throw(plan.release_time_s);
+        }
         let states = &mut self.record.states;
         let ended = self.operator.run(&name, start, limit, &mut |at, group| states.push((at, *group)));
         self.record.frames = (self.operator.frames_kept() - frames_before) as u64;

@@ -12,6 +12,8 @@ use std::net::SocketAddr;
 pub enum Wanted {
     /// The page.
     Page,
+    /// The report of the job that is over.
+    Report,
     /// A WebSocket of the page: snapshots out, stop in.
     Live,
     /// A WebSocket of a robotics viewer.
@@ -87,7 +89,8 @@ pub fn judge(asked: &Asked<'_>, own: SocketAddr, allowed: &[String]) -> Result<W
         ("/live", "GET", true) => Ok(Wanted::Live),
         ("/", "GET", true) => Ok(Wanted::Viewer),
         ("/", "GET", false) => Ok(Wanted::Page),
-        ("/" | "/stop" | "/live", _, _) => Err(Refused::Method),
+        ("/report", "GET", false) => Ok(Wanted::Report),
+        ("/" | "/stop" | "/live" | "/report", _, _) => Err(Refused::Method),
         _ => Err(Refused::Path),
     }
 }

@@ -13,7 +13,7 @@ use tungstenite::protocol::{Role, WebSocket, WebSocketConfig};
 use tungstenite::{Error as WireError, Message};
 
 use super::gate::{Asked, Wanted, judge};
-use super::state::LiveState;
+use super::state::{LiveState, Snapshot};
 use super::viewer::{PROTOCOLS, Viewer};
 
 /// Time between two snapshots to one page: 50 Hz.
@@ -54,8 +54,26 @@ pub enum ServeError {
     },
 }
 
+/// What a job has come to.
+#[derive(Clone, Debug, serde::Serialize)]
+struct Ended {
+    /// In words.
+    text: String,
+    /// Whether `/report` shows the report.
+    report: bool,
+}
+
+/// A snapshot, and what the job has come to if it is over.
+#[derive(serde::Serialize)]
+struct Shown<'a> {
+    #[serde(flatten)]
+    snapshot: &'a Snapshot,
+    ended: Option<Ended>,
+}
+
 /// What all connections share.
 struct Shared {
+    job: Mutex<Option<(Ended, String)>>,
     state: Arc<Mutex<LiveState>>,
     stop: Arc<AtomicBool>,
     page: String,
@@ -92,7 +110,8 @@ impl LiveServer {
         let own = listener.local_addr().map_err(refused)?;
         listener.set_nonblocking(true).map_err(refused)?;
         let (ended, connections) = (AtomicBool::new(false), AtomicUsize::new(0));
-        let shared = Arc::new(Shared { state, stop, page, own, origins, ended, connections });
+        let job = Mutex::new(None);
+        let shared = Arc::new(Shared { job, state, stop, page, own, origins, ended, connections });
         let accepting = {
             let shared = Arc::clone(&shared);
             thread::Builder::new()
@@ -101,6 +120,13 @@ impl LiveServer {
                 .map_err(refused)?
         };
         Ok(Self { shared, accepting: Some(accepting) })
+    }
+
+    /// The job is over: the page keeps its last picture, says `text`, and links the page `report` if there is one.
+    pub fn end(&self, text: String, report: Option<String>) {
+        let ended = Ended { text, report: report.is_some() };
+        *self.shared.job.lock().unwrap_or_else(PoisonError::into_inner) =
+            Some((ended, report.unwrap_or_default()));
     }
 
     /// Where the page is.
@@ -137,6 +163,12 @@ pub fn address(text: &str) -> Result<SocketAddr, String> {
     text.replace("localhost:", "127.0.0.1:")
         .parse()
         .map_err(|_| "expected a port, or HOST:PORT with the address of the loopback".to_owned())
+}
+
+impl Shared {
+    fn ended_job(&self) -> Option<(Ended, String)> {
+        self.job.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
 }
 
 fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
@@ -206,6 +238,14 @@ fn serve(mut stream: TcpStream, shared: &Shared) -> io::Result<()> {
     let protocol = match wanted {
         Wanted::Page | Wanted::Stop => {
             return answer(&mut stream, "200 OK", "text/html; charset=utf-8", &shared.page);
+        }
+        Wanted::Report => {
+            return match shared.ended_job() {
+                Some((Ended { report: true, .. }, page)) => {
+                    answer(&mut stream, "200 OK", "text/html; charset=utf-8", &page)
+                }
+                _ => answer(&mut stream, "404 Not Found", "text/plain", "there is no report yet\n"),
+            };
         }
         Wanted::Live => None,
         Wanted::Viewer => {
@@ -339,7 +379,14 @@ fn show(socket: &mut WebSocket<TcpStream>, shared: &Shared) -> Result<(), WireEr
     while !shared.ended.load(Ordering::Relaxed) {
         let snapshot = shared.state.lock().unwrap_or_else(PoisonError::into_inner).snapshot(last_event);
         last_event = snapshot.events.last().map_or(last_event, |event| event.number);
-        let text = serde_json::to_string(&snapshot).map_err(|error| WireError::Io(error.into()))?;
+        let ended = shared
+            .job
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .as_ref()
+            .map(|(ended, _)| ended.clone());
+        let text = serde_json::to_string(&Shown { snapshot: &snapshot, ended })
+            .map_err(|error| WireError::Io(error.into()))?;
         socket.send(Message::text(text))?;
         next = (next + PERIOD).max(Instant::now());
         listen(socket, next, |text| {

@@ -62,6 +62,8 @@ pub struct InProcess {
     stop: Option<Arc<AtomicBool>>,
     /// Stops of others.
     stops: StopWatch,
+    /// The next run is a throw that releases so long after its start.
+    release_after: Option<Duration>,
 }
 
 /// Gives the watch every frame but the controller's own.
@@ -94,9 +96,10 @@ impl InProcess {
         let cell = Cell::new(robot, &setup.cell, seed)?;
         let script = Solo::new("script", ScriptedHost::new(&setup.actions));
         let participants = ((cell, script), Solo::new("controller", controller));
-        let world = World::new(participants, setup.bus, seed, setup.faults.clone())?;
+        let mut world = World::new(participants, setup.bus, seed, setup.faults.clone())?;
+        world.faults_mut().await_throw();
         let told = (Instant::ZERO, GroupState::default());
-        Ok(Self { world, told, kept: None, stop: None, stops: StopWatch::of_others() })
+        Ok(Self { world, told, kept: None, stop: None, stops: StopWatch::of_others(), release_after: None })
     }
 
     /// Lets `flag`, once it is set, end what is under way with [`OperatorError::Interrupted`], at most 0.5 ms of virtual time later.
@@ -327,6 +330,10 @@ impl Operator for InProcess {
         }
     }
 
+    fn expect_throw(&mut self, release_s: f64) {
+        self.release_after = Some(Duration::from_secs_f64(release_s));
+    }
+
     fn run(
         &mut self,
         name: &Trajectory,
@@ -340,6 +347,9 @@ impl Operator for InProcess {
         }
         self.order("to run", Order::Run(file(name)))?;
         let ordered_at = self.world.now();
+        if let Some(release) = self.release_after.take() {
+            self.world.faults_mut().throw_begins(ordered_at, ordered_at, ordered_at + release);
+        }
         let mut following = Following::new(ordered_at);
         let ended =
             self.pass_until(ordered_at + limit, &mut |at, group| following.has_ended(at, group, progress))?;

@@ -130,6 +130,11 @@ pub trait Operator {
     /// [`OperatorError::Refused`], and those of the link.
     fn arm(&mut self, name: &Trajectory) -> Result<(), OperatorError>;
 
+    /// The next run is a throw that releases the ball `release_s` after its start. A simulated cell times its faults by it.
+    fn expect_throw(&mut self, release_s: f64) {
+        let _ = release_s;
+    }
+
     /// Runs the armed trajectory and follows it to its end; `progress` gets each state that the controller reports. It begins at
     /// `start` of the controller's clock, or at once.
     ///

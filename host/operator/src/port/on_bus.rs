@@ -26,6 +26,8 @@ pub struct OnBus<'a> {
     node: Option<NodeId>,
     keeper: Keeper,
     bit_rate_bit_s: u32,
+    /// The next run is a throw that releases so long after its start.
+    release_after: Option<Duration>,
 }
 
 impl<'a> OnBus<'a> {
@@ -34,7 +36,7 @@ impl<'a> OnBus<'a> {
         let keeper = Keeper::default();
         session.add_tap(Box::new(keeper.clone()));
         session.watch_stops();
-        Self { session, wanted, node: None, keeper, bit_rate_bit_s }
+        Self { session, wanted, node: None, keeper, bit_rate_bit_s, release_after: None }
     }
 
     /// Stops that others gave before are over; the next one ends a job again.
@@ -124,6 +126,10 @@ impl Operator for OnBus<'_> {
         self.session.arm(node, name)
     }
 
+    fn expect_throw(&mut self, release_s: f64) {
+        self.release_after = Some(Duration::from_secs_f64(release_s));
+    }
+
     fn run(
         &mut self,
         name: &Trajectory,
@@ -132,6 +138,11 @@ impl Operator for OnBus<'_> {
         progress: &mut dyn FnMut(Instant, &GroupState),
     ) -> Result<(), OperatorError> {
         let node = self.node()?;
+        let now = self.session.now();
+        let begins = start.unwrap_or(now);
+        if let (Some(release), Some(sim)) = (self.release_after.take(), self.session.sim()) {
+            sim.world().faults_mut().throw_begins(now, begins, begins + release);
+        }
         self.session.run_trajectory_at(node, name, start, limit, progress).map(drop)
     }
 

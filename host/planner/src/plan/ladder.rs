@@ -97,7 +97,7 @@ impl<'a> Ladder<'a> {
     /// The best throw within a budget, with as little given up as the search can manage.
     ///
     /// Every rung has the whole budget of starts. With `quick`, so many stored throws of each rung are tried first, and
-    /// the first that leads to the target ends the search of that rung.
+    /// the first that leads to the target ends the search of that rung. A target clearly out of reach is refused at once.
     ///
     /// # Errors
     /// [`NoThrow`] if no rung has one; with the nearest reachable target of the last rung unless the search was stopped.
@@ -108,6 +108,10 @@ impl<'a> Ladder<'a> {
         watch: &Watch,
         quick: Option<usize>,
     ) -> Result<Settled<'_, 'a>, NoThrow> {
+        let last = Planner::new(&self.rungs[self.rungs.len() - 1].1);
+        if let Some(none) = last.refused_at_once(index, budget, watch) {
+            return Err(none);
+        }
         let mut at = 0;
         let best = loop {
             let planner = Planner::new(&self.rungs[at].1);

@@ -195,7 +195,14 @@ impl Planner<'_, '_> {
             let confidence = basins.confidence();
             return Ok(Best { found, starts, solved: 1, interrupted, confidence, others: vec![found] });
         }
-        Err(NoThrow { nearest: Some(nearest), ..none })
+        Err(NoThrow { nearest: persistent.proven(&nearest, index, budget, watch), ..none })
+    }
+
+    /// Whether the index says something about targets that it has no throw for.
+    pub(super) fn has_table(&self, index: &Index) -> bool {
+        let kind = kind_of(&self.problem.options);
+        let for_such_targets = self.problem.aim.is_level() && self.problem.options.opening.is_none();
+        for_such_targets && index.records().iter().filter(|r| r.kind == kind).count() >= TABLE_MIN
     }
 
     /// Walks to the target from the stored throws nearest to it, whatever they are expected to cost there.
@@ -295,11 +302,8 @@ impl Planner<'_, '_> {
             });
             others.into_iter().flatten().for_each(|found| basins.add_stored(found));
         }
-        let of_kind = index.records().iter().filter(|r| r.kind == kind).count();
-        let options = &self.problem.options;
-        let for_such_targets = self.problem.aim.is_level() && options.opening.is_none();
         match near.len() {
-            _ if of_kind < TABLE_MIN || !for_such_targets => Surroundings::Unknown,
+            _ if !self.has_table(index) => Surroundings::Unknown,
             0 => Surroundings::Empty,
             _ => Surroundings::Stored,
         }

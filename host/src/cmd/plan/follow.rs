@@ -19,8 +19,10 @@ use planner::store::robot_fingerprint;
 use super::args::Args;
 use super::follow_options::{CriterionName, RampsName};
 pub(crate) use super::follow_options::{REFINEMENTS, is_industrial};
+use super::numbers::require_metres;
 use super::options::FormName;
 use crate::cmd::meaning::Deed;
+use crate::cmd::progress::{USUAL_SEARCH, while_working};
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::follow as report;
@@ -139,6 +141,7 @@ pub(super) fn plan(args: &Args, arm: &Arm) -> Result<Followed, ExpectedError> {
     if !args.target.iter().all(|v| v.is_finite()) {
         return Err(ExpectedError::bad_input(&"the target needs three finite numbers"));
     }
+    require_metres(args.target)?;
     let source = args.follow.limit_source(arm, form);
     let mut limits = Limits::of(arm, source);
     if let Some(deg_s2) = args.follow.ramps_deg_s2 {
@@ -156,7 +159,12 @@ pub(super) fn plan(args: &Args, arm: &Arm) -> Result<Followed, ExpectedError> {
     let search = search_of(args, arm);
     let began = Instant::now();
     let searching = Setting { limits: searched(&limits, args.search.options.form), ..setting };
-    let found = search.plan(&searching).map_err(|none| no_throw(&none, &search, &searching))?;
+    let found = while_working("looking for a throw", USUAL_SEARCH, || search.plan(&searching));
+    let found = found.map_err(|none| {
+        while_working("looking for the nearest target with a plan", USUAL_SEARCH, || {
+            no_throw(&none, &search, &searching)
+        })
+    })?;
     let took_s = began.elapsed().as_secs_f64();
     let id = RobotId {
         name: arm.name().to_owned(),

@@ -5,7 +5,7 @@ pub mod follow;
 pub mod follow_options;
 pub mod for_programs;
 pub mod grid;
-mod numbers;
+pub(in crate::cmd) mod numbers;
 pub(in crate::cmd) use numbers::six_numbers;
 pub mod options;
 pub mod search;

@@ -1,5 +1,9 @@
 //! Values of options that are several numbers.
 
+use planner::plan::problem::short;
+
+use crate::error::ExpectedError;
+
 /// `N` numbers separated by commas.
 pub(super) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     let parts: Vec<f64> = text
@@ -29,4 +33,20 @@ pub(in crate::cmd) fn six_numbers(text: &str) -> Result<[f64; 6], String> {
 /// If there are not three numbers.
 pub fn point(text: &str) -> Result<[f64; 3], String> {
     numbers(text)
+}
+
+/// No ball is thrown farther than this, m.
+const TARGET_MAX_M: f64 = 100.0;
+
+/// Refuses a target that lies so far away that its numbers must be millimetres.
+pub(in crate::cmd) fn require_metres(target_m: [f64; 3]) -> Result<(), ExpectedError> {
+    let far = target_m.iter().any(|x| x.is_finite() && x.abs() > TARGET_MAX_M);
+    if !far {
+        return Ok(());
+    }
+    let ([x, y, z], [a, b, c]) = (target_m.map(short), target_m.map(|mm| short(1e-3 * mm)));
+    Err(ExpectedError::bad_input(&format!(
+        "target {x},{y},{z} m lies more than {TARGET_MAX_M} m away: metres?\n  next: targets are in m; if these are millimetres, \
+         --target {a},{b},{c}"
+    )))
 }

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::{Vector2, Vector3};
 
+use super::numbers::require_metres;
 use super::options::{PlanOptions, Starts, note, two_numbers};
 use crate::error::ExpectedError;
 use crate::exit;
@@ -267,6 +268,7 @@ impl SearchOptions {
         draws: Option<Draws>,
     ) -> Result<Solved, ExpectedError> {
         self.require_sound()?;
+        require_metres(target)?;
         let (region, noise) = (self.region()?, self.noise()?);
         let goal = self.goal(noise, region)?;
         let time = match self.time_budget {

@@ -132,7 +132,10 @@ impl Drives {
         let key = args.key.load()?;
         let mut session = bus.open_cell(&self.cell, self.soft.then_some(&self.settings))?;
         session.set_key(key);
-        let _page = args.web.serve(&mut session, &self.cell.robot, Some(&self.plan), interrupt())?;
+        if let Some(sim) = session.sim() {
+            sim.world().faults_mut().await_throw();
+        }
+        let page = args.web.serve(&mut session, &self.cell.robot, Some(&self.plan), interrupt())?;
         let wanted = match args.controller {
             Some(Controller::Node(node)) => Some(node),
             Some(Controller::Soft) | None => None,
@@ -148,7 +151,7 @@ impl Drives {
         let lost = session.finish().err().map(ExpectedError::from);
         let time = if simulated { "virtual time" } else { "real time" };
         let controller = if self.soft { "soft" } else { "node" };
-        Ok(Done { record, wrong, lost, bus, time, controller, bus_errors, soft, ..Done::default() })
+        Ok(Done { record, wrong, lost, bus, time, controller, bus_errors, soft, page, ..Done::default() })
     }
 
     /// The error of a job, with what the drives say about it and the next step.

@@ -24,8 +24,9 @@ use crate::cmd::ended::{failure, off_target};
 use crate::cmd::folder::Folder;
 use crate::cmd::meaning::Deed;
 use crate::cmd::plan::follow::{REFINEMENTS, paper_grid, searched};
+use crate::cmd::plan::numbers::require_metres;
 use crate::cmd::plan::options::FormName;
-use crate::cmd::progress::Ui;
+use crate::cmd::progress::{USUAL_SEARCH, Ui, while_working};
 use crate::cmd::rsi::{LOG, LogFile, description, listen};
 use crate::cmd::tracker::Measured;
 use crate::error::ExpectedError;
@@ -304,6 +305,7 @@ fn plan(
             if !target_m.iter().all(|x| x.is_finite()) {
                 return Err(ExpectedError::bad_input(&"the target needs three finite numbers"));
             }
+            require_metres(target_m)?;
             let seed = args.seed.unwrap_or(1);
             let (search, lag_s) = match args.search.options.form {
                 FormName::Paper => {
@@ -325,7 +327,8 @@ fn plan(
             let setting =
                 Setting { commands, lag_s, period_s, ..Setting::new(arm, Vector3::from(target_m), limits) };
             let searching = Setting { limits: searched(&limits, args.search.options.form), ..setting };
-            let found = search.plan(&searching).map_err(|none| {
+            let found = while_working("looking for a throw", USUAL_SEARCH, || search.plan(&searching));
+            let found = found.map_err(|none| {
                 ExpectedError::new(
                     exit::NO_THROW,
                     format!("{none}\n  next: `cubectl plan throw --robot {}` names the nearest target with a plan", arm.name()),

@@ -27,7 +27,7 @@ use super::report;
 use super::rsi::write_description;
 use super::tracker::{Measured, TargetArg, TrackerArgs};
 use super::tune::InForce;
-use super::web::WebArgs;
+use super::web::{WebArgs, show_end};
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::args::Controller;
@@ -36,6 +36,7 @@ use operator::bus::period::{NoPeriod, PERIOD_MAX_US, PERIOD_MIN_US};
 use operator::bus::soft::SoftReport;
 use operator::job::summary::{Circumstances, summary};
 use operator::job::{Order, Record};
+use operator::live::LiveServer;
 use operator::rsi::log::Line;
 use tuner::gains::choose::GainsFrom;
 use tuner::gains::gains_file::GainsFile;
@@ -173,6 +174,10 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let written = prepared.write(args, &folder, &done, (&mut progress, wrong.as_ref(), tracked));
     let said = wrong.is_none().then_some(&done.record.verdict);
     progress.closing(&done.record, said, &folder.path, begun);
+    if let Some(page) = done.page.take() {
+        let text = format!("ended: {}; results in {}", done.record.verdict.text, folder.path.display());
+        show_end(&page, text, &folder.file("report.html"));
+    }
     outcome_last(wrong, written, Some(&folder.path))
 }
 
@@ -193,6 +198,8 @@ struct Done {
     lines: Vec<Line>,
     /// Rights of the thread that answered it.
     answering: Option<String>,
+    /// The live view.
+    page: Option<LiveServer>,
 }
 
 impl Done {

@@ -108,6 +108,12 @@
 
   function take(now) {
     last = now; heard = performance.now(); dirty = true;
+    el('ended').hidden = !now.ended;
+    if (now.ended && !el('ended').textContent) {
+      el('ended').textContent = now.ended.text + (now.ended.report ? '. ' : '');
+      if (now.ended.report) { const link = document.createElement('a'); link.href = '/report'; link.textContent = 'Report'; el('ended').append(link); }
+    }
+    if (!now.ended) el('ended').textContent = '';
     const c = now.controller;
     charts[0].add(now.t_s, now.joints.map(j => j.error_rad === null ? null : 1e3 * j.error_rad));
     charts[1].add(now.t_s, now.joints.map(j => j.current_a));
@@ -136,9 +142,13 @@
 
   // What the program says of age goes for the page, too: what it has not sent again for so long is old.
   function draw() {
-    const gap_s = (performance.now() - heard) / 1e3, silent = !last || gap_s > live.old_after_s || !socket || socket.readyState !== WebSocket.OPEN;
-    el('link').textContent = silent ? (last ? 'not connected: what is shown is old' : 'connecting') : last.link.text;
-    el('link').className = 'pill ' + (silent ? 'warn' : last.link.tone);
+    // What has ended stays as it was: the last picture is no old one.
+    const over = last && last.ended;
+    const gap_s = (performance.now() - heard) / 1e3, silent = !over && (!last || gap_s > live.old_after_s || !socket || socket.readyState !== WebSocket.OPEN);
+    const link = el('ended').querySelector('a');
+    if (link && gap_s > live.old_after_s) link.remove();
+    el('link').textContent = over ? 'ended' : silent ? (last ? 'not connected: what is shown is old' : 'connecting') : last.link.text;
+    el('link').className = 'pill ' + (over ? '' : silent ? 'warn' : last.link.tone);
     // While nothing comes, the ages still grow.
     if (last && (dirty || silent && Math.round(gap_s) !== told_s)) {
       dirty = false; told_s = Math.round(gap_s);
