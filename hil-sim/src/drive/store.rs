@@ -246,8 +246,8 @@ fn factory_table(plate: &Nameplate, options: &DriveOptions) -> Table {
         (P::LoadDeltaTime, None, Value::U16(0)),
         (P::MinLogicVoltage, None, f(18.0)),
         (P::MaxLogicVoltage, None, f(32.0)),
-        (P::MinMotorVoltage, None, f(18.0)),
-        (P::MaxMotorVoltage, None, f(32.0)),
+        (P::MinMotorVoltage, None, f(0.75 * plate.supply_v)),
+        (P::MaxMotorVoltage, None, f(4.0 / 3.0 * plate.supply_v)),
         (P::NominalMotorCurrent, None, f(0.5 * plate.current_max_a)),
         (P::MaximumMotorCurrent, None, f(plate.current_max_a)),
         // Tolerated times; unit not stated, taken as ms.
