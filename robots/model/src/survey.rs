@@ -217,7 +217,9 @@ fn implausible(arm: &RobotModel, root: &Section<'_>, findings: &mut Vec<Finding>
     let scene = Scene::default();
     let mut checker = CollisionChecker::new(arm, &scene);
     let zero = JointVec::zeros(arm.n());
-    if let Some((a, b)) = checker.first_contact(&arm.fk(&zero)) {
+    // Outside its range the zero of a joint is no pose of the arm.
+    let contact = arm.in_range(&zero, 0.0).then(|| checker.first_contact(&arm.fk(&zero))).flatten();
+    if let Some((a, b)) = contact {
         let what = format!("{} touches {} with all joints at zero", checker.name(a), checker.name(b));
         if let Some(section) = root.optional("collision", Value::section)? {
             let next = "`cubectl robot show` draws the boxes; smaller boxes, or a larger link_distance_min";

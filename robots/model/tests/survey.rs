@@ -92,7 +92,7 @@ fn a_value_the_loader_refuses_is_an_error_with_its_line() {
 fn what_urdf_does_not_say_is_marked_in_the_imported_file_until_the_mark_is_removed() {
     let urdf = include_str!("../../../docs/robots/arm.urdf");
     let options =
-        UrdfOptions { end_effector: Some("tool".to_owned()), floor_z_m: -0.8, ..UrdfOptions::default() };
+        UrdfOptions { end_effector: Some("tool".to_owned()), floor_z_m: Some(-0.8), ..UrdfOptions::default() };
     let made = robot_file_from_urdf("arm.urdf", urdf, &options).expect("a serial arm");
     let found = of(&made.toml);
     let assumed: Vec<&str> =

@@ -27,7 +27,7 @@ pub struct Args {
     /// before a gripper.
     #[arg(long)]
     pub end_effector: Option<String>,
-    /// Height of the floor in m; negative if the arm stands on something.
+    /// Height of the floor in m; negative if the arm stands on something. Default: 0, or so low that the arm starts free of it.
     #[arg(long, allow_hyphen_values = true)]
     pub floor_z_m: Option<f64>,
     /// Folder of a ROS package that meshes are in; may be given several times.
@@ -44,8 +44,8 @@ pub struct Args {
 /// If the file cannot be read, is no serial arm of revolute joints, or the robot file cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let text = read_text(&args.urdf, DESCRIPTION_MAX_BYTES).map_err(|e| ExpectedError::io(&args.urdf, &e))?;
-    let floor_z_m = args.floor_z_m.unwrap_or(0.0);
-    if !floor_z_m.is_finite() {
+    let floor_z_m = args.floor_z_m;
+    if let Some(floor_z_m) = floor_z_m.filter(|z| !z.is_finite()) {
         return Err(ExpectedError::bad_input(&format!("a floor at {floor_z_m} m: give a height in metres")));
     }
     let options =

@@ -39,11 +39,17 @@ fn up_from(reader: &Reader<'_>, tree: &UrdfTree, name: &str) -> Result<Vec<usize
         reader.error(1, UrdfProblem::NoSuchEndEffector { wanted: name.to_owned(), there })
     })?;
     let mut chain = Vec::new();
+    let mut foreign = None;
     while let Some((k, joint)) = tree.joints.iter().enumerate().find(|(_, joint)| joint.child == link) {
-        if let Some(refusal) = reader.foreign(joint) {
-            return Err(refusal);
+        // A lift below the arm and a finger behind it are held where they are; a slide in the arm is refused.
+        if joint.turn.is_some() {
+            if let Some(refusal) = foreign {
+                return Err(refusal);
+            }
+            chain.push(k);
+        } else if !chain.is_empty() {
+            foreign = foreign.or_else(|| reader.foreign(joint));
         }
-        chain.extend(joint.turn.is_some().then_some(k));
         link = joint.parent;
     }
     chain.reverse();

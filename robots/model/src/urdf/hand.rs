@@ -30,7 +30,9 @@ pub(super) fn release_frame(last: &Axis, end_effector: &Pose) -> Pose {
         boxes.iter().all(|b| b.proximity_to_sphere(&ball, BALL_RADIUS_M).distance_m >= ROOM_M)
     };
     let steps = (FAR_M / STEP_M) as usize;
-    let away_m = (0..steps).map(|k| k as f64 * STEP_M).find(|d| free(*d)).unwrap_or(0.0);
+    // From far away inwards: in front of the hand, not in a gap behind it.
+    let places = (0..=steps).rev().map(|k| k as f64 * STEP_M);
+    let away_m = places.take_while(|d| free(*d)).last().filter(|_| !boxes.is_empty()).unwrap_or(0.0);
     let tool_e = end_effector.rot.tr_mul(&tool);
     let across = end_effector.rot.tr_mul(&axis.cross(&tool));
     let hint = Vector3::from_fn(|k, _| f64::from(u8::from(k == tool_e.iamin())));

@@ -12,7 +12,7 @@ use super::arm;
 use super::hand::release_frame;
 use super::mesh::MeshFiles;
 use super::parts::{Axis, Body, Draft, Effort, UrdfOptions};
-use super::toml_text::{EFFICIENCY, robot_file};
+use super::toml_text::robot_file;
 use super::tree::{Inertial, Reader, UrdfError, UrdfProblem, UrdfTree};
 use crate::model::RobotModel;
 use crate::per_joint::JointVec;
@@ -74,20 +74,10 @@ pub fn robot_file_with_meshes(
                 joint.name
             ));
         }
-        match turn.velocity_rad_s.filter(|v| *v > 0.0) {
-            None => {
-                let v = options.velocity_default_rad_s;
-                notes.push(format!("joint `{}` has no velocity limit; {v} rad/s is assumed", joint.name));
-                turn.velocity_rad_s = None;
-            }
-            Some(v) if v > SPEED_MAX_RAD_S => {
-                notes.push(format!(
-                    "joint `{}` may turn with {v} rad/s; {SPEED_MAX_RAD_S} is the most that can be led",
-                    joint.name
-                ));
-                turn.velocity_rad_s = Some(SPEED_MAX_RAD_S);
-            }
-            Some(_) => {}
+        turn.velocity_rad_s = turn.velocity_rad_s.filter(|v| *v > 0.0);
+        if turn.velocity_rad_s.is_none() {
+            let v = options.velocity_default_rad_s;
+            notes.push(format!("joint `{}` has no velocity limit; {v} rad/s is assumed", joint.name));
         }
         axes.push(Axis { name: joint.name.clone(), origin, turn, body });
     }
@@ -102,7 +92,7 @@ pub fn robot_file_with_meshes(
     let speed = |axis: &Axis| axis.turn.velocity_rad_s.unwrap_or(options.velocity_default_rad_s);
     let power_w = axes.iter().zip(&efforts).map(|(axis, effort)| speed(axis) * effort.nm).fold(0.0, f64::max);
     let mut voltage_v = VOLTAGE_V;
-    while power_w > CURRENT_MAX_A * voltage_v * EFFICIENCY {
+    while power_w > POWER_W_PER_V * voltage_v {
         voltage_v *= 2.0;
     }
     notes.push(format!(
@@ -122,22 +112,21 @@ pub fn robot_file_with_meshes(
         release,
         voltage_v,
         untested: Vec::new(),
+        floor_z_m: options.floor_z_m.unwrap_or(0.0),
         floor_from_link: 2.min(joints),
         notes,
     };
     // What cannot be loaded is refused where the file is used, with the line in it.
     if let Ok(model) = RobotModel::from_toml(file, &robot_file(&draft, options)) {
-        leave_out_what_always_touches(&model, &mut draft);
+        leave_out_what_always_touches(&model, options, &mut draft);
     }
     Ok(UrdfRobot { toml: robot_file(&draft, options), joints, notes: draft.notes })
 }
 
-/// Highest speed of a joint that a controller leads.
-const SPEED_MAX_RAD_S: f64 = 10.0;
 /// Voltage of generic drives; doubled until no drive needs more than the current.
 const VOLTAGE_V: f64 = 48.0;
-/// A controller takes currents up to 60 A.
-const CURRENT_MAX_A: f64 = 50.0;
+/// At the assumed efficiency of 0.8 that is 50 A; a controller takes up to 60 A.
+const POWER_W_PER_V: f64 = 40.0;
 /// Assumed torque over the largest that gravity can ask for.
 const EFFORT_RESERVE: f64 = 2.0;
 
@@ -161,8 +150,15 @@ const POSES: usize = 400;
 /// Links that touch in more of them, and lie near each other in the chain, touch because of their boxes.
 const TOUCHING_SHARE: f64 = 0.4;
 
+/// Links so few joints apart that touch where a simulated arm starts do so because of their boxes too.
+const NEAR_LINKS: usize = 3;
+/// Room between floor and arm where a simulated one starts, m.
+const FLOOR_ROOM_M: f64 = 0.05;
+/// Links that touch the floor in more of them are bolted so low that nothing else is possible.
+const FLOOR_SHARE: f64 = 0.98;
+
 /// Boxes reach over the edges of their links. Links that touch nearly everywhere are left out of the tests, with a note.
-fn leave_out_what_always_touches(model: &RobotModel, draft: &mut Draft<'_>) {
+fn leave_out_what_always_touches(model: &RobotModel, options: &UrdfOptions, draft: &mut Draft<'_>) {
     let n = model.n();
     let boxes = model.collision().boxes();
     let (mut touching, mut below) = (vec![vec![0; n + 1]; n + 1], vec![0; n + 1]);
@@ -180,33 +176,63 @@ fn leave_out_what_always_touches(model: &RobotModel, draft: &mut Draft<'_>) {
             }
         }
         for link in 1..=n {
-            let floor_z_m = model.world().floor_z_m;
+            let floor_z_m = draft.floor_z_m;
             let touches = |(b, own): (&crate::boxes::Obb, usize)| {
                 own == link && b.proximity_to_floor(floor_z_m).distance_m <= 0.0
             };
             below[link] += usize::from(placed.iter().zip(boxes.iter().map(|b| b.link)).any(touches));
         }
     }
-    let often = |count: usize| count as f64 > TOUCHING_SHARE * POSES as f64;
+    // A simulated arm starts within 0.1 rad of the middle of its ranges, and homes there.
+    for q in [0.0, 0.1].map(|off| (low + high) * 0.5 + JointVec::repeat(n, off)) {
+        let placed = model.boxes_at(&model.fk(&q));
+        for (a, b) in model.collision().pairs().iter().map(|(a, b)| (usize::from(*a), usize::from(*b))) {
+            let (link_a, link_b) = (boxes[a].link.min(boxes[b].link), boxes[a].link.max(boxes[b].link));
+            if placed[a].overlaps(&placed[b]) && link_b - link_a <= NEAR_LINKS {
+                touching[link_a][link_b] = POSES;
+            }
+        }
+        let moving = placed.iter().zip(boxes).filter(|(_, own)| own.link >= draft.floor_from_link);
+        let above_m = moving.map(|(b, _)| b.proximity_to_floor(draft.floor_z_m).distance_m).fold(f64::MAX, f64::min);
+        if options.floor_z_m.is_none() && above_m < FLOOR_ROOM_M {
+            draft.floor_z_m = plain(draft.floor_z_m + ((above_m - FLOOR_ROOM_M) * 10.0).floor() / 10.0);
+        }
+    }
+    if options.floor_z_m.is_none() && draft.floor_z_m < 0.0 {
+        draft.notes.push(format!(
+            "the floor is assumed {} m below the base, so that the arm is free of it in the middle of its ranges; --floor-z-m says \
+             where it is",
+            -draft.floor_z_m
+        ));
+    }
+    let often = |count: usize, share: f64| count as f64 > share * POSES as f64;
     let name = |link: usize| link.checked_sub(1).map_or("base", |k| model.links()[k].name.as_str());
     for (a, row) in touching.iter().enumerate() {
-        for (b, count) in row.iter().enumerate().filter(|(_, count)| often(**count)) {
+        for (b, count) in row.iter().enumerate().filter(|(_, count)| often(**count, TOUCHING_SHARE)) {
             draft.untested.push([a, b]);
             draft.notes.push(format!(
-                "`{}` and `{}` are not tested for contact: their boxes touch in {} of {POSES} random poses",
+                "`{}` and `{}` are not tested for contact: their boxes touch {}",
                 name(a),
                 name(b),
-                count
+                match *count {
+                    POSES => "where the arm starts, in the middle of its ranges, or everywhere".to_owned(),
+                    count => format!("in {count} of {POSES} random poses"),
+                }
             ));
         }
     }
-    while draft.floor_from_link < n && often(below[draft.floor_from_link]) {
+    while draft.floor_from_link < n && often(below[draft.floor_from_link], FLOOR_SHARE) {
         draft.notes.push(format!(
-            "`{}` is not tested against the floor: it touches it in most poses",
+            "`{}` is not tested against the floor: it touches it in nearly all poses",
             name(draft.floor_from_link)
         ));
         draft.floor_from_link += 1;
     }
+}
+
+/// A height without the rounding error of tenths.
+fn plain(z_m: f64) -> f64 {
+    (z_m * 10.0).round() / 10.0
 }
 
 /// Van der Corput's sequence: digits of a number mirrored at the point, evenly spread over 0 to 1.

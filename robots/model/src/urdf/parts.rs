@@ -20,8 +20,9 @@ pub struct UrdfOptions {
     pub jerk_per_acceleration_1_s: f64,
     /// Velocity limit of joints that give none, in rad/s.
     pub velocity_default_rad_s: f64,
-    /// Height of the floor in m.
-    pub floor_z_m: f64,
+    /// Height of the floor in m. If `None` it is that of the base, or so much lower that the arm is free of it in the middle of its
+    /// ranges.
+    pub floor_z_m: Option<f64>,
 }
 
 impl Default for UrdfOptions {
@@ -31,7 +32,7 @@ impl Default for UrdfOptions {
             acceleration_per_velocity_1_s: 4.0,
             jerk_per_acceleration_1_s: 10.0,
             velocity_default_rad_s: 1.0,
-            floor_z_m: 0.0,
+            floor_z_m: None,
         }
     }
 }
@@ -70,6 +71,7 @@ pub(super) struct Draft<'a> {
     pub(super) voltage_v: f64,
     /// Links that are not tested against each other; 0 is the base.
     pub(super) untested: Vec<[usize; 2]>,
+    pub(super) floor_z_m: f64,
     /// First link that is tested against the floor.
     pub(super) floor_from_link: usize,
     pub(super) notes: Vec<String>,

@@ -10,9 +10,7 @@ use crate::family::Family;
 use crate::load::{SCHEMA_VERSION, turn_z_to};
 use crate::pose::Pose;
 use crate::survey::ASSUMED;
-
-/// Assumed efficiency of a generic drive at full torque and top speed.
-pub(super) const EFFICIENCY: f64 = 0.8;
+use crate::uses::{DRIVE_LOOP, GENERIC_DRIVES};
 
 /// The robot file for a chain of axes.
 pub(super) fn robot_file(draft: &Draft<'_>, options: &UrdfOptions) -> String {
@@ -36,7 +34,9 @@ fn write_robot(out: &mut String, draft: &Draft<'_>, options: &UrdfOptions) -> st
     writeln!(out, "description = {}", quoted(&format!("{name}, from URDF")))?;
     writeln!(out, "family = {}", quoted(family(axes, end_effector).name()))?;
     writeln!(out, "frame_convention = \"fixed_axis\"\n")?;
-    writeln!(out, "[world]\ngravity_m_s2 = 9.81\nfloor_z_m = {:?}", options.floor_z_m)?;
+    let given = options.floor_z_m.is_some() || draft.floor_z_m == 0.0;
+    let lower = if given { String::new() } else { format!("  {ASSUMED} so low that the arm is free of it") };
+    writeln!(out, "[world]\ngravity_m_s2 = 9.81\nfloor_z_m = {:?}{lower}", draft.floor_z_m)?;
     for (axis, effort) in axes.iter().zip(&draft.efforts) {
         write_joint(out, axis, effort, options)?;
     }
@@ -88,9 +88,9 @@ fn write_robot(out: &mut String, draft: &Draft<'_>, options: &UrdfOptions) -> st
 
 fn write_joint(out: &mut String, axis: &Axis, effort: &Effort, options: &UrdfOptions) -> std::fmt::Result {
     let [low, high] =
-        axis.turn.range_rad.map_or([-180.0, 180.0], |r| r.map(|q| plain(q.to_degrees(), DEGREES)));
+        axis.turn.range_rad.map_or([-180.0, 180.0], |r| r.map(|q| whole(q.to_degrees())));
     let velocity =
-        plain(axis.turn.velocity_rad_s.unwrap_or(options.velocity_default_rad_s).to_degrees(), DEGREES);
+        whole(axis.turn.velocity_rad_s.unwrap_or(options.velocity_default_rad_s).to_degrees());
     let acceleration = plain(velocity * options.acceleration_per_velocity_1_s, 1e6);
     let jerk = plain(acceleration * options.jerk_per_acceleration_1_s, 1e6);
     let frame = pose_keys(&axis.origin, ", ");
@@ -116,15 +116,13 @@ fn write_drives(out: &mut String, draft: &Draft<'_>) -> std::fmt::Result {
     writeln!(out, "\n# URDF has no drives. These follow from speed and torque of each joint (robots/README.md), for simulations.")?;
     writeln!(out, "[generic_drives]")?;
     writeln!(out, "voltage_v = {:?}  {ASSUMED} a usual voltage of such arms", draft.voltage_v)?;
-    writeln!(out, "efficiency = {EFFICIENCY}  {ASSUMED} motor and gear at full torque and top speed")?;
-    writeln!(out, "motor_speed_max_rad_s = 314  {ASSUMED} 3000 rpm at top speed of the joint")?;
-    writeln!(out, "encoder_slots = 2000  {ASSUMED} a usual encoder")?;
+    write_assumed(out, &GENERIC_DRIVES)?;
     writeln!(out, "\n[drive_loop]")?;
-    writeln!(out, "natural_frequency_rad_s = 320  {ASSUMED} 50 Hz, a stiff position loop")?;
-    writeln!(out, "damping_ratio = 0.8  {ASSUMED} little overshoot")?;
-    writeln!(out, "coulomb_friction_rad_s2 = 2  {ASSUMED} friction that stops a joint from 2 rad/s in 1 s")?;
-    writeln!(out, "position_resolution_deg = 0.01  {ASSUMED} a usual encoder behind the gear")?;
-    writeln!(out, "delay_periods = 1  {ASSUMED} a command acts one period later")
+    write_assumed(out, &DRIVE_LOOP)
+}
+
+fn write_assumed(out: &mut String, keys: &[(&str, &str, &str)]) -> std::fmt::Result {
+    keys.iter().try_for_each(|(key, value, why)| writeln!(out, "{key} = {value}  {ASSUMED} {why}"))
 }
 
 fn write_boxes(out: &mut String, body: &Body, count: &mut usize) -> std::fmt::Result {
@@ -164,16 +162,22 @@ fn pose_keys(x: &Pose, separator: &str) -> String {
 
 /// A quarter turn in a URDF file is written with three to sixteen digits.
 const QUARTER_DEG: f64 = 1e-3;
-/// Digits that are no rounding error: 1e-13 degrees and metres.
+/// A whole degree likewise, with nine digits or more.
+const WHOLE_DEG: f64 = 1e-6;
+/// Digits that are no rounding error: 1e-13 degrees, 1e-15 m.
 const DEGREES: f64 = 1e13;
-const METRES: f64 = 1e13;
+const METRES: f64 = 1e15;
 
 fn degrees(x: &Pose) -> Vector3<f64> {
     Vector3::from(x.rpy_rad()).map(|angle| {
         let deg = angle.to_degrees();
         let quarter = (deg / 90.0).round() * 90.0;
-        if (deg - quarter).abs() < QUARTER_DEG { quarter } else { plain(deg, DEGREES) }
+        if (deg - quarter).abs() < QUARTER_DEG { quarter } else { whole(deg) }
     })
+}
+
+fn whole(deg: f64) -> f64 {
+    if (deg - deg.round()).abs() < WHOLE_DEG { deg.round() + 0.0 } else { plain(deg, DEGREES) }
 }
 
 /// A number without the digits of its rounding error; -0 becomes 0.
