@@ -1,6 +1,6 @@
 """Public arms from their URDF files: import, check, move, and throws at drawn targets; prints the table of docs/measured/arms.md.
 
-    arms.py CUBECTL ROBOTS OUT [--targets N] [ARM ...]
+    arms.py CUBECTL ROBOTS OUT [--targets N] [--arm NAME ...]
 
 ROBOTS is the folder `robots` of the package example-robot-data. Every throw that lands within its tolerance counts; a target that no
 throw reaches counts as refused. Anything else is named, and the program ends with code 1.
@@ -109,7 +109,7 @@ def main():
     parser.add_argument("robots", type=pathlib.Path)
     parser.add_argument("out", type=pathlib.Path)
     parser.add_argument("--targets", type=int, default=20)
-    parser.add_argument("arms", nargs="*")
+    parser.add_argument("--arm", action="append", dest="arms", help="only this one; may be given several times")
     args = parser.parse_args()
     print("| arm | joints | boxes | implausible | moved | landed | out of reach | other | largest miss, mm | median time, s |")
     print("|---|---|---|---|---|---|---|---|---|---|", flush=True)

@@ -1,5 +1,5 @@
 # Public arms from their URDF files: the table of docs/measured/arms.md. Not a stage: it loads 131 MB and takes half an hour.
-#   .ci/arms/run.sh [--targets N] [ARM ...]
+#   .ci/arms/run.sh [--targets N] [--arm NAME ...]
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 . .ci/venv.sh arms .ci/arms/requirements.txt

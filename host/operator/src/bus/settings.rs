@@ -8,8 +8,10 @@ use robot_model::RobotModel;
 
 use planner::store::robot_fingerprint;
 
-/// Share of a drive's current that homing and jogging may use.
+/// Share of a drive's current that homing and jogging may use; more if the arm needs more to hold itself up, in any pose.
 const SLOW_CURRENT_SHARE: f64 = 0.5;
+/// Current for a slow motion over that which holds the arm up.
+const HOLDING_RESERVE: f64 = 1.25;
 
 /// Why there are no settings for a robot.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -67,8 +69,11 @@ pub fn settings_of(model: &RobotModel) -> Result<Settings, NoSettings> {
     let mut settings = Settings::powercube6();
     settings.joints = model.n() as u32;
     let PerJoint(places) = &mut settings.joint;
-    for ((place, joint), drive) in places.iter_mut().zip(model.joints()).zip(drives) {
+    let hold_nm = model.holding_torques();
+    for (((place, joint), drive), hold_nm) in places.iter_mut().zip(model.joints()).zip(drives).zip(&hold_nm) {
         let limits = &joint.limits;
+        let hold_a = HOLDING_RESERVE * drive.k_m_a_nm * hold_nm;
+        let slow_current_a = hold_a.max(SLOW_CURRENT_SHARE * drive.current_max_a).min(drive.current_max_a);
         *place = JointSettings {
             address: drive.address.into(),
             q_min_rad: limits.q_min_rad as f32,
@@ -76,7 +81,7 @@ pub fn settings_of(model: &RobotModel) -> Result<Settings, NoSettings> {
             v_max_rad_s: limits.v_max_rad_s as f32,
             a_max_rad_s2: limits.a_control_max_rad_s2 as f32,
             current_max_a: drive.current_max_a as f32,
-            slow_current_a: (SLOW_CURRENT_SHARE * drive.current_max_a) as f32,
+            slow_current_a: slow_current_a as f32,
             jog_v_rad_s: place.jog_v_rad_s.min(limits.v_max_rad_s as f32),
             jog_a_rad_s2: place.jog_a_rad_s2.min(limits.a_control_max_rad_s2 as f32),
             ..*place

@@ -1,13 +1,13 @@
 //! `[generic_drives]`: drives that follow from speed and torque of their joints, for an arm whose drives nobody has described.
 //!
 //! ```text
-//! k_m = v_max / U                          full torque τ_max at top speed v_max is the mechanical power at the voltage U
-//! k_b = τ_max (1 / efficiency - 1) / U     losses, in proportion to the speed
-//! I_max = k_m τ_max + k_b v_max            = τ_max v_max / (efficiency U), at least 1 A
+//! k_m = v_max / U                              power: τ_max v_max = U I_max; at least 1 A / τ_max
+//! k_b = k_m τ_max (1 / efficiency - 1) / v_max  losses, in proportion to the speed
+//! I_max = k_m τ_max
 //! ```
 //!
-//! So a joint gives its full torque up to its top speed, and the losses at that point are what the efficiency says. One supply
-//! carries all of them at once.
+//! So the current never lets a joint give more than its torque: all of it at rest, less by the losses at top speed. One supply carries
+//! all drives at once.
 
 use toml_reader::Value;
 
@@ -20,7 +20,7 @@ use crate::per_joint::PerJoint;
 const NAME: &str = "generic";
 /// Version of the PowerCube protocol that a generic drive answers with on the simulated bus.
 const FIRMWARE: u16 = 0x4614;
-/// A drive takes currents from here on.
+/// Least largest current of a drive: a weaker motor takes the place of a smaller one.
 const CURRENT_MIN_A: f64 = 1.0;
 
 /// Drives with the addresses 1, 2, … and their supply.
@@ -35,16 +35,16 @@ pub(super) fn read(section: &Section<'_>, joints: &[Joint]) -> Result<(Vec<Drive
         let torque_max_nm = torque_max_nm.ok_or_else(|| {
             section.error("voltage_v", Problem::GenericWithoutTorque(joint.name.clone()))
         })?;
-        let k_m_a_nm = v_max / voltage_v;
-        let k_b_a_s_rad = torque_max_nm * (1.0 / efficiency - 1.0) / voltage_v;
-        let current_a = k_m_a_nm * torque_max_nm + k_b_a_s_rad * v_max;
+        let k_m_a_nm = (v_max / voltage_v).max(CURRENT_MIN_A / torque_max_nm);
+        let current_max_a = k_m_a_nm * torque_max_nm;
+        let k_b_a_s_rad = current_max_a * (1.0 / efficiency - 1.0) / v_max;
         Ok(Drive {
             module: NAME.to_owned(),
             address: k as u8 + 1,
             firmware: FIRMWARE,
             gear_ratio: motor_speed_max_rad_s / v_max,
             encoder_slots,
-            current_max_a: current_a.max(CURRENT_MIN_A),
+            current_max_a,
             k_b_a_s_rad,
             k_m_a_nm,
         })

@@ -15,13 +15,17 @@ const FAR_M: f64 = 1.0;
 
 /// Release frame in the end effector's frame: x along the tool, z across it along the throw.
 ///
-/// The tool points along the last axis, away from the joint; if the hand lies across that axis, towards the hand. The ball is
+/// The tool points along the last axis, away from what carries it; if the hand lies across that axis, towards the hand. The ball is
 /// held on it, as near as the boxes behind the last joint allow.
-pub(super) fn release_frame(last: &Axis, end_effector: &Pose) -> Pose {
+pub(super) fn release_frame(axes: &[Axis], end_effector: &Pose) -> Option<Pose> {
+    let (last, before) = axes.split_last()?;
     let boxes: Vec<Obb> = last.body.boxes.iter().map(|(_, x, half)| Obb::new(*x, *half)).collect();
-    let count = boxes.len().max(1) as f64;
-    let middle = boxes.iter().map(|b| b.pose.pos).sum::<Vector3<f64>>() / count;
-    let out = if end_effector.pos.norm() > 1e-3 { end_effector.pos } else { middle };
+    let middle = |boxes: &[(String, Pose, Vector3<f64>)]| {
+        boxes.iter().map(|(_, x, _)| x.pos).sum::<Vector3<f64>>() / boxes.len().max(1) as f64
+    };
+    let carries = before.last().map_or_else(Vector3::zeros, |axis| middle(&axis.body.boxes));
+    let away = middle(&last.body.boxes) - last.origin.inverse_transform_point(&carries);
+    let out = if end_effector.pos.norm() > 1e-3 { end_effector.pos } else { away };
     let axis = last.turn.axis;
     let share = if out.norm() > 1e-3 { out.dot(&axis) / out.norm() } else { 1.0 };
     let tool = if share.abs() >= 0.5 { axis * share.signum() } else { nearest_axis(&end_effector.rot, &out) };
@@ -38,7 +42,7 @@ pub(super) fn release_frame(last: &Axis, end_effector: &Pose) -> Pose {
     let hint = Vector3::from_fn(|k, _| f64::from(u8::from(k == tool_e.iamin())));
     let z = across.try_normalize(0.1).unwrap_or_else(|| (hint - tool_e * hint.dot(&tool_e)).normalize());
     let rot = Matrix3::from_columns(&[tool_e, z.cross(&tool_e), z]);
-    Pose::new(rot.map(cleaned), tool_e.map(|v| cleaned(v * away_m)))
+    Some(Pose::new(rot.map(cleaned), tool_e.map(|v| cleaned(v * away_m))))
 }
 
 /// The axis of a frame, with its sign, that lies nearest to a direction.

@@ -87,12 +87,12 @@ pub fn robot_file_with_meshes(
     let wanted = options.end_effector.as_ref();
     let found = last.body.links.iter().find(|(k, _)| Some(&tree.links[*k].name) == wanted);
     let end_effector = found.map_or_else(Pose::identity, |(_, x)| *x);
-    let release = release_frame(last, &end_effector);
+    let release = release_frame(&axes, &end_effector).unwrap_or_else(Pose::identity);
     let efforts = efforts(&axes);
     let speed = |axis: &Axis| axis.turn.velocity_rad_s.unwrap_or(options.velocity_default_rad_s);
     let power_w = axes.iter().zip(&efforts).map(|(axis, effort)| speed(axis) * effort.nm).fold(0.0, f64::max);
     let mut voltage_v = VOLTAGE_V;
-    while power_w > POWER_W_PER_V * voltage_v {
+    while power_w > CURRENT_MAX_A * voltage_v {
         voltage_v *= 2.0;
     }
     notes.push(format!(
@@ -125,8 +125,8 @@ pub fn robot_file_with_meshes(
 
 /// Voltage of generic drives; doubled until no drive needs more than the current.
 const VOLTAGE_V: f64 = 48.0;
-/// At the assumed efficiency of 0.8 that is 50 A; a controller takes up to 60 A.
-const POWER_W_PER_V: f64 = 40.0;
+/// The largest current of a drive, A; a controller takes up to 60 A.
+const CURRENT_MAX_A: f64 = 50.0;
 /// Assumed torque over the largest that gravity can ask for.
 const EFFORT_RESERVE: f64 = 2.0;
 
