@@ -102,7 +102,9 @@ fn urdf(folder: &Folder) -> String {
     }
     let at = |name: &str| format!("package://my_arm/meshes/{name}");
     let turn = |axis: &str, nm: f64| {
-        format!("<axis xyz=\"{axis}\"/><limit lower=\"-2.6\" upper=\"2.6\" velocity=\"3.14\" effort=\"{nm}\"/>")
+        format!(
+            "<axis xyz=\"{axis}\"/><limit lower=\"-2.6\" upper=\"2.6\" velocity=\"3.14\" effort=\"{nm}\"/>"
+        )
     };
     let slide = "<axis xyz=\"0 1 0\"/><limit lower=\"0\" upper=\"0.04\" velocity=\"0.2\" effort=\"20\"/>";
     let mut text = "<?xml version=\"1.0\"?>\n<robot name=\"my_arm\">\n".to_owned();
@@ -140,7 +142,8 @@ fn urdf(folder: &Folder) -> String {
 fn an_arm_is_imported_checked_moved_and_thrown_with_at_first_try() {
     let folder = Folder::new("any-arm");
     let (urdf, arm) = (urdf(&folder), folder.file("arm.toml"));
-    let made = cubectl(&["robot", "import", &urdf, "--end-effector", "tool", "--floor-z-m", "-0.6", "--out", &arm]);
+    let made =
+        cubectl(&["robot", "import", &urdf, "--end-effector", "tool", "--floor-z-m", "-0.6", "--out", &arm]);
     assert_eq!(code(&made), 0, "{}", err(&made));
     let said = out(&made);
     assert!(said.contains("6 joints") && !said.contains("left out"), "{said}");
@@ -225,7 +228,11 @@ fn check_names_all_that_each_use_lacks_and_its_lines_are_enough() {
     let lines: Vec<&str> = lines.map(|row| row["next"].as_str().unwrap()).collect();
     assert_eq!(lines.len(), 2, "{rows}");
     // The lines as they are printed make the file one that can be simulated.
-    std::fs::write(&arm, bare.replacen("[end_effector]", &format!("{}\n[end_effector]", lines.join("\n")), 1)).unwrap();
+    std::fs::write(
+        &arm,
+        bare.replacen("[end_effector]", &format!("{}\n[end_effector]", lines.join("\n")), 1),
+    )
+    .unwrap();
     let checked = cubectl(&["robot", "check", &arm]);
     assert!(err(&checked).contains("to plan and to simulate; 0 values are implausible"), "{}", err(&checked));
 }

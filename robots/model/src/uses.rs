@@ -60,7 +60,8 @@ pub fn missing(robot: &RobotModel, file: &str, text: &str) -> Result<Vec<Missing
         out.push(Missing { purpose, key, what, lines });
     };
     if robot.drives().is_none() {
-        for (k, joint) in robot.joints().iter().enumerate().filter(|(_, j)| j.limits.torque_max_nm.is_none()) {
+        for (k, joint) in robot.joints().iter().enumerate().filter(|(_, j)| j.limits.torque_max_nm.is_none())
+        {
             let what = format!("the generic drive of `{}` follows from it", joint.name);
             let lines = "torque_max_nm = …  # the data sheet: largest torque at the joint".to_owned();
             add(Use::Simulate, format!("joint[{k}].torque_max_nm"), what, lines);
@@ -99,5 +100,8 @@ pub fn missing(robot: &RobotModel, file: &str, text: &str) -> Result<Vec<Missing
 
 fn lines_of(keys: &[(&str, &str, &str)]) -> String {
     let mark = crate::survey::ASSUMED;
-    keys.iter().map(|(key, value, why)| format!("{key} = {value}  {mark} {why}")).collect::<Vec<_>>().join("\n")
+    keys.iter()
+        .map(|(key, value, why)| format!("{key} = {value}  {mark} {why}"))
+        .collect::<Vec<_>>()
+        .join("\n")
 }

@@ -92,8 +92,11 @@ fn a_value_the_loader_refuses_is_an_error_with_its_line() {
 #[test]
 fn what_urdf_does_not_say_is_marked_in_the_imported_file_until_the_mark_is_removed() {
     let urdf = include_str!("../../../docs/robots/arm.urdf");
-    let options =
-        UrdfOptions { end_effector: Some("tool".to_owned()), floor_z_m: Some(-0.8), ..UrdfOptions::default() };
+    let options = UrdfOptions {
+        end_effector: Some("tool".to_owned()),
+        floor_z_m: Some(-0.8),
+        ..UrdfOptions::default()
+    };
     let made = robot_file_from_urdf("arm.urdf", urdf, &options).expect("a serial arm");
     let found = of(&made.toml);
     let assumed: Vec<&str> =
@@ -138,19 +141,24 @@ fn generic_drives_follow_from_speed_and_torque_and_stand_alone() {
 
 #[test]
 fn links_are_left_out_of_the_tests_by_name() {
-    let with = |pairs: &str| ARM.replace("floor_from_link = 2", &format!("floor_from_link = 2\nuntested = {pairs}"));
+    let with =
+        |pairs: &str| ARM.replace("floor_from_link = 2", &format!("floor_from_link = 2\nuntested = {pairs}"));
     let model = |text: &str| RobotModel::from_toml("arm.toml", text);
-    let (all, fewer) = (model(ARM).unwrap(), model(&with("[[\"base\", \"hand\"], [\"hand\", \"forearm\"]]")).unwrap());
+    let (all, fewer) =
+        (model(ARM).unwrap(), model(&with("[[\"base\", \"hand\"], [\"hand\", \"forearm\"]]")).unwrap());
     assert_eq!(all.collision().pairs().len(), fewer.collision().pairs().len() + 2);
     let rule = fewer.collision().rule();
-    assert!(!rule.tests(0, 6) && !rule.tests(6, 0) && !rule.tests(3, 6) && rule.tests(2, 6) && !rule.tests(2, 3));
+    assert!(
+        !rule.tests(0, 6) && !rule.tests(6, 0) && !rule.tests(3, 6) && rule.tests(2, 6) && !rule.tests(2, 3)
+    );
     assert!(model(&with("[[\"base\", \"foot\"]]")).unwrap_err().to_string().contains("no link `foot`"));
     assert!(model(&with("[[\"base\"]]")).unwrap_err().to_string().contains("the names of two links"));
 }
 
 #[test]
 fn each_use_names_what_it_lacks() {
-    let lacks = |text: &str| missing(&RobotModel::from_toml("x.toml", text).unwrap(), "x.toml", text).unwrap();
+    let lacks =
+        |text: &str| missing(&RobotModel::from_toml("x.toml", text).unwrap(), "x.toml", text).unwrap();
     assert_eq!(lacks(&powercube6()), []);
     let of_arm = lacks(ARM);
     assert!(of_arm.iter().all(|m| m.purpose == Use::RealBus), "{of_arm:#?}");

@@ -195,9 +195,16 @@ fn what_is_behind_the_arm_is_held_at_zero_as_a_hand() {
     for end in [None, Some("fourth"), Some("left")] {
         let made = import(end).expect("an arm with a hand");
         assert_eq!(made.joints, 4, "{end:?}");
-        assert!(made.notes.iter().any(|note| note.contains("`to_right` (mimic) is held at zero")), "{:?}", made.notes);
+        assert!(
+            made.notes.iter().any(|note| note.contains("`to_right` (mimic) is held at zero")),
+            "{:?}",
+            made.notes
+        );
         let robot = RobotModel::from_toml("p.toml", &made.toml).expect("loads");
-        assert!((robot.links()[3].inertia.mass_kg() - 6.0).abs() < 1e-12, "two fingers of 2 kg on a link of 2 kg");
+        assert!(
+            (robot.links()[3].inertia.mass_kg() - 6.0).abs() < 1e-12,
+            "two fingers of 2 kg on a link of 2 kg"
+        );
         let z_m = if end == Some("left") { 0.5 } else { 0.0 };
         assert!((robot.end_effector().pos.z.abs() + robot.end_effector().pos.x.abs() - z_m).abs() < 1e-12);
     }

@@ -70,7 +70,8 @@ pub fn settings_of(model: &RobotModel) -> Result<Settings, NoSettings> {
     settings.joints = model.n() as u32;
     let PerJoint(places) = &mut settings.joint;
     let hold_nm = model.holding_torques();
-    for (((place, joint), drive), hold_nm) in places.iter_mut().zip(model.joints()).zip(drives).zip(&hold_nm) {
+    for (((place, joint), drive), hold_nm) in places.iter_mut().zip(model.joints()).zip(drives).zip(&hold_nm)
+    {
         let limits = &joint.limits;
         let hold_a = HOLDING_RESERVE * drive.k_m_a_nm * hold_nm;
         let slow_current_a = hold_a.max(SLOW_CURRENT_SHARE * drive.current_max_a).min(drive.current_max_a);

@@ -51,7 +51,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let options =
         UrdfOptions { end_effector: args.end_effector.clone(), floor_z_m, ..UrdfOptions::default() };
     let name = args.urdf.display().to_string();
-    let made = robot_file_with_meshes(&name, &text, &options, &|mesh| args.mesh(mesh)).map_err(|e| ExpectedError::bad_input(&e))?;
+    let made = robot_file_with_meshes(&name, &text, &options, &|mesh| args.mesh(mesh))
+        .map_err(|e| ExpectedError::bad_input(&e))?;
     let out = args.out.clone().unwrap_or_else(|| args.urdf.with_extension("toml"));
     super::write(&out, &made.toml, args.force)?;
     console::line!("{}: {} joints from {name}", out.display(), made.joints);
@@ -85,9 +86,11 @@ impl Args {
         };
         let (package, inside) = rest.split_once('/').unwrap_or((rest, ""));
         let given = self.package.iter().filter(|(known, _)| known == package).map(|(_, dir)| dir.clone());
-        let ros: Vec<PathBuf> = std::env::var_os("ROS_PACKAGE_PATH")
-            .map_or_else(Vec::new, |paths| std::env::split_paths(&paths).map(|dir| dir.join(package)).collect());
-        let named = above().filter(|dir| dir.file_name().is_some_and(|own| own == package)).map(Path::to_owned);
+        let ros: Vec<PathBuf> = std::env::var_os("ROS_PACKAGE_PATH").map_or_else(Vec::new, |paths| {
+            std::env::split_paths(&paths).map(|dir| dir.join(package)).collect()
+        });
+        let named =
+            above().filter(|dir| dir.file_name().is_some_and(|own| own == package)).map(Path::to_owned);
         let beside = above().map(|dir| dir.join(package));
         let mut places = given.chain(ros).chain(named).chain(beside).map(|dir| dir.join(inside));
         places.find(|path| path.is_file()).ok_or_else(|| {

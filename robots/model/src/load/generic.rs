@@ -32,9 +32,8 @@ pub(super) fn read(section: &Section<'_>, joints: &[Joint]) -> Result<(Vec<Drive
     section.finish()?;
     let drive = |(k, joint): (usize, &Joint)| {
         let (v_max, torque_max_nm) = (joint.limits.v_max_rad_s, joint.limits.torque_max_nm);
-        let torque_max_nm = torque_max_nm.ok_or_else(|| {
-            section.error("voltage_v", Problem::GenericWithoutTorque(joint.name.clone()))
-        })?;
+        let torque_max_nm = torque_max_nm
+            .ok_or_else(|| section.error("voltage_v", Problem::GenericWithoutTorque(joint.name.clone())))?;
         let k_m_a_nm = (v_max / voltage_v).max(CURRENT_MIN_A / torque_max_nm);
         let current_max_a = k_m_a_nm * torque_max_nm;
         let k_b_a_s_rad = current_max_a * (1.0 / efficiency - 1.0) / v_max;

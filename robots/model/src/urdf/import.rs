@@ -100,7 +100,10 @@ pub fn robot_file_with_meshes(
          made from speed and torque of each joint",
         options.acceleration_per_velocity_1_s, options.jerk_per_acceleration_1_s
     ));
-    notes.push("the hand is assumed to hold a ball of 0.03 m radius in front of all that the last joint moves".to_owned());
+    notes.push(
+        "the hand is assumed to hold a ball of 0.03 m radius in front of all that the last joint moves"
+            .to_owned(),
+    );
     let (joints, name) = (axes.len(), tree.name.as_str());
     let mut draft = Draft {
         name,
@@ -193,7 +196,8 @@ fn leave_out_what_always_touches(model: &RobotModel, options: &UrdfOptions, draf
             }
         }
         let moving = placed.iter().zip(boxes).filter(|(_, own)| own.link >= draft.floor_from_link);
-        let above_m = moving.map(|(b, _)| b.proximity_to_floor(draft.floor_z_m).distance_m).fold(f64::MAX, f64::min);
+        let above_m =
+            moving.map(|(b, _)| b.proximity_to_floor(draft.floor_z_m).distance_m).fold(f64::MAX, f64::min);
         if options.floor_z_m.is_none() && above_m < FLOOR_ROOM_M {
             draft.floor_z_m = plain(draft.floor_z_m + ((above_m - FLOOR_ROOM_M) * 10.0).floor() / 10.0);
         }

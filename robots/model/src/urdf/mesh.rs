@@ -123,7 +123,9 @@ fn place(
         match part.tag_name().name() {
             "matrix" => x *= Matrix4::from_row_slice(numbers()?.get(..16)?),
             "translate" => x *= Matrix4::new_translation(&Vector3::from_column_slice(numbers()?.get(..3)?)),
-            "scale" => x *= Matrix4::new_nonuniform_scaling(&Vector3::from_column_slice(numbers()?.get(..3)?)),
+            "scale" => {
+                x *= Matrix4::new_nonuniform_scaling(&Vector3::from_column_slice(numbers()?.get(..3)?))
+            }
             "rotate" => {
                 let n = numbers()?;
                 let axis = Vector3::from_column_slice(n.get(..3)?).try_normalize(1e-9)?;
@@ -145,7 +147,8 @@ fn collada_mesh(geometry: Node<'_, '_>, x: &Matrix4<f64>, out: &mut Vec<Triangle
     let kinds = ["triangles", "polylist", "polygons"];
     for part in mesh.children().filter(|n| kinds.contains(&n.tag_name().name())) {
         let inputs = || part.children().filter(|n| n.has_tag_name("input"));
-        let offset = |n: Node<'_, '_>| n.attribute("offset").and_then(|v| v.parse::<usize>().ok()).unwrap_or(0);
+        let offset =
+            |n: Node<'_, '_>| n.attribute("offset").and_then(|v| v.parse::<usize>().ok()).unwrap_or(0);
         let stride = inputs().map(offset).max()? + 1;
         let vertex = inputs().find(|n| n.attribute("semantic") == Some("VERTEX"))?;
         let vertices = by_id(mesh, vertex.attribute("source")?.strip_prefix('#')?)?;

@@ -23,9 +23,8 @@ pub(super) fn boxes_around(triangles: &[Triangle]) -> Option<Vec<(Pose, Vector3<
         for parts in 1..=PARTS_MAX {
             let found = in_a_row(&turned, &rot, parts)?;
             let volume = found.iter().map(|(_, half)| half.product()).sum::<f64>();
-            let worth = |(least, of): &(f64, Vec<_>)| {
-                volume < if parts > of.len() { WORTH * least } else { *least }
-            };
+            let worth =
+                |(least, of): &(f64, Vec<_>)| volume < if parts > of.len() { WORTH * least } else { *least };
             if best.as_ref().is_none_or(worth) {
                 best = Some((volume, found));
             }
@@ -73,7 +72,9 @@ fn clipped(triangle: &Triangle, along: usize, from: f64, to: f64) -> Vec<Vector3
 }
 
 fn extent(corners: impl Iterator<Item = Vector3<f64>>) -> Option<(Vector3<f64>, Vector3<f64>)> {
-    corners.fold(None, |seen, c| Some(seen.map_or((c, c), |(low, high): (Vector3<f64>, _)| (low.inf(&c), high.sup(&c)))))
+    corners.fold(None, |seen, c| {
+        Some(seen.map_or((c, c), |(low, high): (Vector3<f64>, _)| (low.inf(&c), high.sup(&c))))
+    })
 }
 
 /// Principal axes of the surface, its angles rounded; the axes of the link for a surface without area.
@@ -83,8 +84,9 @@ fn principal_axes(triangles: &[Triangle]) -> Option<Matrix3<f64>> {
         let (weight, centre) = ((b - a).cross(&(c - a)).norm(), (a + b + c) / 3.0);
         area += weight;
         first += centre * weight;
-        second += (a * a.transpose() + b * b.transpose() + c * c.transpose() + centre * centre.transpose() * 9.0)
-            * (weight / 12.0);
+        second +=
+            (a * a.transpose() + b * b.transpose() + c * c.transpose() + centre * centre.transpose() * 9.0)
+                * (weight / 12.0);
     }
     if area <= 0.0 {
         return (!triangles.is_empty()).then(Matrix3::identity);

@@ -87,10 +87,8 @@ fn write_robot(out: &mut String, draft: &Draft<'_>, options: &UrdfOptions) -> st
 }
 
 fn write_joint(out: &mut String, axis: &Axis, effort: &Effort, options: &UrdfOptions) -> std::fmt::Result {
-    let [low, high] =
-        axis.turn.range_rad.map_or([-180.0, 180.0], |r| r.map(|q| whole(q.to_degrees())));
-    let velocity =
-        whole(axis.turn.velocity_rad_s.unwrap_or(options.velocity_default_rad_s).to_degrees());
+    let [low, high] = axis.turn.range_rad.map_or([-180.0, 180.0], |r| r.map(|q| whole(q.to_degrees())));
+    let velocity = whole(axis.turn.velocity_rad_s.unwrap_or(options.velocity_default_rad_s).to_degrees());
     let acceleration = plain(velocity * options.acceleration_per_velocity_1_s, 1e6);
     let jerk = plain(acceleration * options.jerk_per_acceleration_1_s, 1e6);
     let frame = pose_keys(&axis.origin, ", ");
@@ -113,7 +111,10 @@ fn write_joint(out: &mut String, axis: &Axis, effort: &Effort, options: &UrdfOpt
 
 /// Drives for the simulator.
 fn write_drives(out: &mut String, draft: &Draft<'_>) -> std::fmt::Result {
-    writeln!(out, "\n# URDF has no drives. These follow from speed and torque of each joint (robots/README.md), for simulations.")?;
+    writeln!(
+        out,
+        "\n# URDF has no drives. These follow from speed and torque of each joint (robots/README.md), for simulations."
+    )?;
     writeln!(out, "[generic_drives]")?;
     writeln!(out, "voltage_v = {:?}  {ASSUMED} a usual voltage of such arms", draft.voltage_v)?;
     write_assumed(out, &GENERIC_DRIVES)?;
