@@ -1,6 +1,7 @@
 //! The tests of this package as one program: it is linked once.
 
 mod advice;
+mod any_arm;
 mod ball_catch;
 mod ball_mass;
 mod bus_common;

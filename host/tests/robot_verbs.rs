@@ -19,7 +19,11 @@ fn an_imported_arm_is_checked_drawn_and_not_overwritten() {
     let text = std::fs::read_to_string(&arm).unwrap();
     let line = 1 + text.lines().position(|line| line.starts_with("ball_radius_m")).unwrap();
     assert!(out(&checked).contains(&format!("{arm}:{line}: assumed: ball_radius_m")), "{}", out(&checked));
-    assert!(err(&checked).contains("0 values are implausible, 16 are assumed"), "{}", err(&checked));
+    assert!(
+        err(&checked).contains("to plan and to simulate; 0 values are implausible, 25 are assumed"),
+        "{}",
+        err(&checked)
+    );
     // A second import keeps the file, and says how to overwrite it.
     std::fs::write(&arm, text.replace("ball_radius_m = 0.03", "ball_radius_m = 0.02")).unwrap();
     let again = cubectl(&import);

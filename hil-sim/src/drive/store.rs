@@ -244,10 +244,11 @@ fn factory_table(plate: &Nameplate, options: &DriveOptions) -> Table {
         (P::LoadLimit, None, Value::I32(0)),
         (P::MaxLoadGradient, None, Value::I32(0)),
         (P::LoadDeltaTime, None, Value::U16(0)),
-        (P::MinLogicVoltage, None, f(18.0)),
-        (P::MaxLogicVoltage, None, f(32.0)),
-        (P::MinMotorVoltage, None, f(18.0)),
-        (P::MaxMotorVoltage, None, f(32.0)),
+        // 18 V to 32 V for a module of 24 V; the cell gives logic and motor the same voltage.
+        (P::MinLogicVoltage, None, f(0.75 * plate.supply_v)),
+        (P::MaxLogicVoltage, None, f(4.0 / 3.0 * plate.supply_v)),
+        (P::MinMotorVoltage, None, f(0.75 * plate.supply_v)),
+        (P::MaxMotorVoltage, None, f(4.0 / 3.0 * plate.supply_v)),
         (P::NominalMotorCurrent, None, f(0.5 * plate.current_max_a)),
         (P::MaximumMotorCurrent, None, f(plate.current_max_a)),
         // Tolerated times; unit not stated, taken as ms.

@@ -245,7 +245,9 @@ impl Arm {
         self.ask(py, move |arm| {
             stop.store(false, Ordering::Relaxed);
             arm.operator.connect()?;
-            arm.operator.stop()?;
+            let stopped = arm.operator.stop();
+            arm.operator.heed_stops_from_now();
+            stopped?;
             Ok(String::new())
         })
         .map(drop)
@@ -357,7 +359,7 @@ impl<'a> Connected<'a> {
         let from = self.end.filter(|end| (end - measured).amax() < THERE_RAD).unwrap_or(measured);
         let way = target.way(self.robot, &scene, &how.travel(), &from).map_err(|error| no_way(&error))?;
         match way {
-            Some(motion) => self.move_along(Order { scene, ..self.order(motion, Extent::Run) }),
+            Some(motion) => self.move_along(&Order { scene, ..self.order(motion, Extent::Run) }),
             None => Ok(json!({
                 "duration_s": 0.0, "q_rad": from.as_slice(), "off_rad": 0.0, "end_off_rad": 0.0,
                 "text": "the arm is there; nothing has moved",
@@ -396,12 +398,12 @@ impl<'a> Connected<'a> {
             }
         };
         let travel = Some(Travel { share: how.speed_share.min(1.0), ..how.travel() });
-        self.move_along(Order { scene: how.scene(), travel, ..self.order(motion, Extent::Run) })
+        self.move_along(&Order { scene: how.scene(), travel, ..self.order(motion, Extent::Run) })
     }
 
-    fn move_along(&mut self, order: Order<'_>) -> Answered {
+    fn move_along(&mut self, order: &Order<'_>) -> Answered {
         self.end = None;
-        let record = self.perform(&order)?;
+        let record = self.perform(order)?;
         let motion = order.program.motion();
         self.end = Some(motion.stop_rad());
         Ok(json!({

@@ -69,6 +69,15 @@ pub enum Problem {
     /// A joint has a drive but no supply.
     #[error("joint `{0}` is on no supply")]
     JointWithoutSupply(String),
+    /// Generic drives beside others.
+    #[error("generic drives stand for all drives: the file has {0} too; give one or the other")]
+    GenericBeside(&'static str),
+    /// A generic drive follows from the torque of its joint.
+    #[error("joint `{0}` has no torque_max_nm, from which its generic drive follows")]
+    GenericWithoutTorque(String),
+    /// A pair of links names one that is not there.
+    #[error("there is no link `{0}` (`base` is what does not move)")]
+    UnknownLink(String),
     /// Some joints have a drive and some have none.
     #[error("joint `{0}` has no drive, though others have: all or none")]
     DriveMissing(String),

@@ -25,6 +25,7 @@
 //! | `boxes` | boxes around the links, and which pairs of them are tested |
 //! | [`collision`] | contact and clearance of a configuration, of a whole motion |
 //! | [`survey`] | what is missing, assumed or implausible in a robot file |
+//! | [`uses`] | what a robot file lacks to simulate and to move drives |
 //! | [`urdf`] | export for other tools, import of serial arms as a robot file |
 //! | `per_joint` | values of the joints of one arm, on the stack |
 //! | [`linalg`] | LU and Cholesky of small square matrices on the stack |
@@ -64,6 +65,7 @@ mod pose;
 pub mod release;
 pub mod survey;
 pub mod urdf;
+pub mod uses;
 
 pub use dynamics::InverseDynamicsGradient;
 pub use error::{FamilyMismatch, LoadError, Problem};

@@ -172,7 +172,7 @@ fn implausible(arm: &RobotModel, root: &Section<'_>, findings: &mut Vec<Finding>
         let what = format!("{} m/s² is not the gravity of the Earth", arm.world().gravity_m_s2);
         tell(world, "gravity_m_s2", what, "9.81");
     }
-    let hold_nm = holding_torques(arm);
+    let hold_nm = arm.holding_torques();
     for ((joint, section), hold_nm) in arm.joints().iter().zip(&joints).zip(hold_nm.iter()) {
         let limits = &joint.limits;
         let ramp_s = limits.v_max_rad_s / limits.a_max_rad_s2;
@@ -217,7 +217,9 @@ fn implausible(arm: &RobotModel, root: &Section<'_>, findings: &mut Vec<Finding>
     let scene = Scene::default();
     let mut checker = CollisionChecker::new(arm, &scene);
     let zero = JointVec::zeros(arm.n());
-    if let Some((a, b)) = checker.first_contact(&arm.fk(&zero)) {
+    // Outside its range the zero of a joint is no pose of the arm.
+    let contact = arm.in_range(&zero, 0.0).then(|| checker.first_contact(&arm.fk(&zero))).flatten();
+    if let Some((a, b)) = contact {
         let what = format!("{} touches {} with all joints at zero", checker.name(a), checker.name(b));
         if let Some(section) = root.optional("collision", Value::section)? {
             let next = "`cubectl robot show` draws the boxes; smaller boxes, or a larger link_distance_min";
@@ -231,24 +233,6 @@ fn implausible(arm: &RobotModel, root: &Section<'_>, findings: &mut Vec<Finding>
         }
     }
     Ok(())
-}
-
-/// Largest torque that gravity asks of each joint, Nm, over a grid of poses: six angles of each of the joints 2 to 4 (of
-/// all in between), the others at zero. The first joints carry the most, and the wrist's angles change little of it.
-fn holding_torques(arm: &RobotModel) -> JointVec {
-    let mut worst = JointVec::zeros(arm.n());
-    let middle = arm.n().min(4);
-    for number in 0..6_usize.pow(middle as u32 - 1) {
-        let mut rest = number;
-        let mut q = JointVec::zeros(arm.n());
-        for k in 1..middle {
-            let limits = &arm.joints()[k].limits;
-            q[k] = limits.q_min_rad + (rest % 6) as f64 / 5.0 * (limits.q_max_rad - limits.q_min_rad);
-            rest /= 6;
-        }
-        worst = worst.sup(&arm.gravity_torques(&q).abs());
-    }
-    worst
 }
 
 /// Values with the mark.

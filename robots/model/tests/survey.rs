@@ -2,7 +2,8 @@
 
 use robot_model::survey::{Finding, Weight, survey};
 use robot_model::urdf::{UrdfOptions, robot_file_from_urdf};
-use robot_model::{built_in_robots, built_in_text};
+use robot_model::uses::{Use, missing};
+use robot_model::{RobotModel, built_in_robots, built_in_text};
 
 fn of(text: &str) -> Vec<Finding> {
     survey("x.toml", text).expect("TOML")
@@ -91,8 +92,11 @@ fn a_value_the_loader_refuses_is_an_error_with_its_line() {
 #[test]
 fn what_urdf_does_not_say_is_marked_in_the_imported_file_until_the_mark_is_removed() {
     let urdf = include_str!("../../../docs/robots/arm.urdf");
-    let options =
-        UrdfOptions { end_effector: Some("tool".to_owned()), floor_z_m: -0.8, ..UrdfOptions::default() };
+    let options = UrdfOptions {
+        end_effector: Some("tool".to_owned()),
+        floor_z_m: Some(-0.8),
+        ..UrdfOptions::default()
+    };
     let made = robot_file_from_urdf("arm.urdf", urdf, &options).expect("a serial arm");
     let found = of(&made.toml);
     let assumed: Vec<&str> =
@@ -109,4 +113,54 @@ fn what_urdf_does_not_say_is_marked_in_the_imported_file_until_the_mark_is_remov
 #[test]
 fn the_robot_file_of_the_tutorial_has_nothing_left_to_look_at() {
     assert_eq!(of(include_str!("../../../docs/robots/arm.toml")), []);
+}
+
+const ARM: &str = include_str!("../../../docs/robots/arm.toml");
+
+/// By hand from the page of robot files: 150 Nm at 180 °/s from 48 V are 9.8 A.
+#[test]
+fn generic_drives_follow_from_speed_and_torque_and_stand_alone() {
+    let arm = RobotModel::from_toml("arm.toml", ARM).expect("the tutorial's arm");
+    let drives = arm.drives().expect("generic ones");
+    for (joint, drive) in arm.joints().iter().zip(drives) {
+        let (v, nm) = (joint.limits.v_max_rad_s, joint.limits.torque_max_nm.expect("given"));
+        assert!((drive.current_max_a - (v * nm / 48.0).max(1.0)).abs() < 1e-9, "{drive:?}");
+        assert!((drive.k_m_a_nm * nm - drive.current_max_a).abs() < 1e-9, "at rest all of the torque");
+        assert!((drive.k_b_a_s_rad * v - 0.25 * drive.current_max_a).abs() < 1e-9, "0.8 at top speed");
+        assert!((drive.gear_ratio * v - 314.0).abs() < 1e-9);
+    }
+    assert!((drives[0].current_max_a - 9.8).abs() < 0.05);
+    let [supply] = arm.supplies() else { panic!("{:?}", arm.supplies()) };
+    assert!(supply.feeds.iter().all(|fed| *fed) && supply.voltage_v == 48.0);
+    let refused = |text: &str| RobotModel::from_toml("arm.toml", text).expect_err("refused").to_string();
+    let supply = "[[supply]]\nname = \"s\"\nvoltage_v = 24\ncurrent_max_a = 9\njoints = []\n\n[end_effector]";
+    assert!(refused(&ARM.replace("[end_effector]", supply)).contains("[[supply]]"));
+    let bare = ARM.replacen("torque_max_nm", "# torque_max_nm", 1);
+    assert!(refused(&bare).contains("no torque_max_nm"), "{}", refused(&bare));
+}
+
+#[test]
+fn links_are_left_out_of_the_tests_by_name() {
+    let with =
+        |pairs: &str| ARM.replace("floor_from_link = 2", &format!("floor_from_link = 2\nuntested = {pairs}"));
+    let model = |text: &str| RobotModel::from_toml("arm.toml", text);
+    let (all, fewer) =
+        (model(ARM).unwrap(), model(&with("[[\"base\", \"hand\"], [\"hand\", \"forearm\"]]")).unwrap());
+    assert_eq!(all.collision().pairs().len(), fewer.collision().pairs().len() + 2);
+    let rule = fewer.collision().rule();
+    assert!(
+        !rule.tests(0, 6) && !rule.tests(6, 0) && !rule.tests(3, 6) && rule.tests(2, 6) && !rule.tests(2, 3)
+    );
+    assert!(model(&with("[[\"base\", \"foot\"]]")).unwrap_err().to_string().contains("no link `foot`"));
+    assert!(model(&with("[[\"base\"]]")).unwrap_err().to_string().contains("the names of two links"));
+}
+
+#[test]
+fn each_use_names_what_it_lacks() {
+    let lacks =
+        |text: &str| missing(&RobotModel::from_toml("x.toml", text).unwrap(), "x.toml", text).unwrap();
+    assert_eq!(lacks(&powercube6()), []);
+    let of_arm = lacks(ARM);
+    assert!(of_arm.iter().all(|m| m.purpose == Use::RealBus), "{of_arm:#?}");
+    assert_eq!(of_arm.len(), 7, "six drives and a supply");
 }

@@ -178,3 +178,38 @@ fn impossible_values_are_refused_by_the_loader_of_the_robot_file() {
     let error = RobotModel::from_toml("p.toml", &made.toml).expect_err("limits reversed");
     assert_eq!(error.key, "joint[0].range_deg");
 }
+
+#[test]
+fn what_is_behind_the_arm_is_held_at_zero_as_a_hand() {
+    let finger = |name: &str, kind: &str, more: &str| {
+        link(name, INERTIAL) + &joint(&format!("to_{name}"), kind, "fourth", name, more)
+    };
+    let slide = r#"<axis xyz="0 1 0"/><limit lower="0" upper="0.1" velocity="1" effort="5"/>"#;
+    let mimic = format!("{slide}<mimic joint=\"to_left\"/>");
+    let hand = finger("left", "prismatic", slide) + &finger("right", "prismatic", &mimic);
+    let text = chain().replace("</robot>", &format!("{hand}</robot>"));
+    let import = |end: Option<&str>| {
+        let options = UrdfOptions { end_effector: end.map(str::to_owned), ..UrdfOptions::default() };
+        robot_file_from_urdf("p.urdf", &text, &options)
+    };
+    for end in [None, Some("fourth"), Some("left")] {
+        let made = import(end).expect("an arm with a hand");
+        assert_eq!(made.joints, 4, "{end:?}");
+        assert!(
+            made.notes.iter().any(|note| note.contains("`to_right` (mimic) is held at zero")),
+            "{:?}",
+            made.notes
+        );
+        let robot = RobotModel::from_toml("p.toml", &made.toml).expect("loads");
+        assert!(
+            (robot.links()[3].inertia.mass_kg() - 6.0).abs() < 1e-12,
+            "two fingers of 2 kg on a link of 2 kg"
+        );
+        let z_m = if end == Some("left") { 0.5 } else { 0.0 };
+        assert!((robot.end_effector().pos.z.abs() + robot.end_effector().pos.x.abs() - z_m).abs() < 1e-12);
+    }
+    // In the chain: the arm ends there.
+    assert_eq!(import(Some("third")).expect("three joints").joints, 3);
+    let nobody = import(Some("tcp")).expect_err("no such link").to_string();
+    assert!(nobody.contains("`tcp` is not a link of this file (there: world, first"), "{nobody}");
+}

@@ -175,7 +175,9 @@ impl<'a, P: From<Problem>> Value<'a, P> {
         Ok(numbers)
     }
 
-    pub(crate) fn wrong_type(&self, expected: &'static str) -> DocumentError<P> {
+    /// Refuses a value of another type than `expected`.
+    #[must_use]
+    pub fn wrong_type(&self, expected: &'static str) -> DocumentError<P> {
         let found = match self.value.get_ref() {
             DeValue::String(_) => "a string",
             DeValue::Integer(_) => "an integer",

@@ -156,6 +156,8 @@ impl Operator for OnBus<'_> {
 
     fn stop(&mut self) -> Result<(), OperatorError> {
         let node = self.node()?;
+        // What the controller reports of it is no news.
+        self.session.host_node().stops.end();
         self.session.order(node, "to stop", STOP, &())?;
         match self.session.wait_for(STOP_MAX, &|state| !state.may_move()) {
             Err(OperatorError::Stopped { .. }) => Ok(()),

@@ -502,7 +502,7 @@ fn pairs(arm: &Arm, links: &Links, held: bool, t_s: f64, report: &mut Report) {
         for (j, b) in model.boxes().iter().enumerate().skip(i + 1) {
             // Far apart by the spheres around them: no need to measure.
             let gap_m = (placed[i].pos - placed[j].pos).norm() - a.half_m.norm() - b.half_m.norm();
-            if a.link.abs_diff(b.link) >= rule.link_distance_min && gap_m <= 0.0 {
+            if rule.tests(a.link, b.link) && gap_m <= 0.0 {
                 test(boxes::distance_m(&placed[i], &a.half_m, &placed[j], &b.half_m), &a.name, &b.name);
             }
         }

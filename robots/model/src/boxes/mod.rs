@@ -8,6 +8,7 @@ use nalgebra::Vector3;
 pub use obb::{Obb, Proximity, aligned_box};
 use swing::swing;
 
+use crate::per_joint::JOINTS_MAX;
 use crate::pose::Pose;
 
 /// An oriented box fixed to a link.
@@ -30,6 +31,22 @@ pub struct PairRule {
     pub link_distance_min: usize,
     /// The floor is tested with links from this one on.
     pub floor_from_link: usize,
+    /// Links whose boxes are not tested against those of a link: bit `b` at place `a` and the other way round.
+    pub(crate) untested: [u16; JOINTS_MAX + 1],
+}
+
+impl PairRule {
+    /// Whether boxes of these two links are tested against each other.
+    #[must_use]
+    pub fn tests(&self, a: usize, b: usize) -> bool {
+        a.abs_diff(b) >= self.link_distance_min && self.untested.get(a).is_none_or(|bits| bits >> b & 1 == 0)
+    }
+
+    /// Leaves two links out of the tests against each other.
+    pub(crate) fn leave_out(&mut self, a: usize, b: usize) {
+        self.untested[a] |= 1 << b;
+        self.untested[b] |= 1 << a;
+    }
 }
 
 /// All boxes of a robot with the pairs to test.
@@ -50,7 +67,7 @@ impl CollisionModel {
         let mut pairs = Vec::new();
         for (a, box_a) in boxes.iter().enumerate() {
             for (b, box_b) in boxes.iter().enumerate().skip(a + 1) {
-                if box_a.link.abs_diff(box_b.link) >= rule.link_distance_min {
+                if rule.tests(box_a.link, box_b.link) {
                     pairs.push((a as u16, b as u16));
                 }
             }

@@ -5,6 +5,7 @@
 mod bodies;
 mod fingers;
 mod frames;
+mod generic;
 
 pub(crate) use frames::turn_z_to;
 
@@ -17,8 +18,8 @@ use toml_reader::{DESCRIPTION_MAX_BYTES, Problem as DocumentProblem, Source, Val
 use crate::boxes::{CollisionModel, PairRule};
 use crate::error::{LoadError, Problem};
 use crate::family::{Family, FamilyName};
-use crate::model::{Drive, DriveLoop, Gripper, Joint, JointLimits, RobotModel, Supply, World};
-use crate::per_joint::PerJoint;
+use crate::model::{Drive, DriveLoop, Gripper, Joint, JointLimits, Link, RobotModel, Supply, World};
+use crate::per_joint::{JOINTS_MAX, PerJoint};
 use crate::pose::Pose;
 
 /// A table of a robot file.
@@ -127,8 +128,13 @@ fn read_model(root: &Section<'_>) -> Result<RobotModel, LoadError> {
     };
     let x_ne = frames.x_jl[n - 1] * x_le;
 
-    let drives = read_drives(&joint_sections)?;
-    let supplies = read_supplies(root, &joints, drives.is_some())?;
+    let mut drives = read_drives(&joint_sections)?;
+    let mut supplies = read_supplies(root, &joints, drives.is_some())?;
+    if let Some(section) = root.optional("generic_drives", Value::section)? {
+        generic::require_alone(root, joint_sections.iter().any(|joint| joint.has("drive")))?;
+        let (of_joints, supply) = generic::read(&section, &joints)?;
+        (drives, supplies) = (Some(of_joints), vec![supply]);
+    }
     for section in &joint_sections {
         section.finish()?;
     }
@@ -138,7 +144,7 @@ fn read_model(root: &Section<'_>) -> Result<RobotModel, LoadError> {
         root.optional("fingers", Value::section)?.map(|s| fingers::read(&s, &gripper)).transpose()?;
 
     let (links, boxes) = bodies::read(root, &frames.x_jl)?;
-    let rule = read_pair_rule(&root.required("collision", Value::section)?, n)?;
+    let rule = read_pair_rule(&root.required("collision", Value::section)?, &links)?;
     let ball_n = x_ne.transform_point(&gripper.x_eb.pos);
     let collision = CollisionModel::new(boxes, rule, &frames.x_pj, &ball_n);
 
@@ -328,12 +334,27 @@ fn read_gripper(section: &Section<'_>) -> Result<Gripper, LoadError> {
     Ok(gripper)
 }
 
-fn read_pair_rule(section: &Section<'_>, joints: usize) -> Result<PairRule, LoadError> {
-    let links = joints as i64 + 1;
-    let rule = PairRule {
-        link_distance_min: section.required("link_distance_min", |v| v.integer(1..=links - 1))? as usize,
-        floor_from_link: section.required("floor_from_link", |v| v.integer(1..=links))? as usize,
+fn read_pair_rule(section: &Section<'_>, links: &[Link]) -> Result<PairRule, LoadError> {
+    let count = links.len() as i64 + 1;
+    let mut rule = PairRule {
+        link_distance_min: section.required("link_distance_min", |v| v.integer(1..=count - 1))? as usize,
+        floor_from_link: section.required("floor_from_link", |v| v.integer(1..=count))? as usize,
+        untested: [0; JOINTS_MAX + 1],
     };
+    for pair in section.or("untested", Vec::new(), Value::items)? {
+        let mut numbers = Vec::new();
+        for item in pair.items()? {
+            let name = item.text()?;
+            let number = match links.iter().position(|link| link.name == name) {
+                Some(k) => k + 1,
+                None if name == "base" => 0,
+                None => return Err(item.error(Problem::UnknownLink(name.to_owned()))),
+            };
+            numbers.push(number);
+        }
+        let [a, b] = *numbers else { return Err(pair.wrong_type("the names of two links")) };
+        rule.leave_out(a, b);
+    }
     section.finish()?;
     Ok(rule)
 }

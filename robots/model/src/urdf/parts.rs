@@ -5,10 +5,14 @@ use nalgebra::Vector3;
 use super::tree::{Inertial, Turn};
 use crate::pose::Pose;
 
+/// Radius of the assumed ball, m.
+pub(super) const BALL_RADIUS_M: f64 = 0.03;
+
 /// What a robot file needs and URDF does not say.
 #[derive(Debug, Clone, PartialEq)]
 pub struct UrdfOptions {
-    /// Link whose frame is the end effector; the last link of the chain if `None`.
+    /// Link whose frame is the end effector: the arm ends there. If `None` the arm ends where hand or branches begin, and the last
+    /// link that it moves is the end effector.
     pub end_effector: Option<String>,
     /// Acceleration limit per velocity limit, in 1/s. The PowerCubes have 4.
     pub acceleration_per_velocity_1_s: f64,
@@ -16,8 +20,9 @@ pub struct UrdfOptions {
     pub jerk_per_acceleration_1_s: f64,
     /// Velocity limit of joints that give none, in rad/s.
     pub velocity_default_rad_s: f64,
-    /// Height of the floor in m.
-    pub floor_z_m: f64,
+    /// Height of the floor in m. If `None` it is that of the base, or so much lower that the arm is free of it in the middle of its
+    /// ranges.
+    pub floor_z_m: Option<f64>,
 }
 
 impl Default for UrdfOptions {
@@ -27,7 +32,7 @@ impl Default for UrdfOptions {
             acceleration_per_velocity_1_s: 4.0,
             jerk_per_acceleration_1_s: 10.0,
             velocity_default_rad_s: 1.0,
-            floor_z_m: 0.0,
+            floor_z_m: None,
         }
     }
 }
@@ -42,6 +47,34 @@ pub(super) struct Body {
     pub(super) boxes: Vec<(String, Pose, Vector3<f64>)>,
     /// Links of the body with their poses in it.
     pub(super) links: Vec<(usize, Pose)>,
+}
+
+/// Torque of a joint: given, or assumed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Effort {
+    pub(super) nm: f64,
+    pub(super) given: bool,
+}
+
+/// All that a robot file is written from.
+#[derive(Debug)]
+pub(super) struct Draft<'a> {
+    pub(super) name: &'a str,
+    pub(super) file: &'a str,
+    pub(super) base: Body,
+    pub(super) axes: Vec<Axis>,
+    pub(super) efforts: Vec<Effort>,
+    /// In the frame of the last body.
+    pub(super) end_effector: Pose,
+    pub(super) release: Pose,
+    /// Voltage of the generic drives, V.
+    pub(super) voltage_v: f64,
+    /// Links that are not tested against each other; 0 is the base.
+    pub(super) untested: Vec<[usize; 2]>,
+    pub(super) floor_z_m: f64,
+    /// First link that is tested against the floor.
+    pub(super) floor_from_link: usize,
+    pub(super) notes: Vec<String>,
 }
 
 /// A moving joint with the body behind it.

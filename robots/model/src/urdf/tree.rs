@@ -3,6 +3,8 @@
 use nalgebra::{Matrix3, Vector3};
 use roxmltree::{Document, Node};
 
+use super::mesh::MeshFiles;
+use super::mesh_boxes::boxes_around;
 use crate::pose::Pose;
 
 /// A URDF file was refused: where, and why.
@@ -56,7 +58,10 @@ pub enum UrdfProblem {
     #[error("joint `{0}` mimics another joint, which a serial arm cannot have")]
     Mimic(String),
     /// Two moving joints start from one body.
-    #[error("the arm branches at link `{link}`: joints {} both move from it", .joints.join(" and "))]
+    #[error(
+        "the arm branches at link `{link}`: joints {} both move from it\n  next: `--end-effector LINK` names the end of the arm",
+        .joints.join(" and ")
+    )]
     Branch {
         /// The link.
         link: String,
@@ -83,12 +88,25 @@ pub enum UrdfProblem {
     /// No moving joint at all.
     #[error("no joint moves")]
     NoJoints,
-    /// The end effector asked for is not a link of the last body.
-    #[error("`{wanted}` is not a link at the end of the arm (there: {})", .there.join(", "))]
+    /// More joints in a row than an arm may have.
+    #[error(
+        "{found} joints move in a row; at most {max} can be led\n  next: `--end-effector LINK` ends the arm at a link before (`{last}` is \
+         the {max}th)"
+    )]
+    TooManyJoints {
+        /// Joints in a row.
+        found: usize,
+        /// Most that can be led.
+        max: usize,
+        /// Link behind the last joint that can be led.
+        last: String,
+    },
+    /// The end effector asked for is not a link of the file.
+    #[error("`{wanted}` is not a link of this file (there: {})", .there.join(", "))]
     NoSuchEndEffector {
         /// Name asked for.
         wanted: String,
-        /// Links at the end of the arm.
+        /// Links of the file.
         there: Vec<String>,
     },
 }
@@ -134,8 +152,10 @@ pub(super) struct UrdfJoint {
     pub(super) parent: usize,
     pub(super) child: usize,
     pub(super) origin: Pose,
-    /// `None` for a fixed joint.
+    /// `None` for a fixed joint, and for one that no arm has.
     pub(super) turn: Option<Turn>,
+    /// What makes it no joint of an arm, such as `prismatic` or `mimic`.
+    pub(super) foreign: Option<String>,
 }
 
 #[derive(Debug, Clone)]
@@ -148,9 +168,20 @@ pub(super) struct UrdfTree {
 /// Reads text with places for error messages.
 pub(super) struct Reader<'a> {
     pub(super) file: &'a str,
+    pub(super) meshes: &'a MeshFiles<'a>,
 }
 
 impl Reader<'_> {
+    /// Why a joint that no arm has cannot be part of one.
+    pub(super) fn foreign(&self, joint: &UrdfJoint) -> Option<UrdfError> {
+        let kind = joint.foreign.as_ref()?;
+        let problem = match kind.as_str() {
+            "mimic" => UrdfProblem::Mimic(joint.name.clone()),
+            _ => UrdfProblem::JointType { joint: joint.name.clone(), kind: kind.clone() },
+        };
+        Some(self.error(joint.line, problem))
+    }
+
     pub(super) fn error(&self, line: u32, problem: UrdfProblem) -> UrdfError {
         UrdfError { file: self.file.to_owned(), line, problem }
     }
@@ -195,8 +226,9 @@ impl Reader<'_> {
         };
         let mut link =
             UrdfLink { line: line_of(node), inertial, boxes: Vec::new(), left_out: Vec::new(), name };
-        for (k, part) in elements(node, "collision").enumerate() {
-            let name = match part.attribute("name") {
+        let shapes = if element(node, "collision").is_some() { "collision" } else { "visual" };
+        for (k, part) in elements(node, shapes).enumerate() {
+            let name = match part.attribute("name").filter(|given| !given.is_empty()) {
                 Some(given) => given.to_owned(),
                 None => format!("{} {}", link.name, k + 1),
             };
@@ -205,9 +237,20 @@ impl Reader<'_> {
             let shape = shape.ok_or_else(|| {
                 self.at(part, UrdfProblem::Missing { place: place.clone(), what: "collision geometry" })
             })?;
-            match self.half_sizes(shape, &place)? {
-                Some(half_m) => link.boxes.push(CollisionBox { name, pose, half_m }),
-                None => link.left_out.push(format!("{place}: {} `{name}`", shape.tag_name().name())),
+            if let Some(half_m) = self.half_sizes(shape, &place)? {
+                link.boxes.push(CollisionBox { name, pose, half_m });
+                continue;
+            }
+            match self.mesh_boxes(shape, &place)? {
+                Ok(boxes) => link.boxes.extend(boxes.into_iter().map(|(x, half_m)| CollisionBox {
+                    name: name.clone(),
+                    pose: pose * x,
+                    half_m,
+                })),
+                Err(why) => link.left_out.push(format!(
+                    "{place}: {} `{name}` is left out of the collision model: {why}",
+                    shape.tag_name().name()
+                )),
             }
         }
         Ok(link)
@@ -232,6 +275,28 @@ impl Reader<'_> {
                 UrdfProblem::BadValue { place: place.to_owned(), text, expected: "a size above zero" };
             Err(self.at(shape, problem))
         }
+    }
+
+    /// Boxes around a mesh, or why there are none.
+    #[expect(clippy::type_complexity, reason = "a refusal of the file, and a reason to leave out the mesh")]
+    fn mesh_boxes(
+        &self,
+        shape: Node<'_, '_>,
+        place: &str,
+    ) -> Result<Result<Vec<(Pose, Vector3<f64>)>, String>, UrdfError> {
+        if !shape.has_tag_name("mesh") {
+            return Ok(Err(format!("the shape `{}` is not known", shape.tag_name().name())));
+        }
+        let name = self.attribute(shape, place, "filename")?;
+        let scale = match shape.has_attribute("scale") {
+            true => self.triple(shape, place, "scale")?,
+            false => Vector3::repeat(1.0),
+        };
+        let mesh = (self.meshes)(name).and_then(|bytes| super::mesh::triangles(name, &bytes));
+        Ok(mesh.and_then(|mut triangles| {
+            triangles.iter_mut().flatten().for_each(|corner| corner.component_mul_assign(&scale));
+            boxes_around(&triangles).ok_or_else(|| format!("{name} has no surface"))
+        }))
     }
 
     fn read_inertial(&self, node: Node<'_, '_>, place: &str) -> Result<Inertial, UrdfError> {
@@ -259,18 +324,14 @@ impl Reader<'_> {
             })
         };
         let (parent, child) = (end("parent")?, end("child")?);
-        if element(node, "mimic").is_some() {
-            return Err(self.at(node, UrdfProblem::Mimic(name)));
-        }
-        let turn = match kind {
-            "fixed" => None,
-            "revolute" | "continuous" => Some(self.read_turn(node, &place, kind == "continuous")?),
-            other => {
-                return Err(self.at(node, UrdfProblem::JointType { joint: name, kind: other.to_owned() }));
-            }
+        let (turn, foreign) = match kind {
+            _ if element(node, "mimic").is_some() => (None, Some("mimic".to_owned())),
+            "fixed" => (None, None),
+            "revolute" | "continuous" => (Some(self.read_turn(node, &place, kind == "continuous")?), None),
+            other => (None, Some(other.to_owned())),
         };
         let origin = self.read_origin(node, &place)?;
-        Ok(UrdfJoint { name, line: line_of(node), parent, child, origin, turn })
+        Ok(UrdfJoint { name, line: line_of(node), parent, child, origin, turn, foreign })
     }
 
     fn read_turn(&self, node: Node<'_, '_>, place: &str, continuous: bool) -> Result<Turn, UrdfError> {
