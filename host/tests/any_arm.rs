@@ -169,8 +169,9 @@ fn an_arm_is_imported_checked_moved_and_thrown_with_at_first_try() {
     // The shift of the scene counts: 10 mm.
     assert!((boxes(0)[0]["center_m"][2].as_float().unwrap() - 0.005).abs() < 1e-9, "{text}");
     assert_eq!(boxes(5).len(), 3, "palm and two fingers");
-    // The ball is free of the hand: fingers end 0.02 m before the tool, and the ball is 0.03 m large.
-    assert!(text.contains("release_origin_m = [0.0, 0.0, 0.02]"), "{text}");
+    // The ball is free of the hand: fingers end 20 mm before the tool (their boxes 0.2 mm later), the ball has a radius of 30 mm and 10 mm
+    // of room, in steps of 5 mm.
+    assert!(text.contains("release_origin_m = [0.0, 0.0, 0.025]"), "{text}");
 
     let checked = cubectl(&["robot", "check", &arm]);
     assert_eq!(code(&checked), 9, "{}{}", out(&checked), err(&checked));
