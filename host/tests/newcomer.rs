@@ -251,7 +251,7 @@ fn a_target_out_of_reach_is_refused_at_once_and_the_named_one_is_thrown_at() {
         println!("{target}: {took_s:.2} s: {what}");
         // Less than a second where it is optimised and alone.
         assert!(took_s < 6.0, "{target}: {took_s} s");
-        let point = what.split("the nearest target in reach is (").nth(1).expect(&what);
+        let point = what.split("the nearest target found in reach is (").nth(1).expect(&what);
         let point = point.split(')').next().unwrap().replace(' ', "");
         let planned = cubectl(&["plan", "throw", &format!("--target={point}"), "--fast"]);
         assert_eq!(code(&planned), 0, "{target}: {point}: {}", err(&planned));

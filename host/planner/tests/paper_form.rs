@@ -130,7 +130,7 @@ fn unreachable_targets_are_refused_with_the_nearest_reachable_one() {
     let arm = arm();
     let text = best(&problem(&arm, [2.0, 0.0, 0.0], Options::paper()), 4).expect_err("out of reach");
     assert!(
-        text.starts_with("no throw reaches (2.000, 0.000, 0.000) m; the nearest target in reach is"),
+        text.starts_with("no throw reaches (2.000, 0.000, 0.000) m; the nearest target found in reach is"),
         "{text}"
     );
     assert!(text.contains("blocked by: "), "{text}");

@@ -111,7 +111,7 @@ fn point_text(point: &Vector3<f64>) -> String {
 fn nearest_text(nearest: Option<&NearestTarget>) -> String {
     nearest.map_or_else(String::new, |n| {
         format!(
-            "; the nearest target in reach is {} m, {:.3} m away, blocked by: {}",
+            "; the nearest target found in reach is {} m, {:.3} m away, blocked by: {}",
             point_text(&n.point),
             n.distance_m,
             n.constraint
