@@ -181,6 +181,8 @@
     socket.onclose = () => setTimeout(connect, 500);
   }
   function stop() {
+    // The program has left the bus: it cannot stop anything any more.
+    if (last && last.ended) { el('stopped').textContent = 'this program has left the bus: use the contactor'; return; }
     if (socket && socket.readyState === WebSocket.OPEN) socket.send('stop');
     // By both ways: a socket may hang.
     fetch('/stop', {method: 'POST'}).then(answer => { if (!stop_shown) el('stopped').textContent = answer.ok ? 'stop ordered' : 'the stop was refused'; })
