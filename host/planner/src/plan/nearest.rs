@@ -70,7 +70,7 @@ impl Planner<'_, '_> {
     }
 
     /// The refusal of a target that lies clearly beyond the edge of a table of stored throws, without a search: no stored
-    /// throw leads there, and the few nearest ones can be moved no nearer than [`CLEARLY_M`]. `None`: only a search can say.
+    /// throw leads there, and the few nearest ones can be moved no nearer than `CLEARLY_M`. `None`: only a search can say.
     #[must_use]
     pub fn refused_at_once(&self, index: &Index, budget: &Budget, watch: &Watch) -> Option<NoThrow> {
         let (kind, options) = (kind_of(&self.problem.options), &self.problem.options);
