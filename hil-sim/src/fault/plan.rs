@@ -139,7 +139,7 @@ pub struct Fault {
     pub filter: Option<IdFilter>,
     /// From when on.
     pub start: Instant,
-    /// From when on in a run with a throw, instead of `start`.
+    /// Begin of the fault, counted from the throw. In a run with a throw it replaces `start`.
     pub at: Option<ThrowTime>,
     /// For how long; `None`: until the end of the run.
     pub length: Option<Duration>,

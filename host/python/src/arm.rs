@@ -1,4 +1,4 @@
-//! An arm that stays connected: a thread of its own has the session and does one order at a time.
+//! An arm that stays connected: one thread owns the session and carries out one order after the other.
 //!
 //! A call waits for its order, and the arm stands when it returns. A stop, from another thread or by Ctrl-C, brings the arm to rest
 //! along its path, and ends all orders until it is carried out.
@@ -11,7 +11,7 @@ use std::thread;
 use std::time::Duration as WallTime;
 
 use host::cmd::ended::{failure, off_target};
-use host::cmd::move_arm::no_way;
+use host::cmd::move_arm::{no_way, scene};
 use host::cmd::report::BIT_RATE;
 use host::error::ExpectedError;
 use host::exit;
@@ -32,7 +32,7 @@ use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
-use robot_model::collision::{Obb, Scene};
+use robot_model::collision::Scene;
 use robot_model::{JointVec, Pose, RobotModel};
 use serde_json::json;
 
@@ -321,11 +321,7 @@ pub(crate) struct How {
 
 impl How {
     fn scene(&self) -> Scene {
-        let named = |(b, k): (&[f64; 6], usize)| {
-            let obb = Obb::new(Pose::translation(b[0], b[1], b[2]), Vector3::new(b[3], b[4], b[5]));
-            (format!("obstacle {k}"), obb)
-        };
-        Scene { obstacles: self.obstacles.iter().zip(1..).map(named).collect(), ball_held: self.ball }
+        scene(&self.obstacles, self.ball)
     }
 
     fn travel(&self) -> Travel {
@@ -439,7 +435,7 @@ fn serve(
     let operator = OnBus::new(&mut session, controller, BIT_RATE);
     let mut arm = Connected { operator, robot: &robot, fingerprint: &fingerprint, step, stop, end: None };
     loop {
-        // The time of a simulated cell stands between orders; a real bus is listened to.
+        // Between orders the time of a simulated cell does not pass. A real bus is read all the time.
         let next =
             if waits { asked.recv().map_err(|_| TryRecvError::Disconnected) } else { asked.try_recv() };
         match next {
@@ -456,7 +452,7 @@ fn serve(
         }
     }
     drop(arm);
-    // The bus may be gone; whatever moves is halted if it is not.
+    // The bus may be lost. If it is not, this halts what still moves.
     let _ = session.halt_if_moving();
     let _ = session.finish();
 }

@@ -188,12 +188,18 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 
 impl Args {
     fn scene(&self) -> Scene {
-        let named = |(b, k): (&[f64; 6], usize)| {
-            let obb = Obb::new(Pose::translation(b[0], b[1], b[2]), Vector3::new(b[3], b[4], b[5]));
-            (format!("obstacle {k}"), obb)
-        };
-        Scene { obstacles: self.obstacle.iter().zip(1..).map(named).collect(), ball_held: self.ball }
+        scene(&self.obstacle, self.ball)
     }
+}
+
+/// Boxes that nothing may touch (centre and half edge lengths, m, base frame), and whether a ball is in the hand.
+#[must_use]
+pub fn scene(obstacles: &[[f64; 6]], ball_held: bool) -> Scene {
+    let named = |(b, k): (&[f64; 6], usize)| {
+        let obb = Obb::new(Pose::translation(b[0], b[1], b[2]), Vector3::new(b[3], b[4], b[5]));
+        (format!("obstacle {k}"), obb)
+    };
+    Scene { obstacles: obstacles.iter().zip(1..).map(named).collect(), ball_held }
 }
 
 /// Where to, as the command line says.

@@ -40,7 +40,8 @@ pub(super) fn halt(session: &mut Session) -> Result<(), ExpectedError> {
     Ok(())
 }
 
-/// Session on the bus that was named, and what could not be opened beside it: on a real bus no file keeps a halt from being sent.
+/// Opens the session. On a real bus it opens without robot file and recording if these fail, so that the halt is sent; the failure is
+/// returned beside it.
 fn open(bus: &BusArgs) -> Result<(Session, Machine, Option<BusFailure>), BusFailure> {
     let whole = |bus: &BusArgs| {
         let cell = bus.cell.load()?;

@@ -70,7 +70,7 @@ pub struct Run<'a> {
     pub samples: &'a Samples,
     /// The motion that was run.
     pub motion: &'a Motion,
-    /// The throw that it is the motion of; `None` if nothing is thrown.
+    /// The plan of the throw, if the motion is one.
     pub throw: Option<&'a PlanFile>,
     /// The arm that ran it.
     pub arm: &'a Arm,
