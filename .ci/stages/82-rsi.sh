@@ -1,8 +1,14 @@
 # The industrial robot in real time: `cubectl throw` leads the one that `cubectl sim` plays, by the clock of this machine. Both
-# generations, UDP and TCP, 12 ms and 4 ms. The witness is the simulated robot: it tells whether the bottle was hit, and how long
-# the answers took, how many were late (none may be), and how many of its cycles this machine held up. In lock step the same is tested by host/tests/robot_link.rs, where nothing depends on the machine.
+# generations, UDP and TCP, 12 ms and 4 ms. The observer is the simulated robot: it says whether the bottle was hit, how long
+# the answers took, how many were late, and how many of its cycles this machine held up. In lock step the same is tested by
+# host/tests/robot_link.rs, where nothing depends on the machine.
+#
+# Each throw is tried once. An answer that is late by a whole cycle stops a robot; a machine that stops the client for half a
+# cycle may cause this. Such a throw is counted as held up, and its report is judged all the same. The stage fails if a report is
+# not what happened, if an answer was late on a machine that was on time, or if each throw was held up.
 . .ci/timed.sh
 . .ci/wait.sh
+. .ci/pauses.sh
 
 cargo build --quiet --release --locked -p host -p hil-sim --bins
 cubectl=$PWD/target/release/cubectl
@@ -14,35 +20,57 @@ plan() { # name, period in ms
 plan slow 12
 plan fast 4
 
-throw() { # description, scheme, port, plan
-    local name=$1 place=$2://127.0.0.1:$3 dir=$out/$1 client status=0
-    rm -rf "$dir" "$dir".*
+throw() { # description, scheme, port, plan, cycle in ms
+    local name=$1 place=$2://127.0.0.1:$3 dir=$out/$1 client robot_status=0 status=0
     # The client first: a robot counts telegrams that nobody answers.
     "$cubectl" throw --robot kr16_2 --plan "$out/$4.json" --bus "rsi:$place" --rsi "robots/kr16_2/$name.toml" --yes \
         --out "$dir" >"$dir.throw" 2>&1 </dev/null &
     client=$!
     wait_for $client says "$dir.throw" 'waiting for the robot' || { cat "$dir.throw"; return 1; }
     "$cubectl" sim --robot kr16_2 --rsi "$place" --scenario "robots/kr16_2/$name.toml" --bottle 2.5,0,0.6 --runs 1 --for 120 \
-        >"$dir.robot" 2>&1 </dev/null || status=$?
+        >"$dir.robot" 2>&1 </dev/null || robot_status=$?
     # A robot that was refused never comes: its client would wait for it.
-    [ $status -eq 0 ] || kill -INT $client
+    [ $robot_status -eq 0 ] || kill -INT $client
     wait $client || status=$?
-    echo "--- $name, $place"
+    echo "$5 $robot_status $status" >"$dir.ended"
+}
+judge() { # description
+    local dir=$out/$1 cycle_ms robot_status status word=thrown
+    read -r cycle_ms robot_status status <"$dir.ended"
+    echo "--- $1; the client ended with $status; largest pause of this machine $pause_ms ms"
     cat "$dir.robot"
-    [ $status -eq 0 ] || { cat "$dir.throw"; return $status; }
-    grep -q 'bottle hit' "$dir.robot" || { echo "$name: the bottle is not hit"; return 1; }
-    grep -q ' 0 late answers, 0 refused, [0-9]* cycles held up' "$dir.robot" || { echo "$name: late or refused answers"; return 1; }
+    [ $robot_status -eq 0 ] || { cat "$dir.throw"; return 1; }
+    if ! grep -q ' 0 late answers, 0 refused, [0-9]* cycles held up' "$dir.robot"; then
+        python3 -c "import sys; sys.exit($pause_ms <= $cycle_ms / 2)" || { echo "late or refused answers"; cat "$dir.throw"; return 1; }
+        word='held up'
+    fi
+    if grep -q 'bottle hit' "$dir.robot"; then
+        [ $status -eq 0 ] || { echo "the bottle was hit, and the client says otherwise"; cat "$dir.throw"; return 1; }
+    else
+        cat "$dir.throw"
+        [ "$word" = 'held up' ] || { echo "the bottle was not hit"; return 1; }
+        [ $status -eq 8 ] || { echo "the bottle was not hit, and the client did not end with 8"; return 1; }
+    fi
+    echo "$word" >"$dir.word"
 }
 pair() { # two throws at the same time
     local first status=0
-    throw "${@:1:4}" &
+    watch_pauses
+    throw "${@:1:5}" &
     first=$!
-    throw "${@:5:4}" || status=$?
-    wait $first || status=$?
+    throw "${@:6:5}" || status=1
+    wait $first || status=1
+    end_pauses
+    [ $status -eq 0 ] || return 1
+    judge "$1" || status=1
+    judge "$6" || status=1
     return $status
 }
-timed pair kr_c2 udp 49261 slow kr_c2_tcp tcp 49262 slow
-timed pair kr_c4 udp 49263 fast kr_c4_12ms udp 49264 slow
+status=0
+pair kr_c2 udp 49261 slow 12 kr_c2_tcp tcp 49262 slow 12 || status=1
+pair kr_c4 udp 49263 fast 4 kr_c4_12ms udp 49264 slow 12 || status=1
+[ $status -eq 0 ]
+grep -qx thrown "$out"/*.word || { echo "no throw could be judged: the machine held up each of them"; exit 1; }
 
 # A tracked target that moves by 20 mm while the client waits for the robot: nothing is thrown, and the recording runs again.
 moved() {
