@@ -25,6 +25,7 @@ impl From<&BusFailure> for ExpectedError {
             | BusFailure::Cell(_)
             | BusFailure::Scenario(_)
             | BusFailure::Key(_)
+            | BusFailure::AssumedDrives { .. }
             | BusFailure::Settings(_) => exit::BAD_INPUT,
             BusFailure::Recording { .. } => exit::OUTPUT,
             BusFailure::StoppedByOther(_) => exit::STOPPED,

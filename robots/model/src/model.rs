@@ -178,6 +178,11 @@ pub struct Drive {
     pub k_m_a_nm: f64,
 }
 
+impl Drive {
+    /// Type of a module that nobody has described, and name of its supply.
+    pub const GENERIC: &str = "generic";
+}
+
 /// A power supply and the joints on it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Supply {
@@ -301,6 +306,12 @@ impl RobotModel {
     #[must_use]
     pub fn drives(&self) -> Option<&[Drive]> {
         self.drives.as_deref()
+    }
+
+    /// Whether the drives follow from speed and torque of the joints (`[generic_drives]`), so that no real ones are described.
+    #[must_use]
+    pub fn drives_are_assumed(&self) -> bool {
+        self.drives().is_some_and(|drives| drives.iter().all(|drive| drive.module == Drive::GENERIC))
     }
 
     /// The power supplies; together they feed every drive exactly once. Empty without drives.

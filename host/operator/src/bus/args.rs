@@ -166,6 +166,14 @@ impl BusArgs {
                 Medium::Sim(Box::new(SimBus::new(&cell.robot, &cell.setup, cell.seed, guests)?))
             }
             spec => {
+                let real = match spec {
+                    BusSpec::SocketCan { interface } => !interface.starts_with("vcan"),
+                    other => matches!(other, BusSpec::Slcan { .. }),
+                };
+                if real && settings.is_some() && cell.robot.drives_are_assumed() {
+                    let robot = cell.robot.name().to_owned();
+                    return Err(BusFailure::AssumedDrives { robot, bus: spec.clone() });
+                }
                 let live = LiveBus::open(spec)?;
                 Medium::Live(Box::new(match settings {
                     Some(settings) => live.start_controller(*settings)?,
@@ -247,5 +255,23 @@ mod tests {
         assert_eq!(ids("0"), Err("address 0 is outside 1..=31".to_owned()));
         assert_eq!(ids("4-2"), Err("'4-2' runs backwards".to_owned()));
         assert!(ids("arm").is_err());
+    }
+
+    #[test]
+    fn a_controller_for_assumed_drives_is_refused_on_a_bus_with_real_ones() {
+        let robot = format!("{}/../../docs/robots/arm.toml", env!("CARGO_MANIFEST_DIR"));
+        let cell = CellArgs { robot: Some(robot), ..CellArgs::default() }.load().unwrap();
+        let settings = settings_with_gains(&cell.robot).unwrap();
+        let open = |bus: &str, settings: Option<&Settings>| {
+            let bus = BusArgs { bus: bus.parse().unwrap(), ..BusArgs::default() };
+            bus.open_cell(&cell, settings).map(drop).unwrap_err()
+        };
+        for real in ["can77", "slcan:/dev/nowhere"] {
+            let error = open(real, Some(&settings));
+            assert!(matches!(error, BusFailure::AssumedDrives { .. }), "{real}: {error}");
+            // Without a controller nothing is commanded by those numbers: a stop goes out.
+            assert!(matches!(open(real, None), BusFailure::Open(_)));
+        }
+        assert!(matches!(open("vcan77", Some(&settings)), BusFailure::Open(_)));
     }
 }

@@ -25,6 +25,17 @@ pub enum BusFailure {
     /// The scenario of the simulated cell cannot be used.
     #[error(transparent)]
     Scenario(Box<hil_sim::scenario::ScenarioError>),
+    /// A controller for drives that nobody has described, on a bus with real ones.
+    #[error(
+        "the drives of {robot} are assumed ([generic_drives]), and {bus} has real ones\n  next: `cubectl robot check FILE` lists the \
+         lines that describe real drives; the simulated cell (without --bus) takes assumed ones"
+    )]
+    AssumedDrives {
+        /// Name of the robot.
+        robot: String,
+        /// The bus.
+        bus: can_link::BusSpec,
+    },
     /// No controller can be made for the robot.
     #[error(transparent)]
     Settings(#[from] super::settings::NoSettings),

@@ -16,8 +16,6 @@ use crate::error::{LoadError, Problem};
 use crate::model::{Drive, Joint, Supply};
 use crate::per_joint::PerJoint;
 
-/// Name of the module and of the supply.
-const NAME: &str = "generic";
 /// Version of the PowerCube protocol that a generic drive answers with on the simulated bus.
 const FIRMWARE: u16 = 0x4614;
 /// Least largest current of a drive: a weaker motor takes the place of a smaller one.
@@ -38,7 +36,7 @@ pub(super) fn read(section: &Section<'_>, joints: &[Joint]) -> Result<(Vec<Drive
         let current_max_a = k_m_a_nm * torque_max_nm;
         let k_b_a_s_rad = current_max_a * (1.0 / efficiency - 1.0) / v_max;
         Ok(Drive {
-            module: NAME.to_owned(),
+            module: Drive::GENERIC.to_owned(),
             address: k as u8 + 1,
             firmware: FIRMWARE,
             gear_ratio: motor_speed_max_rad_s / v_max,
@@ -52,7 +50,7 @@ pub(super) fn read(section: &Section<'_>, joints: &[Joint]) -> Result<(Vec<Drive
     let mut feeds = PerJoint::<bool>::default_of(joints.len());
     feeds.iter_mut().for_each(|fed| *fed = true);
     let current_max_a = drives.iter().map(|drive| drive.current_max_a).sum();
-    Ok((drives, Supply { name: NAME.to_owned(), voltage_v, current_max_a, feeds }))
+    Ok((drives, Supply { name: Drive::GENERIC.to_owned(), voltage_v, current_max_a, feeds }))
 }
 
 /// Refuses `[generic_drives]` beside drives or supplies of the file's own.
