@@ -34,3 +34,4 @@ mod robots_and_gains;
 mod throw_failures;
 mod throw_job;
 mod throw_outcome;
+mod waits;

@@ -121,7 +121,7 @@ fn an_arm_behind_its_controller_catches() {
 fn a_rally_goes_to_and_fro() {
     let partners = Partners::new(CourtOptions::two_arms().unwrap()).unwrap();
     let options = TrialOptions { cooperative: true, ..TrialOptions::default() };
-    let rally = partners.play(4, &options, 2);
+    let rally = partners.play(4, &options, 2, |_, _| {});
     assert_eq!((rally.end, rally.length()), (RallyEnd::Complete, 4));
     assert_eq!(rally.exchanges.iter().map(|e| e.thrower).collect::<Vec<_>>(), [0, 1, 0, 1]);
 }

@@ -225,7 +225,7 @@ fn home_all(
         let zero = (args.verify && is_homed).then(|| ZeroCheck::new(v_rad_s));
         let what = format!("module {module}: looking for its zero");
         let at_most = format!("up to {:.0} s of the arm", args.timeout);
-        let homed = while_working(&what, &at_most, || {
+        let homed = while_working(&what, &at_most, |_| {
             controlled.session.home_joint(node, (joint, module), limit, zero)
         });
         let homed = homed.map_err(|error| at(module, controlled.renumbered(error)))?;

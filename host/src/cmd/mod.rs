@@ -51,7 +51,7 @@ mod controlled;
 pub mod ended;
 mod last_look;
 mod modules;
-mod progress;
+pub mod progress;
 mod words;
 
 use robot_model::RobotModel;

@@ -23,15 +23,16 @@ use super::last_look::LastLook;
 /// How long a search for a throw that follows the flight takes as a rule.
 pub(super) const USUAL_SEARCH: &str = "10 to 30 s";
 
-/// Does `work`. A terminal shows meanwhile what it is, for how long already, and how long it takes as a rule.
-pub(super) fn while_working<T>(what: &str, usual: &str, work: impl FnOnce() -> T) -> T {
+/// Does `work`. A terminal shows meanwhile what it is, for how long already, and how long it takes as a rule. Lines that `work`
+/// prints go through `suspend` of the bar.
+pub fn while_working<T>(what: &str, usual: &str, work: impl FnOnce(&ProgressBar) -> T) -> T {
     let bar = ProgressBar::new_spinner().with_message(format!("{what}, as a rule {usual}"));
     if let Ok(style) = ProgressStyle::with_template("{spinner} {elapsed} {msg}") {
         bar.set_style(style);
     }
     // Nothing is drawn where standard error is no terminal.
     bar.enable_steady_tick(Duration::from_millis(200));
-    let result = work();
+    let result = work(&bar);
     bar.finish_and_clear();
     result
 }

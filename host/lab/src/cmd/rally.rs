@@ -6,6 +6,7 @@ use hil_sim::court::CourtOptions;
 use host::cmd::catch::catching::Catching;
 use host::cmd::catch::outcome::{as_json, ended, reported_text, why_not_caught};
 use host::cmd::print_json;
+use host::cmd::progress::while_working;
 use host::error::ExpectedError;
 use host::exit;
 use operator::ball_catch::limits::Executed;
@@ -13,7 +14,7 @@ use operator::ball_catch::trial::{CatchOutcome, TrialOptions};
 use serde_json::{Value, json};
 
 use super::on_wire::{self, Wire};
-use crate::rally::exchange::{Partners, Rally, RallyEnd};
+use crate::rally::exchange::{Exchange, Partners, Rally, RallyEnd};
 use crate::rally::study::{self, Row, Share, StudyOptions};
 use crate::report;
 
@@ -67,7 +68,13 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         ))
     };
     let partners = Partners::new(court).map_err(|why| refused(&why))?;
-    let rally = partners.play(args.throws as usize, &options, args.catching.seed);
+    let rally = while_working("rally", "2 s a throw", |bar| {
+        partners.play(args.throws as usize, &options, args.catching.seed, |k, exchange| {
+            if !args.json {
+                bar.suspend(|| console::line!("{}", exchange_text(k, exchange)));
+            }
+        })
+    });
     if let (Some(file), Some(last)) = (&args.report, rally.exchanges.last()) {
         let page = report::rally(&rally, partners.pair(last.thrower), last, options.jerk);
         std::fs::write(file, page).map_err(|e| ExpectedError::output(file, &e))?;
@@ -75,7 +82,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if args.json {
         print_json(&rally_json(&rally));
     } else {
-        console::text!("{}", rally_text(&rally));
+        console::line!("{} catches in a row", rally.length());
         if let (Some(file), true) = (&args.report, !rally.exchanges.is_empty()) {
             console::line!("report: {}", file.display());
         }
@@ -111,22 +118,18 @@ fn on_wire(args: &Args, court: CourtOptions, options: &TrialOptions) -> Result<(
     }
 }
 
-fn rally_text(rally: &Rally) -> String {
-    let mut out = format!("{} catches in a row\n", rally.length());
-    for (k, exchange) in rally.exchanges.iter().enumerate() {
-        let outcome = &exchange.outcome;
-        let crossing = outcome.crossing.map_or_else(String::new, |c| {
-            format!(", {:.1} mm off, {:.2} m/s against the hand", c.miss_m * 1e3, c.speed_m_s)
-        });
-        out += &format!(
-            "  {:2}: arm {} throws, flight {:.2} s: {}{crossing}\n",
-            k + 1,
-            exchange.thrower + 1,
-            exchange.aimed.flight_s,
-            reported_text(outcome.reported)
-        );
-    }
-    out
+fn exchange_text(k: usize, exchange: &Exchange) -> String {
+    let outcome = &exchange.outcome;
+    let crossing = outcome.crossing.map_or_else(String::new, |c| {
+        format!(", {:.1} mm off, {:.2} m/s against the hand", c.miss_m * 1e3, c.speed_m_s)
+    });
+    format!(
+        "{:2}: arm {} throws, flight {:.2} s: {}{crossing}",
+        k + 1,
+        exchange.thrower + 1,
+        exchange.aimed.flight_s,
+        reported_text(outcome.reported)
+    )
 }
 
 fn rally_json(rally: &Rally) -> Value {
@@ -142,13 +145,17 @@ fn rally_json(rally: &Rally) -> Value {
 fn study_of(args: &Args, court: &CourtOptions, throws: u32) -> Result<(), ExpectedError> {
     let options = StudyOptions { throws: throws as usize, seed: args.catching.seed, only: args.only.clone() };
     let mut rows = Vec::new();
-    let study = study::run(court, &options, |row| {
-        if args.json {
-            console::note!("{}: {} of {} caught", row.name, row.caught.hits, row.caught.of);
-        } else {
-            console::text!("{}", row_text(row));
-        }
-        rows.push(row.clone());
+    let study = while_working("study", "some minutes with 500 throws", |bar| {
+        study::run(court, &options, |row| {
+            bar.suspend(|| {
+                if args.json {
+                    console::note!("{}: {} of {} caught", row.name, row.caught.hits, row.caught.of);
+                } else {
+                    console::text!("{}", row_text(row));
+                }
+            });
+            rows.push(row.clone());
+        })
     });
     let study = study.map_err(|why| {
         if args.json && !rows.is_empty() {

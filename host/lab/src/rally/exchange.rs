@@ -93,8 +93,15 @@ impl Partners {
         &self.pairs[thrower]
     }
 
-    /// Up to `throws` throws; arm 0 begins. The same seed gives the same rally.
-    pub fn play(&self, throws: usize, options: &TrialOptions, seed: u64) -> Rally {
+    /// Up to `throws` throws; arm 0 begins. The same seed gives the same rally. `observe` gets the number of each throw, from 0,
+    /// and what became of it, as soon as it is over.
+    pub fn play(
+        &self,
+        throws: usize,
+        options: &TrialOptions,
+        seed: u64,
+        mut observe: impl FnMut(usize, &Exchange),
+    ) -> Rally {
         let mut q = [options.wait; 2];
         let mut exchanges = Vec::new();
         for k in 0..throws {
@@ -127,7 +134,9 @@ impl Partners {
             let stands = || outcome.trace.last().map_or(options.wait, |last| last.q[1]);
             q[1 - thrower] = outcome.choice.as_ref().map_or_else(stands, |choice| end_of(&choice.motion));
             let caught = outcome.caught;
-            exchanges.push(Exchange { thrower, transit_s, aimed, outcome });
+            let exchange = Exchange { thrower, transit_s, aimed, outcome };
+            observe(k, &exchange);
+            exchanges.push(exchange);
             if !caught {
                 return Rally { exchanges, end: RallyEnd::NotCaught };
             }

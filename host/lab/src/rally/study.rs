@@ -299,7 +299,7 @@ fn rallies(court: &CourtOptions, options: &StudyOptions) -> Result<Vec<usize>, N
     let trial = TrialOptions { cooperative: true, ..TrialOptions::default() };
     let lengths = (0..options.throws.div_ceil(THROWS_PER_RALLY))
         .into_par_iter()
-        .map(|k| partners.play(RALLY_THROWS, &trial, options.seed + k as u64).length())
+        .map(|k| partners.play(RALLY_THROWS, &trial, options.seed + k as u64, |_, _| {}).length())
         .collect();
     Ok(lengths)
 }

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use nalgebra::Vector3;
 use planner::follow::best::{BestOptions, HandFreedom};
-use planner::follow::found::NotFound;
+use planner::follow::found::Found;
 use planner::follow::limits::{AXES, Arm, Axes, Limits};
 use planner::follow::nearest::feasible_target;
 use planner::follow::paper::{Criterion, PaperOptions, RampTiming};
@@ -32,14 +32,6 @@ const STARTS: usize = 64;
 
 /// Programs of industrial robots pass commands up to 0.1 deg inside the ranges of the axes (`robots/kr16_2`).
 const PROGRAM_INSIDE_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
-
-/// Limits for the search in a form, of those that commands must keep.
-pub(crate) fn searched(limits: &Limits, form: FormName) -> Limits {
-    match form {
-        FormName::Paper => *limits,
-        FormName::Best => limits.with_spare_for_commands(),
-    }
-}
 
 /// Grid of the paper form over the reach of an arm [default resolution: 1.3].
 pub(crate) fn paper_grid(arm: &Arm, resolution: Option<f64>) -> PaperOptions {
@@ -98,7 +90,7 @@ fn coarse(search: &Search) -> Search {
             (o.places, o.rolls) = (fewer(o.places), fewer(o.rolls));
             Search::Paper(o)
         }
-        Search::Best(o) => Search::Best(BestOptions { starts: 12, kicks: 0, draws: 8000, ..o.clone() }),
+        Search::Best(o) => Search::Best(BestOptions { starts: 4, kicks: 0, draws: 8000, ..o.clone() }),
     }
 }
 
@@ -138,10 +130,6 @@ pub(super) fn plan(args: &Args, arm: &Arm) -> Result<Followed, ExpectedError> {
     let form = args.search.options.form;
     args.given.require_meaning(&[Deed::Following, form.search_of_following()])?;
     args.follow.checked()?;
-    if !args.target.iter().all(|v| v.is_finite()) {
-        return Err(ExpectedError::bad_input(&"the target needs three finite numbers"));
-    }
-    require_metres(args.target)?;
     let source = args.follow.limit_source(arm, form);
     let mut limits = Limits::of(arm, source);
     if let Some(deg_s2) = args.follow.ramps_deg_s2 {
@@ -158,13 +146,7 @@ pub(super) fn plan(args: &Args, arm: &Arm) -> Result<Followed, ExpectedError> {
         Setting { commands, lag_s, period_s, ..Setting::new(arm, Vector3::from(args.target), limits) };
     let search = search_of(args, arm);
     let began = Instant::now();
-    let searching = Setting { limits: searched(&limits, args.search.options.form), ..setting };
-    let found = while_working("looking for a throw", USUAL_SEARCH, || search.plan(&searching));
-    let found = found.map_err(|none| {
-        while_working("looking for the nearest target with a plan", USUAL_SEARCH, || {
-            no_throw(&none, &search, &searching)
-        })
-    })?;
+    let found = throw_for(&setting, &search)?;
     let took_s = began.elapsed().as_secs_f64();
     let id = RobotId {
         name: arm.name().to_owned(),
@@ -182,16 +164,42 @@ pub(super) fn plan(args: &Args, arm: &Arm) -> Result<Followed, ExpectedError> {
     Ok(Followed { plan, limits, verdict })
 }
 
-fn no_throw(none: &NotFound, search: &Search, setting: &Setting<'_>) -> ExpectedError {
-    let quick = coarse(search);
-    let near = feasible_target(&setting.target, setting.arm.world().floor_z_m, |target| {
-        quick.is_feasible(&setting.at(*target))
-    });
-    let next = match near {
-        Some(p) => format!("the nearest target with a plan is about {:.2},{:.2},{:.2}", p.x, p.y, p.z),
-        None => "choose a target closer to the arm: none was found on the way to it, nor lower".to_owned(),
+/// The throw to the target of a setting.
+///
+/// # Errors
+/// A target that is none; no throw leads there. A target is named then for which the same search has found one.
+pub(crate) fn throw_for(setting: &Setting<'_>, search: &Search) -> Result<Found, ExpectedError> {
+    let target = setting.target;
+    if !target.iter().all(|v| v.is_finite()) {
+        return Err(ExpectedError::bad_input(&"the target needs three finite numbers"));
+    }
+    require_metres(target.into())?;
+    let spare = match search {
+        Search::Paper(_) => setting.limits,
+        Search::Best(_) => setting.limits.with_spare_for_commands(),
     };
-    ExpectedError::new(exit::NO_THROW, format!("{none}\n  next: {next}"))
+    let setting = Setting { limits: spare, ..*setting };
+    let found = while_working("looking for a throw", USUAL_SEARCH, |_| search.plan(&setting));
+    found.map_err(|none| {
+        let next = while_working("looking for the nearest target with a plan", USUAL_SEARCH, |_| {
+            nearest(search, &setting)
+        });
+        let next = match next {
+            Some(p) => format!("the nearest target with a plan that was found is {},{},{}", p.x, p.y, p.z),
+            None => "choose a target closer to the arm: none was found on the way to it, nor lower".to_owned(),
+        };
+        ExpectedError::new(exit::NO_THROW, format!("{none}\n  next: {next}"))
+    })
+}
+
+/// A target near that of the setting for which `search` finds a throw.
+fn nearest(search: &Search, setting: &Setting<'_>) -> Option<Vector3<f64>> {
+    let floor_z_m = setting.arm.world().floor_z_m;
+    let quick = coarse(search);
+    let near = |search: &Search| {
+        feasible_target(&setting.target, floor_z_m, |target| search.is_feasible(&setting.at(*target)))
+    };
+    near(&quick).filter(|target| search.is_feasible(&setting.at(*target))).or_else(|| near(search))
 }
 
 /// Largest distance of the ball from the first joint, by the lengths of the links, in m.

@@ -39,7 +39,7 @@ pub fn point(text: &str) -> Result<[f64; 3], String> {
 const TARGET_MAX_M: f64 = 100.0;
 
 /// Refuses a target that lies so far away that its numbers must be millimetres.
-pub(in crate::cmd) fn require_metres(target_m: [f64; 3]) -> Result<(), ExpectedError> {
+pub(super) fn require_metres(target_m: [f64; 3]) -> Result<(), ExpectedError> {
     let far = target_m.iter().any(|x| x.is_finite() && x.abs() > TARGET_MAX_M);
     if !far {
         return Ok(());

@@ -23,10 +23,9 @@ use super::{Args, Done};
 use crate::cmd::ended::{failure, off_target};
 use crate::cmd::folder::Folder;
 use crate::cmd::meaning::Deed;
-use crate::cmd::plan::follow::{REFINEMENTS, paper_grid, searched};
-use crate::cmd::plan::numbers::require_metres;
+use crate::cmd::plan::follow::{REFINEMENTS, paper_grid, throw_for};
 use crate::cmd::plan::options::FormName;
-use crate::cmd::progress::{USUAL_SEARCH, Ui, while_working};
+use crate::cmd::progress::Ui;
 use crate::cmd::rsi::{LOG, LogFile, description, listen};
 use crate::cmd::tracker::Measured;
 use crate::error::ExpectedError;
@@ -302,10 +301,6 @@ fn plan(
             plan
         }
         (None, Some(target_m)) => {
-            if !target_m.iter().all(|x| x.is_finite()) {
-                return Err(ExpectedError::bad_input(&"the target needs three finite numbers"));
-            }
-            require_metres(target_m)?;
             let seed = args.seed.unwrap_or(1);
             let (search, lag_s) = match args.search.options.form {
                 FormName::Paper => {
@@ -326,14 +321,7 @@ fn plan(
             let commands = command_range(described);
             let setting =
                 Setting { commands, lag_s, period_s, ..Setting::new(arm, Vector3::from(target_m), limits) };
-            let searching = Setting { limits: searched(&limits, args.search.options.form), ..setting };
-            let found = while_working("looking for a throw", USUAL_SEARCH, || search.plan(&searching));
-            let found = found.map_err(|none| {
-                ExpectedError::new(
-                    exit::NO_THROW,
-                    format!("{none}\n  next: `cubectl plan throw --robot {}` names the nearest target with a plan", arm.name()),
-                )
-            })?;
+            let found = throw_for(&setting, &search)?;
             let robot = RobotId {
                 name: arm.name().to_owned(),
                 source: args.search.options.robot.clone(),
