@@ -1,0 +1,98 @@
+//! MIT frames as Damiao motors speak them, both directions: one command and one answer of eight bytes per motor and period.
+//!
+//! # Map
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`range`] | [`Ranges`]: what the bit fields of a motor stand for; [`MOTORS`]: the makers' table |
+//! | [`command`] | [`Command`]: set points of the four modes, enable, disable, zero, clear |
+//! | [`state`] | [`State`]: the answer to every command |
+//! | [`register`] | [`Register`]: settings of the motor; [`RegisterRequest`], [`RegisterAnswer`] |
+//!
+//! # On the wire
+//!
+//! * 11-bit ids, always eight data bytes. Commands go to the id of the motor (register 8), answers come on its master id
+//!   (register 7), requests for registers go to 0x7FF and name the motor in their data.
+//! * Exactly one answer per command, none without one, none to a set point of a mode that is not set.
+//! * Position, velocity, gains and torque are bit fields that span a range. **The range is a setting of the motor
+//!   (registers 21 to 23). A host that counts with another one is wrong by their ratio, and nothing on the wire shows it.**
+//! * A state and an answer of a register have the same id and length. [`RegisterAnswer::decode`] wants the request.
+//!
+//! # Sources
+//!
+//! No real motor was at hand. Frames agree with a public client (`damiao-motor` 1.0.6); tables are those of public drivers
+//! (openarm_can, damiao-motor). Where they truncate a value to its field, this package rounds it.
+
+#![warn(missing_docs)]
+#![cfg_attr(not(test), no_std)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::unreachable,
+        clippy::indexing_slicing
+    )
+)]
+
+pub mod command;
+pub mod range;
+pub mod register;
+pub mod state;
+
+pub use command::{Clipped, Command, CommandError, Mit};
+pub use range::{KD_MAX_NM_S_RAD, KP_MAX_NM_RAD, MOTORS, MotorType, Ranges};
+pub use register::{Register, RegisterAnswer, RegisterRequest, RegisterValue};
+pub use state::{State, Status};
+
+use core::fmt;
+
+use protocol::{Frame, Id, StandardId};
+
+/// Id of requests for registers and of [`RegisterRequest::State`].
+pub const REGISTER_ID: u16 = 0x7FF;
+
+/// Id to which a motor listens (register 8), 1 to 127.
+///
+/// An answer holds its low four bits only: with ids above 15 the master ids tell motors apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct MotorId(u8);
+
+impl MotorId {
+    /// `None` outside 1 to 127.
+    pub const fn new(id: u8) -> Option<Self> {
+        match id {
+            1..=0x7F => Some(Self(id)),
+            _ => None,
+        }
+    }
+
+    /// The number.
+    pub const fn get(self) -> u8 {
+        self.0
+    }
+
+    /// The part of it that stands in an answer.
+    pub const fn nibble(self) -> u8 {
+        self.0 & 0x0F
+    }
+}
+
+impl fmt::Display for MotorId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:#04x}", self.0)
+    }
+}
+
+/// A data frame with eight bytes. `id` has eleven bits; what is above them is cut off.
+fn frame(id: u16, data: [u8; 8]) -> Frame {
+    Frame::from_array(Id::Standard(StandardId::from_low_bits(id)), data)
+}
+
+/// Standard id and data of a data frame with eight bytes.
+fn parts(frame: &Frame) -> Option<(u16, [u8; 8])> {
+    let Id::Standard(id) = frame.id() else { return None };
+    let data = frame.data().first_chunk::<8>()?;
+    (!frame.is_remote()).then_some((id.get(), *data))
+}
