@@ -8,6 +8,7 @@ mod common;
 mod drive_cell;
 mod drive_commands;
 mod drive_life;
+mod drive_mit;
 mod drive_motions;
 mod drive_rig;
 mod drive_states;

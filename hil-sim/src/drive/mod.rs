@@ -16,6 +16,7 @@
 //! | `program`, [`ramp`] | set-point as a closed-form function of time |
 //! | `servo` | position loop and torque left of the current limit |
 //! | `faults` | what is broken in it |
+//! | [`mit`] | a Damiao motor instead of a PowerCube |
 //!
 //! # State
 //!
@@ -46,6 +47,7 @@
 mod faults;
 mod homing;
 mod measure;
+pub mod mit;
 mod module;
 mod obey;
 pub mod options;

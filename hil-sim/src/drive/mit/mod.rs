@@ -1,0 +1,36 @@
+//! One Damiao motor behind the wire: MIT frames, its four modes, its registers, its time-out.
+//!
+//! Written from public descriptions of the frames; no real motor was at hand.
+//!
+//! # Map
+//!
+//! | file | holds |
+//! |---|---|
+//! | `motor` | [`MitMotor`]: power, frames, torque; the [`protocol::Node`] |
+//! | `options` | [`MitOptions`]: the motor as it is delivered; [`MitFaults`]: what is wrong with it |
+//! | `registers` | settings in RAM and flash |
+//!
+//! # State
+//!
+//! ```text
+//!        power          FC enable                 time-out, heat
+//!  Off ─────────► off ◄────────────► on ─────────────────────────► fault, no torque
+//!                  ▲    FD disable                                   │
+//!                  └──────────────── FB clear ───────────────────────┘
+//! ```
+//!
+//! # Choices where the sources are silent
+//!
+//! * A set point that comes while the motor is off is kept and acts from the enabling on, unless another one comes: what a host
+//!   must reckon with. Power-on and a change of the mode clear it.
+//! * `FE` sets the zero in every state.
+//! * A motor that is told to store while it is on does nothing.
+//! * Modes 2 to 4 lead a reference at the largest velocity behind a position loop that is critically damped at 30 rad/s for the
+//!   rotor alone.
+
+mod motor;
+mod options;
+mod registers;
+
+pub use motor::MitMotor;
+pub use options::{MitFaults, MitOptions};

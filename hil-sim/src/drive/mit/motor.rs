@@ -1,0 +1,323 @@
+//! Power, frames, torque.
+
+use std::collections::VecDeque;
+use std::f64::consts::{PI, TAU};
+
+use mit_protocol::{Command, Mit, MotorId, Ranges, RegisterAnswer, RegisterRequest, State, Status};
+use protocol::{Duration, Frame, Instant, Node, StandardId};
+
+use super::options::{MitFaults, MitOptions};
+use super::registers::Registers;
+use crate::mechanics::{AxisInput, AxisState};
+
+/// Unit of the time-out register.
+const TIME_OUT_UNIT_US: u64 = 50;
+/// Position loop of modes 2 to 4, rad/s.
+const LOOP_RAD_S: f64 = 30.0;
+/// Temperature of the room, and at which a motor stops, °C.
+const ROOM_C: f64 = 25.0;
+const ROTOR_MAX_C: f64 = 100.0;
+/// Rise of the rotor at rated torque for ever, K, and how fast it comes, s.
+const RISE_K: f64 = 55.0;
+const RISE_S: f64 = 300.0;
+/// Rise of the transistors beside it.
+const TRANSISTORS_SHARE: f64 = 0.6;
+/// Answers that wait at most; a host that asks faster than the bus carries loses the rest.
+const ANSWERS_MAX: usize = 16;
+
+/// One motor.
+#[derive(Clone, Debug)]
+pub struct MitMotor {
+    options: MitOptions,
+    faults: MitFaults,
+    flash: Registers,
+    ram: Registers,
+    powered: bool,
+    status: Status,
+    /// Last set point, of any mode.
+    wanted: Option<Command>,
+    /// Reference of modes 2 to 4, rad of the shaft as the motor counts.
+    reference_rad: f64,
+    commanded_at: Instant,
+    /// What the motor counts from, rad of the true shaft.
+    origin_rad: f64,
+    zero_rad: f64,
+    axis: AxisState,
+    rotor_c: f64,
+    answers: VecDeque<(Instant, Frame)>,
+    ready: VecDeque<Frame>,
+    answered: u32,
+    first: Option<State>,
+}
+
+impl MitMotor {
+    /// A motor with power whose shaft stands at `q_rad`.
+    pub fn new(options: MitOptions, q_rad: f64) -> Self {
+        let registers = Registers::delivered(&options);
+        let mut motor = Self {
+            options,
+            faults: MitFaults::default(),
+            flash: registers,
+            ram: registers,
+            powered: true,
+            status: Status::Disabled,
+            wanted: None,
+            reference_rad: 0.0,
+            commanded_at: Instant::ZERO,
+            origin_rad: 0.0,
+            zero_rad: options.zero_rad,
+            axis: AxisState { q_rad, ..AxisState::default() },
+            rotor_c: ROOM_C,
+            answers: VecDeque::new(),
+            ready: VecDeque::new(),
+            answered: 0,
+            first: None,
+        };
+        motor.set_power(true);
+        motor
+    }
+
+    /// What is wrong with it, from now on.
+    pub fn faults_mut(&mut self) -> &mut MitFaults {
+        &mut self.faults
+    }
+
+    /// What it says about itself.
+    pub fn status(&self) -> Status {
+        self.status
+    }
+
+    /// Position as it counts, rad of the shaft.
+    pub fn shaft_rad(&self) -> f64 {
+        self.axis.q_rad - self.origin_rad
+    }
+
+    /// Takes its power away or gives it back. What was not stored is lost, and whole turns are.
+    pub fn set_power(&mut self, on: bool) {
+        self.powered = on;
+        self.status = Status::Disabled;
+        self.wanted = None;
+        self.answers.clear();
+        self.ready.clear();
+        self.ram = self.flash;
+        // The encoder at the shaft knows its place within one turn.
+        let within = (self.axis.q_rad - self.zero_rad + PI).rem_euclid(TAU) - PI;
+        self.origin_rad = self.axis.q_rad - within;
+    }
+
+    /// What its power stage does in a step of the mechanics.
+    pub fn input(&self) -> AxisInput {
+        let off = AxisInput::default();
+        if !self.powered || self.status != Status::Enabled {
+            return off;
+        }
+        let limit = f64::from(self.ram.ranges.t_max_nm()).min(self.options.peak_nm);
+        // The line from the largest torque at rest to the speed without any.
+        let torque_max_nm =
+            limit * (1.0 - self.axis.v_rad_s.abs() / self.options.no_load_rad_s).clamp(0.0, 1.0);
+        match self.wanted {
+            Some(Command::Mit(Mit { p_rad, v_rad_s, kp_nm_rad, kd_nm_s_rad, t_nm }))
+                if self.ram.mode == 1 =>
+            {
+                AxisInput {
+                    reference_rad: self.origin_rad + f64::from(p_rad),
+                    stiffness_nm_rad: f64::from(kp_nm_rad),
+                    damping_nms_rad: f64::from(kd_nm_s_rad),
+                    torque_nm: f64::from(t_nm) + f64::from(kd_nm_s_rad) * f64::from(v_rad_s),
+                    torque_max_nm,
+                    brake: false,
+                }
+            }
+            Some(_) if self.ram.mode != 1 => {
+                let share = match self.wanted {
+                    Some(Command::PositionForce { current_share, .. }) => f64::from(current_share) * 1e-4,
+                    _ => 1.0,
+                };
+                let inertia = self.options.rotor_kg_m2;
+                AxisInput {
+                    reference_rad: self.origin_rad + self.reference_rad,
+                    stiffness_nm_rad: inertia * LOOP_RAD_S * LOOP_RAD_S,
+                    damping_nms_rad: 2.0 * inertia * LOOP_RAD_S,
+                    torque_nm: 0.0,
+                    torque_max_nm: torque_max_nm * share,
+                    brake: false,
+                }
+            }
+            _ => off,
+        }
+    }
+
+    /// Takes its axis after a step of `dt_s`.
+    pub fn tick(&mut self, axis: AxisState, dt_s: f64) {
+        self.axis = axis;
+        if !self.powered {
+            return;
+        }
+        let load = axis.drive_torque_nm / self.options.rated_nm;
+        self.rotor_c += (ROOM_C + RISE_K * load * load - self.rotor_c) * dt_s / RISE_S;
+        if self.rotor_c > ROTOR_MAX_C && self.status == Status::Enabled {
+            self.status = Status::RotorHot;
+        }
+        let speed = |v: f32| f64::from(v.abs().min(self.ram.speed_max_rad_s));
+        match self.wanted {
+            Some(Command::PositionVelocity { p_rad, v_max_rad_s }) => {
+                self.lead(p_rad, speed(v_max_rad_s), dt_s)
+            }
+            Some(Command::PositionForce { p_rad, v_max_centirad_s, .. }) => {
+                self.lead(p_rad, speed(f32::from(v_max_centirad_s) * 0.01), dt_s);
+            }
+            Some(Command::Velocity { v_rad_s }) => {
+                self.reference_rad += speed(v_rad_s).copysign(f64::from(v_rad_s)) * dt_s;
+            }
+            _ => {}
+        }
+    }
+
+    fn lead(&mut self, p_rad: f32, v_max_rad_s: f64, dt_s: f64) {
+        let most = v_max_rad_s * dt_s;
+        self.reference_rad += (f64::from(p_rad) - self.reference_rad).clamp(-most, most);
+    }
+
+    fn id(&self) -> Option<MotorId> {
+        u8::try_from(self.ram.id).ok().and_then(MotorId::new)
+    }
+
+    fn master(&self) -> StandardId {
+        StandardId::from_low_bits(self.ram.master as u16)
+    }
+
+    /// Ranges by which it counts.
+    fn ranges(&self) -> Ranges {
+        let own = self.ram.ranges;
+        let factor = self.faults.velocity_range_factor;
+        let other = Ranges::new(own.p_max_rad(), own.v_max_rad_s() * factor, own.t_max_nm());
+        other.unwrap_or(own)
+    }
+
+    fn obey(&mut self, now: Instant, command: Command) {
+        let mode = match command {
+            Command::Mit(_) => 1,
+            Command::PositionVelocity { .. } => 2,
+            Command::Velocity { .. } => 3,
+            Command::PositionForce { .. } => 4,
+            Command::Enable | Command::Disable | Command::ZeroHere | Command::ClearFault => self.ram.mode,
+        };
+        if mode != self.ram.mode {
+            return;
+        }
+        self.commanded_at = now;
+        match command {
+            Command::Enable if !self.status.is_fault() => {
+                self.status = Status::Enabled;
+                self.reference_rad = self.shaft_rad();
+            }
+            Command::Disable if !self.status.is_fault() => self.status = Status::Disabled,
+            Command::ClearFault if self.status.is_fault() => self.status = Status::Disabled,
+            Command::Enable | Command::Disable | Command::ClearFault => {}
+            Command::ZeroHere => {
+                (self.zero_rad, self.origin_rad) = (self.axis.q_rad, self.axis.q_rad);
+            }
+            set_point => self.wanted = Some(set_point),
+        }
+        self.answer_state(now);
+    }
+
+    fn answer_state(&mut self, now: Instant) {
+        let Some(id) = self.id() else { return };
+        let state = State {
+            nibble: id.nibble(),
+            status: self.status,
+            p_rad: self.shaft_rad() as f32,
+            v_rad_s: self.axis.v_rad_s as f32,
+            t_nm: self.axis.drive_torque_nm as f32,
+            transistors_c: (ROOM_C + (self.rotor_c - ROOM_C) * TRANSISTORS_SHARE) as u8,
+            rotor_c: self.rotor_c as u8,
+        };
+        let first = *self.first.get_or_insert(state);
+        let state = if self.faults.answers_are_stale { first } else { state };
+        self.answer(now, state.encode(self.master(), &self.ranges()));
+    }
+
+    fn answer(&mut self, now: Instant, frame: Frame) {
+        self.answered = self.answered.wrapping_add(1);
+        let lost = self.faults.answer_lost_every;
+        if (lost > 0 && self.answered.is_multiple_of(lost)) || self.answers.len() >= ANSWERS_MAX {
+            return;
+        }
+        self.answers.push_back((now + self.options.answer_after, frame));
+    }
+
+    fn asked(&mut self, now: Instant, id: MotorId, request: RegisterRequest) {
+        match request {
+            RegisterRequest::Read(register) => {
+                let value = self.ram.read(register, &self.options, self.shaft_rad());
+                self.answer(
+                    now,
+                    RegisterAnswer { register, written: false, value }.encode(id, self.master()),
+                );
+            }
+            RegisterRequest::Write(register, value) => {
+                let (master, mode) = (self.master(), self.ram.mode);
+                self.ram.write(register, value);
+                if self.ram.mode != mode {
+                    self.wanted = None;
+                }
+                let value = self.ram.read(register, &self.options, self.shaft_rad());
+                self.answer(now, RegisterAnswer { register, written: true, value }.encode(id, master));
+            }
+            RegisterRequest::Store if self.status == Status::Disabled => self.flash = self.ram,
+            RegisterRequest::Store => {}
+            RegisterRequest::State => self.answer_state(now),
+        }
+    }
+
+    /// When it gives no torque any more unless a command comes.
+    fn times_out_at(&self) -> Option<Instant> {
+        let armed = self.status == Status::Enabled && self.ram.time_out > 0 && !self.faults.time_out_is_dead;
+        let after = Duration::from_micros(u64::from(self.ram.time_out) * TIME_OUT_UNIT_US);
+        armed.then(|| self.commanded_at + after)
+    }
+}
+
+impl Node for MitMotor {
+    fn handle_frame(&mut self, now: Instant, frame: &Frame) {
+        if !self.powered {
+            return;
+        }
+        self.handle_timeout(now);
+        let id = self.id();
+        if let Some((to, request)) = RegisterRequest::decode(frame) {
+            if Some(to) == id {
+                self.asked(now, to, request);
+            }
+        } else if let Ok((to, command)) = Command::decode(frame, &self.ranges())
+            && Some(to) == id
+        {
+            self.obey(now, command);
+        }
+    }
+
+    fn handle_timeout(&mut self, now: Instant) {
+        if self.times_out_at().is_some_and(|at| at <= now) {
+            self.status = Status::LinkLost;
+        }
+        while let Some((at, frame)) = self.answers.front().copied()
+            && at <= now
+        {
+            self.answers.pop_front();
+            self.ready.push_back(frame);
+        }
+    }
+
+    fn poll_frame(&mut self) -> Option<Frame> {
+        self.ready.pop_front()
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        if !self.powered {
+            return None;
+        }
+        let answer = self.answers.front().map(|(at, _)| *at);
+        self.times_out_at().into_iter().chain(answer).min()
+    }
+}
