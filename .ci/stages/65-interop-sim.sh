@@ -1,5 +1,5 @@
-# The simulated drives against a client that is not ours: python-can, unmodified, pinned; over socketcand and as an
-# SLCAN adapter at a pseudo-terminal, both at the same time on one simulated bus.
+# The simulated drives against clients that are not ours, unmodified, pinned. PowerCubes: python-can, over socketcand and as an
+# SLCAN adapter at a pseudo-terminal, both at the same time on one simulated bus. Damiao motors: damiao-motor, over socketcand.
 . .ci/timed.sh
 . .ci/serve.sh
 . .ci/venv.sh sim tests/interop/sim/requirements.txt
@@ -24,6 +24,22 @@ clients() {
     return $status
 }
 timed clients
+motors() {
+    local log=target/interop-mit.log status=0 port
+    target/release/hil-sim serve-mit --motor 8009:1:0x11 --motor 4310:2:0x12 --bus socketcand://127.0.0.1:0/can0 --json \
+        >"$log" </dev/null &
+    server=$!
+    wait_for $server says "$log" '"event":"real time"' || { cat "$log"; return 1; }
+    port=$(place "$log" socketcand: | sed 's|.*:\([0-9]*\)/.*|\1|')
+    echo "--- damiao-motor over socketcand" &&
+        CAN_CONFIG="{\"host\": \"127.0.0.1\", \"port\": $port, \"tcp_tune\": true}" timeout 180 \
+            python tests/interop/sim/damiao.py || status=$?
+    kill -INT $server
+    wait $server || status=$?
+    server=
+    return $status
+}
+timed motors
 tail -n 1 "$log" | python -c '
 import json, sys
 report = json.load(sys.stdin)

@@ -9,7 +9,7 @@
 //! |---|---|---|---|
 //! | medium | [`bus`] | classical CAN 2.0: bit time, stuffing, arbitration, acknowledge, error counters, bus-off, transmit queues, figures per id | know what a frame means |
 //! | participants | [`participants`] | the nodes on the bus, and the physical process behind them | know the scheduler |
-//! | drives | [`drive`] | one PowerCube behind the wire, a [`protocol::Node`] | know the arm's other joints |
+//! | drives | [`drive`] | one PowerCube or one Damiao motor behind the wire, a [`protocol::Node`] | know the arm's other joints |
 //! | physics | [`mechanics`] | rigid bodies, friction, supplies, gripper and ball | know CAN |
 //! | faults | [`fault`] | what can go wrong, when, where and how likely; one random stream each | depend on the order in which faults are listed |
 //! | virtual time | [`world`] | event queue that joins bus, participants and faults; same seed, same log | read a clock |

@@ -3,8 +3,7 @@
 use hil_sim::drive::mit::{MitMotor, MitOptions};
 use hil_sim::mechanics::AxisState;
 use mit_protocol::{
-    Command, MOTORS, Mit, MotorId, Ranges, Register, RegisterAnswer, RegisterRequest, RegisterValue, State,
-    Status,
+    Command, Mit, MotorId, Ranges, Register, RegisterAnswer, RegisterRequest, RegisterValue, State, Status,
 };
 use protocol::{Duration, Instant, Node, StandardId};
 
@@ -32,20 +31,7 @@ fn master() -> StandardId {
 
 impl Rig {
     fn at(q_rad: f64) -> Self {
-        let motor = *MOTORS.iter().find(|motor| motor.name == "8009").unwrap();
-        let options = MitOptions {
-            id: id(),
-            master: master(),
-            motor,
-            rated_nm: 20.0,
-            peak_nm: 40.0,
-            no_load_rad_s: 16.8,
-            rotor_kg_m2: 0.02,
-            time_out: 0,
-            mode: 1,
-            answer_after: Duration::from_micros(150),
-            zero_rad: 0.0,
-        };
+        let options = MitOptions::of("8009", id(), master()).unwrap();
         Self {
             motor: MitMotor::new(options, q_rad),
             now: Instant::ZERO,
@@ -54,7 +40,7 @@ impl Rig {
             answers: Vec::new(),
             registers: Vec::new(),
             asked: None,
-            ranges: motor.ranges,
+            ranges: options.motor.ranges,
         }
     }
 
@@ -65,7 +51,7 @@ impl Rig {
             match register {
                 Some(answer) => self.registers.push(answer.value),
                 None => {
-                    self.answers.push(State::decode(&frame, id(), master(), &self.ranges).expect("a state"))
+                    self.answers.push(State::decode(&frame, id(), master(), &self.ranges).expect("a state"));
                 }
             }
         }

@@ -7,6 +7,7 @@ mod run;
 mod serve;
 mod serve_court;
 mod serve_krc;
+mod serve_mit;
 mod serve_tracker;
 mod swarm;
 
@@ -30,6 +31,8 @@ enum Verb {
     ServeCourt(serve_court::Args),
     /// Serve a robot controller behind Ethernet RSI, in real time or in lock step with its client.
     ServeKrc(serve_krc::Args),
+    /// Serve Damiao motors, each with an inertia at its shaft, in real time.
+    ServeMit(serve_mit::Args),
     /// Serve an optical tracker: DTrack data over UDP, commands over TCP.
     ServeTracker(serve_tracker::Args),
     /// Run a scenario in virtual time: same seed, same log.
@@ -46,6 +49,7 @@ pub(crate) fn main() -> ExitCode {
         Verb::Serve(args) => serve::run(&args),
         Verb::ServeCourt(args) => serve_court::run(&args),
         Verb::ServeKrc(args) => serve_krc::run(&args),
+        Verb::ServeMit(args) => serve_mit::run(&args),
         Verb::ServeTracker(args) => serve_tracker::run(&args),
         Verb::Run(args) => run::run(&args),
         Verb::Swarm(args) => swarm::run(&args),

@@ -99,7 +99,7 @@ pub struct MotorType {
 /// in operation the registers of the motor count.
 pub const MOTORS: [MotorType; 10] = [
     motor("4310", Some(10.0), [12.5, 30.0, 10.0]),
-    motor("4310-48V", Some(10.0), [12.5, 50.0, 10.0]),
+    motor("4310P", Some(10.0), [12.5, 50.0, 10.0]),
     motor("4340", Some(40.0), [12.5, 10.0, 28.0]),
     motor("8009", Some(9.0), [12.5, 45.0, 54.0]),
     motor("3507", None, [12.5, 50.0, 5.0]),

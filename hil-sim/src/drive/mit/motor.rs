@@ -161,7 +161,7 @@ impl MitMotor {
         let speed = |v: f32| f64::from(v.abs().min(self.ram.speed_max_rad_s));
         match self.wanted {
             Some(Command::PositionVelocity { p_rad, v_max_rad_s }) => {
-                self.lead(p_rad, speed(v_max_rad_s), dt_s)
+                self.lead(p_rad, speed(v_max_rad_s), dt_s);
             }
             Some(Command::PositionForce { p_rad, v_max_centirad_s, .. }) => {
                 self.lead(p_rad, speed(f32::from(v_max_centirad_s) * 0.01), dt_s);

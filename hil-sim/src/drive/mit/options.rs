@@ -1,6 +1,6 @@
 //! A motor as it is delivered, and what is wrong with it.
 
-use mit_protocol::{MotorId, MotorType};
+use mit_protocol::{MOTORS, MotorId, MotorType};
 use protocol::{Duration, StandardId};
 
 /// A motor as it is delivered. Torques and speeds at the shaft, behind the gear.
@@ -28,6 +28,33 @@ pub struct MitOptions {
     pub answer_after: Duration,
     /// Where the zero lies, rad of the shaft. A turn is known within half of one at power-on.
     pub zero_rad: f64,
+}
+
+/// Rated and largest torque, speed without load at 24 V, by name; and the inertia of the rotor behind the gear, of which only that of the
+/// 4340 is published: the others are assumed.
+const FIGURES: [(&str, [f64; 4]); 3] =
+    [("4310", [3.0, 7.0, 20.9, 0.01]), ("4340", [9.0, 27.0, 5.4, 0.16]), ("8009", [20.0, 40.0, 16.8, 0.03])];
+
+impl MitOptions {
+    /// A motor of the makers' table as it is shipped: MIT mode, no time-out. `None` if its figures are not known.
+    pub fn of(name: &str, id: MotorId, master: StandardId) -> Option<Self> {
+        let motor = *MOTORS.iter().find(|motor| motor.name == name)?;
+        let (_, [rated_nm, peak_nm, no_load_rad_s, rotor_kg_m2]) =
+            *FIGURES.iter().find(|(own, _)| *own == name)?;
+        Some(Self {
+            id,
+            master,
+            motor,
+            rated_nm,
+            peak_nm,
+            no_load_rad_s,
+            rotor_kg_m2,
+            time_out: 0,
+            mode: 1,
+            answer_after: Duration::from_micros(150),
+            zero_rad: 0.0,
+        })
+    }
 }
 
 /// What is wrong with a motor.

@@ -1,0 +1,95 @@
+//! `hil-sim serve-mit`: Damiao motors in real time, for programs that speak to such motors.
+
+use can_link::{BusSpec, Role, Urgent};
+use hil_sim::drive::mit::{MitBench, MitOptions};
+use hil_sim::realtime::{Door, Realtime, RealtimeError, shared_time};
+use mit_protocol::MotorId;
+use protocol::{Duration, Instant, StandardId};
+
+use super::exit::{Code, Failure};
+use super::progress::Interrupt;
+
+/// Between two looks at Ctrl-C.
+const TURN: Duration = Duration::from_millis(100);
+
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Example:\n  hil-sim serve-mit --motor 8009:1:0x11 --motor 4310:2:0x12 --bus socketcand://127.0.0.1:29540/can0\n\n\
+                  Each motor turns an inertia of its own; there is no arm."
+)]
+pub(super) struct Args {
+    /// A motor: type, id to which it listens, id on which it answers. Types: 4310, 4340, 8009.
+    #[arg(long, required = true, value_name = "TYPE:ID:ANSWERS", value_parser = motor)]
+    motor: Vec<MitOptions>,
+    /// Inertia at each shaft, kg·m².
+    #[arg(long, default_value_t = 0.1, value_parser = inertia)]
+    inertia_kg_m2: f64,
+    /// Where, as `hil-sim serve`.
+    #[arg(long, default_value = "socketcand://127.0.0.1:29540/can0")]
+    bus: Vec<BusSpec>,
+    /// End after this many seconds.
+    #[arg(long, value_name = "SECONDS")]
+    duration_s: Option<f64>,
+    /// Print events as JSON lines.
+    #[arg(long)]
+    json: bool,
+}
+
+fn motor(text: &str) -> Result<MitOptions, String> {
+    let number = |text: &str| match text.strip_prefix("0x") {
+        Some(hex) => u16::from_str_radix(hex, 16).ok(),
+        None => text.parse().ok(),
+    };
+    let mut parts = text.split(':');
+    let (Some(name), Some(id), Some(master), None) = (parts.next(), parts.next(), parts.next(), parts.next())
+    else {
+        return Err("a motor is TYPE:ID:ANSWERS, for example 8009:1:0x11".to_owned());
+    };
+    let id = number(id).and_then(|id| MotorId::new(u8::try_from(id).ok()?)).ok_or("the id is 1 to 127")?;
+    let master =
+        number(master).and_then(|id| StandardId::new(id).ok()).ok_or("answers come on 0 to 0x7ff")?;
+    MitOptions::of(name, id, master).ok_or_else(|| format!("no figures for motor '{name}': 4310, 4340, 8009"))
+}
+
+fn inertia(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "a number of kg·m²".to_owned())?;
+    (value.is_finite() && value > 0.0).then_some(value).ok_or_else(|| "must be above zero".to_owned())
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let (clock, in_step) = shared_time(&args.bus).map_err(|error| Failure::new(Code::BadFile, &error))?;
+    let doors =
+        args.bus.iter().map(|spec| Door::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error)));
+    let doors: Vec<Door> = doors.collect::<Result<_, _>>()?;
+    let bench = MitBench::new(&args.motor, args.inertia_kg_m2);
+    let mut realtime = Realtime::new(bench, hil_sim::bus::BusConfig::default(), 1, Vec::new(), doors, clock)
+        .map_err(|error| Failure::new(Code::BadFile, &error))?;
+    let end = args.duration_s.map(|s| Instant::ZERO + Duration::from_secs_f64(s));
+    if let Some(end) = end {
+        realtime = realtime.ending_at(end);
+    }
+    if let Some(clients) = in_step {
+        realtime = realtime.in_lock_step(clients);
+    }
+    let interrupt = Interrupt::listen();
+    for door in realtime.doors() {
+        say(args, "serving", door.name());
+    }
+    say(args, "real time", &Urgent::request(Role::Plant).granted().to_string());
+    while !interrupt.came() && end.is_none_or(|end| realtime.world().now() < end) {
+        let until = realtime.world().now() + TURN;
+        realtime.turn(end.map_or(until, |end| end.min(until)), &mut ()).map_err(|error| match error {
+            RealtimeError::Run(error) => Failure::from(error),
+            other => Failure::new(Code::Bus, &other),
+        })?;
+    }
+    Ok(())
+}
+
+fn say(args: &Args, what: &str, text: &str) {
+    if args.json {
+        console::line!("{}", serde_json::json!({ "event": what, "text": text }));
+    } else {
+        console::note!("{what}: {text}");
+    }
+}
