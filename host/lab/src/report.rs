@@ -1,7 +1,7 @@
 //! HTML report of a rally.
 
-use host::report::ball_catch::{body, mode_text, predicted_mm, subtitle};
-use host::report::page::{Page, Tone, cell};
+use host::report::ball_catch::{answer, body, mode_text, predicted_mm, subtitle};
+use host::report::page::{Answer, Page, Tone, cell};
 use operator::ball_catch::trial::Pair;
 
 use crate::rally::exchange::{Exchange, Rally};
@@ -10,7 +10,10 @@ use crate::rally::exchange::{Exchange, Rally};
 pub(crate) fn rally(rally: &Rally, pair: &Pair, last: &Exchange, jerk: bool) -> String {
     let tone = if last.outcome.caught { Tone::Good } else { Tone::Warn };
     let text = format!("{} catches in a row", rally.length());
-    let mut page = Page::new("Rally", &subtitle(pair, &last.outcome), Some((&text, tone)));
+    let ended = answer(&last.outcome);
+    let why = format!("the last exchange: {}; {}", ended.verdict, ended.why);
+    let mut page =
+        Page::new("Rally", &subtitle(pair, &last.outcome), &Answer::new(text, tone, why, ended.next));
     let rows: Vec<Vec<(String, Tone)>> = rally
         .exchanges
         .iter()

@@ -1,13 +1,13 @@
 //! HTML report of catching a ball.
 
 use nalgebra::Vector3;
-use operator::ball_catch::trial::{CatchOutcome, Outcome, Pair};
+use operator::ball_catch::trial::{CatchOutcome, Moment, Outcome, Pair};
 use planner::catch::Joints;
 use planner::catch::online::Decision;
 use planner::catch::task::Mode;
 
 use super::chart::{Chart, Curve, Pen};
-use super::page::{Page, Tone, cell};
+use super::page::{Answer, Page, Tone, cell};
 use super::scene;
 
 const BALL: usize = 1;
@@ -33,7 +33,7 @@ pub fn decision_word(decision: &Decision) -> String {
 /// Page of one catch.
 #[must_use]
 pub fn one(pair: &Pair, outcome: &Outcome, jerk: bool) -> String {
-    let mut page = Page::new("Catching a ball", &subtitle(pair, outcome), Some(verdict(outcome)));
+    let mut page = Page::new("Catching a ball", &subtitle(pair, outcome), &answer(outcome));
     body(&mut page, pair, outcome, jerk);
     page.finish()
 }
@@ -62,14 +62,32 @@ pub fn subtitle(pair: &Pair, outcome: &Outcome) -> String {
     )
 }
 
-fn verdict(outcome: &Outcome) -> (&'static str, Tone) {
+/// Whether the ball was caught, why, and what to do.
+#[must_use]
+pub fn answer(outcome: &Outcome) -> Answer {
+    let missed = outcome.crossing.map(|c| {
+        let (miss_mm, speed_m_s) = (c.miss_m * 1e3, c.speed_m_s);
+        format!("at the mouth the ball was {miss_mm:.1} mm off the axis of the cup, at {speed_m_s:.2} m/s against it")
+    });
+    let seen = missed.unwrap_or_else(|| "the ball did not reach the mouth of the cup".to_owned());
+    let again = "throw it otherwise (`--ball`), or try another seed";
     match (outcome.caught, outcome.reported) {
-        (true, _) => ("caught: the ball rests in the cup", Tone::Good),
-        (_, CatchOutcome::Declined(_)) => ("declined", Tone::Warn),
-        (_, CatchOutcome::NothingThrown) => ("nothing thrown", Tone::Warn),
-        (_, CatchOutcome::Halted) => ("the arm stopped because of a fault", Tone::Bad),
-        _ => ("not caught", Tone::Bad),
+        (true, _) => Answer::new("caught: the ball rests in the cup", Tone::Good, seen, again),
+        (_, CatchOutcome::Declined(why)) => Answer::new("declined", Tone::Warn, why.to_string(), again),
+        (_, CatchOutcome::NothingThrown) => {
+            Answer::new("nothing thrown", Tone::Warn, "the tracker saw no ball fly", again)
+        }
+        (_, CatchOutcome::Halted) => {
+            let next = "`cubectl status` shows the fault and what to do";
+            Answer::new("the arm stopped because of a fault", Tone::Bad, seen, next)
+        }
+        _ => Answer::new("not caught", Tone::Bad, seen, "see Decisions for when the forecast was off"),
     }
+}
+
+/// What was seen from the release on: a ball that nobody holds begins its flight there.
+fn flown(outcome: &Outcome) -> impl Iterator<Item = &Moment> {
+    outcome.trace.iter().filter(|m| m.t_s >= outcome.planned_s.0)
 }
 
 /// What the last forecast before the catch said about the miss.
@@ -105,17 +123,14 @@ pub fn body(page: &mut Page, pair: &Pair, outcome: &Outcome, jerk: bool) {
         tiles.push((format!("{:.2}", c.speed_m_s), "m/s", "ball against hand".to_owned(), Tone::Plain));
     }
     page.tiles(&tiles);
-    if let CatchOutcome::Declined(why) = outcome.reported {
-        page.note(&format!("Declined: {why}."));
-    }
     page.section(
         "Both arms and the ball",
         "Time 0 is the planned release. The box at the hand that catches is its cup.",
     );
     page.scene(space(pair, outcome, jerk), "");
-    page.section("Paths", "Ball and middle of the cup's mouth in the plane through both arms.");
+    page.part("Paths", "Ball and middle of the cup's mouth in the plane through both arms.");
     page.charts(&[side(pair, outcome, jerk), distance(pair, outcome, jerk)]);
-    page.section(
+    page.part(
         "Decisions",
         "Predicted probability of the catch and standard deviation of the ball's place across its flight, as the samples come in.",
     );
@@ -148,7 +163,7 @@ pub fn body(page: &mut Page, pair: &Pair, outcome: &Outcome, jerk: bool) {
         ],
         &rows,
     );
-    page.section("Joints of the catcher", "As executed.");
+    page.part("Joints of the catcher", "As executed.");
     page.charts(&[joints(outcome)]);
 }
 
@@ -158,12 +173,12 @@ fn mark(outcome: &Outcome) -> Option<(f64, String)> {
 
 fn mouths(pair: &Pair, outcome: &Outcome, jerk: bool) -> Vec<Vector3<f64>> {
     let arm = pair.catcher(jerk);
-    outcome.trace.iter().map(|m| arm.mouth(&m.q[1], &Joints::zeros(6)).0).collect()
+    flown(outcome).map(|m| arm.mouth(&m.q[1], &Joints::zeros(6)).0).collect()
 }
 
 fn side(pair: &Pair, outcome: &Outcome, jerk: bool) -> Chart {
     let cup = mouths(pair, outcome, jerk).iter().map(|p| (p.x, p.z)).collect();
-    let ball = outcome.trace.iter().map(|m| (m.ball_m.x, m.ball_m.z)).collect();
+    let ball = flown(outcome).map(|m| (m.ball_m.x, m.ball_m.z)).collect();
     Chart {
         title: "From the side".to_owned(),
         x_label: "x in m".to_owned(),
@@ -179,11 +194,8 @@ fn side(pair: &Pair, outcome: &Outcome, jerk: bool) -> Chart {
 
 fn distance(pair: &Pair, outcome: &Outcome, jerk: bool) -> Chart {
     let release_s = outcome.planned_s.0;
-    let points = outcome.trace.iter().zip(mouths(pair, outcome, jerk));
-    let points: Vec<(f64, f64)> = points
-        .map(|(m, cup)| (m.t_s - release_s, (m.ball_m - cup).norm() * 100.0))
-        .filter(|(t_s, _)| *t_s > -0.1)
-        .collect();
+    let points = flown(outcome).zip(mouths(pair, outcome, jerk));
+    let points = points.map(|(m, cup)| (m.t_s - release_s, (m.ball_m - cup).norm() * 100.0)).collect();
     Chart {
         title: "Ball to mouth of the cup".to_owned(),
         x_label: "time in s".to_owned(),
@@ -232,8 +244,7 @@ fn sigma(outcome: &Outcome) -> Chart {
 
 fn joints(outcome: &Outcome) -> Chart {
     let release_s = outcome.planned_s.0;
-    let joint =
-        |j: usize| outcome.trace.iter().map(|m| (m.t_s - release_s, m.q[1][j].to_degrees())).collect();
+    let joint = |j: usize| flown(outcome).map(|m| (m.t_s - release_s, m.q[1][j].to_degrees())).collect();
     Chart {
         title: "Joint angles".to_owned(),
         x_label: "time in s".to_owned(),
@@ -252,7 +263,7 @@ fn space(pair: &Pair, outcome: &Outcome, jerk: bool) -> String {
     let models = [&pair.court.arms[0].model, catcher.model()];
     let release_s = outcome.planned_s.0;
     let end_s = outcome.choice.as_ref().map_or(outcome.planned_s.1, |choice| choice.t_s) + 0.5;
-    let shown = outcome.trace.iter().filter(|m| m.t_s > release_s - 0.4 && m.t_s < end_s);
+    let shown = flown(outcome).filter(|m| m.t_s < end_s);
     let mut steps = Vec::new();
     for moment in shown.step_by(2) {
         let mut links = Vec::new();
@@ -274,12 +285,8 @@ fn space(pair: &Pair, outcome: &Outcome, jerk: bool) -> String {
             boxes.push(scene::body(link, &x, &b.half_m));
         }
     }
-    let flight: Vec<Vector3<f64>> = outcome
-        .trace
-        .iter()
-        .filter(|m| m.t_s >= release_s && m.t_s <= end_s - 0.5)
-        .map(|m| m.ball_m)
-        .collect();
+    let flight: Vec<Vector3<f64>> =
+        flown(outcome).filter(|m| m.t_s <= end_s - 0.5).map(|m| m.ball_m).collect();
     let cup = mouths(pair, outcome, jerk);
     let target = outcome.choice.as_ref().map_or_else(|| catcher.shoulder_m(), |choice| choice.p_m);
     let caught_s = end_s - 0.5 - release_s;
@@ -288,7 +295,7 @@ fn space(pair: &Pair, outcome: &Outcome, jerk: bool) -> String {
     let corners = [corner(0.25, 0.25), corner(0.25, -0.25), corner(-0.25, 0.25), corner(-0.25, -0.25)];
     let feet: Vec<Vector3<f64>> =
         places.iter().flat_map(|x_wb| corners.map(|p| x_wb.transform_point(&p))).collect();
-    let top = outcome.trace.iter().map(|m| m.ball_m.z).fold(0.8, f64::max);
+    let top = flown(outcome).map(|m| m.ball_m.z).fold(0.8, f64::max);
     format!(
         "{{\"floor\":{},\"top\":{top:.3},\"radius\":{},\"last\":12,\"release\":0,\"first\":{caught_s:.4},\"names\":[\"catch\",\"release\"],\"target\":{},\"hand\":{},\"planned\":null,\"flight\":{},\"ellipse\":null,\"bounds\":{},\"boxes\":[{}],\"steps\":[{}]}}",
         models[0].world().floor_z_m,

@@ -10,7 +10,7 @@ use planner::disc::paper::Run;
 use planner::disc::witness::Verdict;
 
 use super::chart::{Chart, Curve, Pen};
-use super::page::{Page, Tone, cell};
+use super::page::{Answer, Page, Tone, cell};
 use super::scene;
 
 /// A planned catch and what the witness saw of it.
@@ -84,7 +84,18 @@ pub fn html(
         numbers(&start.p_m),
         numbers(&start.v_m_s)
     );
-    let mut page = Page::new("Catching a disc", &under, Some(verdict));
+    let rule_says =
+        rule.map(|(run, seen)| format!("by the rule of the paper {}", witness_of_rule(run, seen)));
+    let limits_say = declined.map(|why| format!("no catch within the joint limits: {why}"));
+    let why: Vec<String> = limits_say.into_iter().chain(rule_says).collect();
+    let why = if why.is_empty() { "the plan keeps every joint limit".to_owned() } else { why.join("; ") };
+    let next = match (executed, verdict.1) {
+        (Some(_), Tone::Good) | (_, Tone::Bad) => "see the tracking errors on the controller",
+        (_, Tone::Good) => "run it on a controller: `cubectl catch --on-controller`",
+        _ => "let the disc come slower or nearer: `--start`, `--velocity`",
+    };
+    let answer = Answer::new(verdict.0, verdict.1, why, next);
+    let mut page = Page::new("Catching a disc", &under, &answer);
     page.tiles(&tiles(rule, plan.as_ref()));
     let rule_shown = rule.map(|(run, seen)| Shown {
         name: "rule of the paper",
@@ -117,29 +128,24 @@ pub fn html(
         page.scene(space(arm, path, last), "");
     }
     for motion in &shown {
-        page.section(
+        page.part(
             &format!("Paths and joints: {}", motion.name),
             "Paths of the disc's centre and of the terminal point (figures 4 and 7), joint angles (figure 5), distance \
              of both in the horizontal plane (figure 8).",
         );
-        page.charts(&paths(arm, path, motion));
-        page.charts(&[angles(arm, motion), distance(arm, path, motion)]);
+        let mut charts = paths(arm, path, motion);
+        charts.extend([angles(arm, motion), distance(arm, path, motion)]);
+        page.charts(&charts);
     }
-    page.section("Joint speeds", "Demanded against allowed. The rule of the paper knows no joint limits.");
+    page.part("Joint speeds", "Demanded against allowed. The rule of the paper knows no joint limits.");
     page.charts(&shown.iter().map(|motion| speeds(arm, motion)).collect::<Vec<_>>());
     speed_table(&mut page, arm, rule, plan.as_ref());
     if let (Some(caught), Some(run)) = (&plan, executed) {
-        page.section(
+        page.part(
             "On the controller",
             "Angle of the plan minus angle of the plant. The plan was uploaded as a trajectory and begun at the release of the disc.",
         );
         page.charts(&[tracking_errors(arm, caught.plan, run)]);
-    }
-    if let Some((run, seen)) = rule {
-        page.note(&format!("Witness of the rule: {}.", witness_of_rule(run, seen)));
-    }
-    if let Some(why) = declined {
-        page.note(&format!("No catch within the joint limits: {why}."));
     }
     page.finish()
 }

@@ -35,6 +35,7 @@ pub struct Curve {
 
 /// A chart is longer than its data by this share, so that it shows a fault just after their end.
 const FAULT_BEYOND: f64 = 0.05;
+const WIDTH: f64 = 400.0;
 /// Height of a row of a legend.
 const LEGEND_ROW: f64 = 15.0;
 
@@ -93,8 +94,6 @@ pub struct Chart {
     pub equal: bool,
     /// x is time of the plan.
     pub is_time: bool,
-    /// Narrow and low, for small multiples.
-    pub small: bool,
 }
 
 struct Frame {
@@ -194,17 +193,9 @@ impl Chart {
         Frame { left, top, w, h, x, y }
     }
 
+    /// One width for all, so that letters of all charts have one size.
     fn size(&self) -> (f64, f64) {
-        let (width, height) = match (self.small, self.equal) {
-            (true, _) => (400.0, 236.0),
-            (false, true) => (400.0, 420.0),
-            (false, false) => (600.0, 300.0),
-        };
-        (width, height + self.legend_more())
-    }
-
-    fn width(&self) -> f64 {
-        if self.equal || self.small { 400.0 } else { 600.0 }
+        (WIDTH, if self.equal { 400.0 } else { 236.0 } + self.legend_more())
     }
 
     /// Left end and row of each curve's name in the legend; a row that is full is followed by another.
@@ -215,7 +206,7 @@ impl Chart {
             let is_named = !curve.name.is_empty() && curve.is_drawn();
             // A character is about 6.2 wide.
             let length = if is_named { 32.0 + 6.2 * curve.name.chars().count() as f64 } else { 0.0 };
-            if x > 0.0 && x + length - 12.0 > self.width() {
+            if x > 0.0 && x + length - 12.0 > WIDTH {
                 (x, row) = (0.0, row + 1);
             }
             places.push((x, row));
@@ -387,7 +378,7 @@ mod tests {
         let short =
             Chart { curves: vec![curve("actual"), Curve::limit((0.0, 1.0), 1.0)], ..Chart::default() };
         assert_eq!((short.legend_more(), long.legend_more()), (0.0, LEGEND_ROW));
-        assert_eq!((short.size().1, long.size().1), (300.0, 420.0 + LEGEND_ROW));
+        assert_eq!((short.size().1, long.size().1), (236.0, 400.0 + LEGEND_ROW));
     }
 
     #[test]

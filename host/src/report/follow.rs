@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use nalgebra::Vector3;
 
 use super::chart::{Chart, Curve, Pen};
-use super::page::{Page, Tone, cell};
+use super::page::{Answer, Page, Tone, cell};
 use planner::follow::landing::{Release, Sensitivity};
 use planner::follow::limits::{AXES, Arm, Axes, Limits};
 use planner::follow::motion::differences;
@@ -95,10 +95,27 @@ pub fn summary(arm: &Arm, plan: &FollowPlan, limits: &Limits, verdict: &Report) 
 #[must_use]
 pub fn html(arm: &Arm, plan: &FollowPlan, limits: &Limits, verdict: &Report) -> String {
     let [x, y, z] = plan.target_m;
-    let pill = if verdict.is_good() { ("verified", Tone::Good) } else { ("refused", Tone::Bad) };
     let under =
         format!("{} to ({x}, {y}, {z}) m, set points every {:.0} ms", plan.robot.name, plan.period_s * 1e3);
-    let mut page = Page::new("Throw that follows the flight", &under, Some(pill));
+    let answer = match verdict.findings.first() {
+        None => Answer::new(
+            "verified",
+            Tone::Good,
+            format!(
+                "landing within {:.1} mm of the target over the window; nearest bodies {:.1} mm apart",
+                verdict.landing_m.max(verdict.executed_landing_m) * 1e3,
+                verdict.nearest_m * 1e3
+            ),
+            "run it: `cubectl throw --plan` with the plan file",
+        ),
+        Some(finding) => Answer::new(
+            "refused",
+            Tone::Bad,
+            finding.to_string(),
+            "plan the throw again, and do not run this plan",
+        ),
+    };
+    let mut page = Page::new("Throw that follows the flight", &under, &answer);
     let releases = releases(arm, plan, limits, plan.lag_s);
     let [without, with] = sensitivities(arm, &releases);
     page.tiles(&[
@@ -118,19 +135,17 @@ pub fn html(arm: &Arm, plan: &FollowPlan, limits: &Limits, verdict: &Report) -> 
         "Centre of the ball in the three phases, and its flight (paper, figure 7).",
     );
     page.charts(&path_charts(arm, plan));
-    page.section(
+    page.part(
         "Opening time",
         "Where the ball lands if the gripper opens earlier or later than planned, with and without following.",
     );
     page.charts(&[opening_chart(arm, plan, &releases)]);
-    page.section(
+    page.part(
         "Set points per axis",
         "Angle, speed and acceleration as commanded (paper, figure 8); speed and acceleration by finite differences.",
     );
-    for axis in 0..AXES {
-        page.charts(&axis_charts(plan, limits, axis));
-    }
-    page.section("Search", "Postures of the tested releases by the test that ended them.");
+    page.charts(&(0..AXES).flat_map(|axis| axis_charts(plan, limits, axis)).collect::<Vec<_>>());
+    page.detail("Search", "Postures of the tested releases by the test that ended them.");
     let counts = &plan.search.size.counts;
     let rows: Vec<Vec<(String, Tone)>> = planner::follow::found::Stage::ALL
         .into_iter()
@@ -230,7 +245,6 @@ fn axis_charts(plan: &FollowPlan, limits: &Limits, axis: usize) -> Vec<Chart> {
             y_label: unit.to_owned(),
             curves,
             mark: Some((plan.release_time_s, "release".to_owned())),
-            small: true,
             ..Chart::default()
         }
     };

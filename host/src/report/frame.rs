@@ -5,7 +5,7 @@ use planner::plan::file::RobotId;
 use serde_json::Value;
 
 use super::chart::escape;
-use super::page::{Page, Tone, cell, table};
+use super::page::{Answer, Page, Tone, cell, table};
 
 /// Outcome and sentence of a `summary.json`.
 pub(super) fn told_outcome(summary: &Value) -> Option<(Outcome, String)> {
@@ -24,13 +24,20 @@ pub(super) fn tone(outcome: Outcome) -> Tone {
     }
 }
 
+/// Why a job ended as it did and what to do, if its summary names a cause.
+pub(super) fn cause(summary: Option<&Value>) -> Option<(String, String)> {
+    let cause = summary?.get("cause")?.as_str()?;
+    let (why, next) = cause.split_once("next: ").unwrap_or((cause, "see the events of this page"));
+    Some((why.trim().to_owned(), next.trim().to_owned()))
+}
+
 /// The page of a throw to a target: `more` stands beside robot, bus, time, controller and seed.
 pub(super) fn head(
     title: &str,
     robot: &str,
     summary: Option<&Value>,
     more: Option<String>,
-    (verdict, tone): (&str, Tone),
+    answer: &Answer,
 ) -> Page {
     let text = |pointer: &str| summary.and_then(|all| all.pointer(pointer)).and_then(Value::as_str);
     let seed = summary.and_then(|all| all.get("seed")).filter(|seed| !seed.is_null());
@@ -43,7 +50,7 @@ pub(super) fn head(
         more,
     ];
     let under: Vec<String> = parts.into_iter().flatten().collect();
-    Page::new(&title.replace('-', "−"), &under.join(" · "), Some((verdict, tone)))
+    Page::new(&title.replace('-', "−"), &under.join(" · "), answer)
 }
 
 /// What is needed to repeat a run: the command, what went into it, the files; the rest of its summary folded away.
@@ -55,15 +62,12 @@ pub(super) fn foot(
     summary: Option<&Value>,
     files: &[(String, u64, String)],
 ) {
-    page.section("To repeat this run", "The command, what went into it, and its files.");
+    page.part("To repeat this run", "The command, what went into it, and its files.");
     let told = |pointer: &str| {
         summary.and_then(|all| all.pointer(pointer)).filter(|value| !value.is_null()).map(plain)
     };
     if let Some(command) = told("/command_line") {
-        page.html(&format!(
-            "<div class=\"card\"><pre class=\"wrap\">{}</pre></div><p></p>",
-            escape(&command)
-        ));
+        page.html(&format!("<div class=\"card\"><pre class=\"wrap\">{}</pre></div>", escape(&command)));
     }
     let rows: Vec<Vec<(String, Tone)>> = [
         ("robot", Some(format!("{}, fingerprint {}", robot.name, robot.fingerprint))),

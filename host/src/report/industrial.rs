@@ -12,9 +12,9 @@ use serde_json::Value;
 
 use super::chart::{Chart, Curve, Pen};
 use super::follow::{JITTER_S, PHASES, opening_chart, path_charts, releases, sensitivities};
-use super::frame::{foot, head, told_outcome, tone};
+use super::frame::{cause, foot, head, told_outcome, tone};
 use super::motion::Row;
-use super::page::{Tone, cell};
+use super::page::{Answer, Tone, cell};
 use super::scene::{body, link, list, point};
 use operator::job::Outcome;
 
@@ -68,19 +68,21 @@ impl RobotRun<'_> {
         let [x, y, z] = plan.target_m;
         let flown = self.flown();
         let (title, robot) = (format!("Throw to ({x:.3}, {y:.3}, {z:.3}) m over RSI"), &plan.robot);
-        let mut page = head(&title, &robot.name, Some(self.summary), None, (&text, tone(outcome)));
+        let (why, next) = cause(Some(self.summary)).unwrap_or_else(|| self.reasons());
+        let answer = Answer::new(text, tone(outcome), why, next);
+        let mut page = head(&title, &robot.name, Some(self.summary), None, &answer);
         page.tiles(&self.tiles(flown.as_ref()));
         page.section(
             "The throw",
             "Arm, hand and ball by the actual axes; the bottle stands at the target (paper, figure 9). Blue: way of the hand.",
         );
         page.scene(self.scene(flown.as_ref()), "");
-        page.section(
+        page.part(
             "Path in space",
             "Centre of the ball in the three phases of the plan and its flight (paper, figure 7), over the actual path.",
         );
         page.charts(&self.paths());
-        page.section(
+        page.part(
             "Landing",
             "Where the ball comes down at the height of the target, and what the opening time does to it.",
         );
@@ -103,15 +105,13 @@ impl RobotRun<'_> {
                 ],
             ],
         );
-        page.section(
+        page.detail(
             "Commanded against actual",
             "Angle, speed and acceleration of each axis (paper, figure 8). Set points in force, by phase, and the actual axes, \
              later by the lag. Speed and acceleration by differences of one cycle.",
         );
-        for axis in 0..AXES {
-            page.charts(&self.axis(axis));
-        }
-        page.section("Exchange", "");
+        page.charts(&(0..AXES).flat_map(|axis| self.axis(axis)).collect::<Vec<_>>());
+        page.part("Exchange", "");
         page.table(&["what", "value"], &self.exchange());
         foot(&mut page, robot, None, None, Some(self.summary), self.files);
         page.finish()
@@ -221,6 +221,15 @@ impl RobotRun<'_> {
                 Tone::Plain,
             ),
         ]
+    }
+
+    /// What the axes and the release did, and what follows from it.
+    fn reasons(&self) -> (String, String) {
+        let late_ms = 1e3 * self.number("/release/late_s").unwrap_or(0.0);
+        let lag =
+            self.lag_ms().map_or_else(String::new, |ms| format!("; axes {ms} ms behind their set points"));
+        let why = format!("released {late_ms:.1} ms after the planned instant{lag}").replace('-', "−");
+        (why, "see Landing for what the opening time does; throw again to see the scatter".to_owned())
     }
 
     /// Rows of the plan and shortly before and after it.
@@ -408,7 +417,6 @@ impl RobotRun<'_> {
                     y_label: unit.to_owned(),
                     curves,
                     mark: Some((self.plan.release_time_s, "release".to_owned())),
-                    small: true,
                     ..Chart::default()
                 }
             })

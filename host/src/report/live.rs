@@ -9,7 +9,7 @@ use planner::plan::file::PlanFile;
 use robot_model::RobotModel;
 
 use super::chart::escape;
-use super::page::{SCENE, STYLE};
+use super::page::{SCENE, document};
 use super::scene::{body, list, point};
 
 /// Points of the planned flight.
@@ -36,31 +36,31 @@ pub fn page(robot: &RobotModel, bus: &str, plan: Option<&PlanFile>) -> String {
         .iter()
         .map(|(id, what)| format!("<div class=\"tile\"><b id=\"{id}\">–</b><span>{what}</span></div>"))
         .collect();
-    format!(
-        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" \
-         content=\"width=device-width\"><title>{title}</title><style>{STYLE}</style></head><body class=\"live\"><main>\
-         <header><h1>{title}<span class=\"pill warn\" id=\"link\">connecting</span></h1><p>What passes on the bus, fifty times a \
-         second. This page looks and stops; it moves nothing.</p></header>\
+    let body = format!(
+        "<body class=\"live\"><main><header><h1>{heading}<span class=\"pill warn\" id=\"link\">connecting</span></h1><p>What passes on the \
+         bus, fifty times a second. This page looks and stops; it moves nothing.</p></header>\
          <div class=\"stopbar\"><button id=\"stop\">Stop (Esc)</button><output id=\"stopped\"></output></div>\
          <p class=\"card\" id=\"ended\" hidden></p><p class=\"card bad\" id=\"fault\" hidden></p><div class=\"tiles\">{tiles}</div>\
          <div class=\"scene\"><figure class=\"card\"><canvas id=\"scene\" aria-label=\"arm\"></canvas><div class=\"bar\">\
          <button id=\"reset\">Reset</button><button id=\"top\">From above</button></div>{flight_note}</figure>\
          <div class=\"card scroll\"><table id=\"joints\"><tr><th class=\"l\">joint</th><th>q rad</th><th>speed rad/s</th>\
-         <th>error mrad</th><th>current A</th><th>age ms</th><th class=\"l\">drive</th></tr></table></div></div><p></p>\
+         <th>error mrad</th><th>current A</th><th>age ms</th><th class=\"l\">drive</th></tr></table></div></div>\
+         <details open><summary><h2>Charts</h2></summary><p>The last ten seconds.</p>\
          <div class=\"two\"><figure class=\"card\" id=\"errors\"></figure><figure class=\"card\" id=\"currents\"></figure>\
-         <figure class=\"card\" id=\"angles\"></figure><figure class=\"card\" id=\"load\"></figure></div>\
-         <h2>Events</h2><p>What controller, host and drives said; the newest first.</p><div class=\"card scroll\">\
-         <table id=\"events\"><tr><th class=\"l\">time s</th><th class=\"l\">who</th><th class=\"l\">what</th></tr></table></div>\
-         <footer>Served by cubectl {version} to this machine only.</footer></main>\
-         <script>const scene={scene},live={{\"joints\":{names},\"bound_mrad\":{bound_mrad},\"old_after_s\":{old_after_s}}};{SCENE}</script><script>{LIVE}</script></body></html>\n",
-        title = escape(&title),
+         <figure class=\"card\" id=\"angles\"></figure><figure class=\"card\" id=\"load\"></figure></div></details>\
+         <details open><summary><h2>Events</h2></summary><p>What controller, host and drives said; the newest first.</p>\
+         <div class=\"card recent\"><table id=\"events\"><tr><th class=\"l\">time s</th><th class=\"l\">who</th><th class=\"l\">what</th></tr>\
+         </table></div></details><footer>Served by cubectl {version} to this machine only.</footer></main>\
+         <script>const scene={scene},live={{\"joints\":{names},\"bound_mrad\":{bound_mrad},\"old_after_s\":{old_after_s}}};{SCENE}</script><script>{LIVE}</script>",
+        heading = escape(&title),
         flight_note =
             if plan.is_some() { "<figcaption>Dots: the flight as planned.</figcaption>" } else { "" },
         version = env!("CARGO_PKG_VERSION"),
         scene = scene(robot, plan),
         bound_mrad = (1e3 * POSITION_BOUND_RAD).round(),
         old_after_s = OLD_AFTER.as_secs_f64(),
-    )
+    );
+    document(&title, &body)
 }
 
 /// Points of the planned flight, in m.

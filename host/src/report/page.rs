@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::chart::{Chart, escape};
 
-pub(super) const STYLE: &str = include_str!("assets/style.css");
+const STYLE: &str = include_str!("assets/style.css");
 pub(super) const SCENE: &str = include_str!("assets/scene.js");
 const CHARTS: &str = include_str!("assets/charts.js");
 
@@ -34,23 +34,51 @@ impl Tone {
     }
 }
 
-/// A page under construction.
+/// What the first lines of a page answer.
+#[derive(Clone, Debug)]
+pub struct Answer {
+    /// What came of it.
+    pub verdict: String,
+    pub tone: Tone,
+    pub why: String,
+    pub next: String,
+}
+
+impl Answer {
+    #[must_use]
+    pub fn new(
+        verdict: impl Into<String>,
+        tone: Tone,
+        why: impl Into<String>,
+        next: impl Into<String>,
+    ) -> Self {
+        Self { verdict: verdict.into(), tone, why: why.into(), next: next.into() }
+    }
+}
+
+/// A page under construction. What answers is shown; its parts are folded.
 #[derive(Clone, Debug, Default)]
 pub struct Page {
     title: String,
     body: String,
     scene: Option<String>,
+    is_in_part: bool,
 }
 
 impl Page {
-    /// Page with a heading, a line under it and a verdict beside it.
+    /// Page with a heading, a line under it and its answer.
     #[must_use]
-    pub fn new(title: &str, under: &str, verdict: Option<(&str, Tone)>) -> Self {
-        let pill = verdict.map_or_else(String::new, |(text, tone)| {
-            format!("<span class=\"pill {}\">{}</span>", tone.class(), escape(text))
-        });
-        let body = format!("<header><h1>{}{pill}</h1><p>{}</p></header>", escape(title), escape(under));
-        Self { title: title.to_owned(), body, scene: None }
+    pub fn new(title: &str, under: &str, answer: &Answer) -> Self {
+        let class = if answer.tone == Tone::Plain { "plain" } else { answer.tone.class() };
+        let body = format!(
+            "<header><h1>{}</h1><p>{}</p></header><div class=\"card answer\"><p class=\"pill {class}\">{}</p><b>Why</b><p>{}</p><b>Next</b><p>{}</p></div>",
+            escape(title),
+            escape(under),
+            escape(&answer.verdict),
+            escape(&answer.why),
+            escape(&answer.next)
+        );
+        Self { title: title.to_owned(), body, ..Self::default() }
     }
 
     /// Row of figures: value, unit, what it is.
@@ -68,26 +96,46 @@ impl Page {
         self.body += "</div>";
     }
 
-    /// Heading of a section with a sentence about what is to be seen.
+    /// A heading that is shown, with a sentence about what is to be seen.
     pub fn section(&mut self, heading: &str, about: &str) {
-        let _ = write!(self.body, "<h2>{}</h2><p>{}</p>", escape(heading), escape(about));
+        self.end_part();
+        let _ = write!(self.body, "<h2>{}</h2>{}", escape(heading), sentence(about));
     }
 
-    /// Charts side by side; small ones three in a row.
+    /// A part that is folded, and open on paper.
+    pub fn part(&mut self, heading: &str, about: &str) {
+        self.fold("part", heading, about);
+    }
+
+    /// A part that is folded, and not on paper.
+    pub fn detail(&mut self, heading: &str, about: &str) {
+        self.fold("detail", heading, about);
+    }
+
+    fn fold(&mut self, class: &str, heading: &str, about: &str) {
+        self.end_part();
+        self.is_in_part = true;
+        let _ = write!(
+            self.body,
+            "<details class=\"{class}\"><summary><h2>{}</h2></summary>{}",
+            escape(heading),
+            sentence(about)
+        );
+    }
+
+    fn end_part(&mut self) {
+        if std::mem::take(&mut self.is_in_part) {
+            self.body += "</details>";
+        }
+    }
+
+    /// Charts side by side, all of one scale.
     pub fn charts(&mut self, charts: &[Chart]) {
-        let class = if charts.iter().all(|chart| chart.small) { "three" } else { "two" };
-        let _ = write!(self.body, "<div class=\"{class}\">");
+        self.body += "<div class=\"charts\">";
         for chart in charts {
             let _ = write!(self.body, "<figure class=\"card\">{}</figure>", chart.svg());
         }
         self.body += "</div>";
-    }
-
-    /// Charts that are folded away.
-    pub fn folded(&mut self, heading: &str, charts: &[Chart]) {
-        let _ = write!(self.body, "<details><summary>{}</summary>", escape(heading));
-        self.charts(charts);
-        self.body += "</details>";
     }
 
     /// The picture in space with its controls, and something beside it. `data` is a JavaScript object.
@@ -116,19 +164,32 @@ impl Page {
 
     /// The whole file.
     #[must_use]
-    pub fn finish(self) -> String {
+    pub fn finish(mut self) -> String {
+        self.end_part();
         let scripts = match self.scene {
             // The charts listen first, then the scene tells the time.
             Some(data) => format!("<script>{CHARTS}</script><script>const scene={data};{SCENE}</script>"),
             None => format!("<script>{CHARTS}</script>"),
         };
-        format!(
-            "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\"><title>{}</title><style>{STYLE}</style></head><body><main>{}<footer>Made by cubectl {}. Everything is inside this file: it needs no network.</footer></main>{scripts}</body></html>\n",
-            escape(&self.title),
+        let body = format!(
+            "<body><main>{}<footer>Made by cubectl {}. Everything is inside this file: it needs no network.</footer></main>{scripts}",
             self.body,
             env!("CARGO_PKG_VERSION")
-        )
+        );
+        document(&self.title, &body)
     }
+}
+
+/// A whole document; `body` begins with its tag.
+pub(super) fn document(title: &str, body: &str) -> String {
+    format!(
+        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\"><title>{}</title><style>{STYLE}</style></head>{body}</body></html>\n",
+        escape(title)
+    )
+}
+
+fn sentence(text: &str) -> String {
+    if text.is_empty() { String::new() } else { format!("<p>{}</p>", escape(text)) }
 }
 
 /// Table as HTML; the first column is text, cells have a tone.

@@ -6,7 +6,7 @@ use std::time::Duration;
 use nalgebra::{Matrix2, Vector3};
 
 use super::chart::{Chart, Curve, Pen};
-use super::page::{Page, Tone, cell};
+use super::page::{Answer, Page, Tone, cell};
 use super::{landing as landing_chart, scene};
 use operator::analysis::release::flight;
 use planner::flight::landing;
@@ -138,8 +138,21 @@ pub fn html(arm: &RobotModel, plan: &PlanFile) -> String {
         plan.search.solved,
         plan.search.starts
     );
-    let verdict = if checks.ok() { ("every check holds", Tone::Good) } else { ("a check fails", Tone::Bad) };
-    let mut page = Page::new(&format!("Throw to ({x}, {y}, {z}) m").replace('-', "−"), &under, Some(verdict));
+    let answer = match checks.findings.iter().find(|finding| finding.enforced && !finding.ok) {
+        None => Answer::new(
+            "every check holds",
+            Tone::Good,
+            format!("{} checks by means that share nothing with the planner", checks.findings.len()),
+            "run it: `cubectl throw --plan` with the plan file",
+        ),
+        Some(finding) => Answer::new(
+            "a check fails",
+            Tone::Bad,
+            format!("{}: {}", finding.what, finding.worst),
+            "plan the throw again, and do not run this plan",
+        ),
+    };
+    let mut page = Page::new(&format!("Throw to ({x}, {y}, {z}) m").replace('-', "−"), &under, &answer);
     page.tiles(&tiles(plan));
     page.section(
         "Hand path and flight",
@@ -159,20 +172,20 @@ pub fn html(arm: &RobotModel, plan: &PlanFile) -> String {
         .svg()
     );
     page.scene(space(arm, plan), &beside);
-    page.section(
+    page.part(
         "Joints",
         "Positions in their ranges, and speed, acceleration and jerk as shares of their limits.",
     );
     page.charts(&joint_charts(arm, plan));
     let currents = current_charts(arm, plan);
     if !currents.is_empty() {
-        page.section(
+        page.part(
             "Currents",
             "Magnitudes by the model of the paper, eq. (9), for each motor, and their sum for each supply, eq. (8).",
         );
         page.charts(&currents);
     }
-    page.section(
+    page.part(
         "Checks",
         "Made again by means that share nothing with the planner. What a plan does not claim is only reported.",
     );

@@ -91,6 +91,8 @@
       },
     };
   }
+  // A phone shows arm, joints and the stop; the rest is one touch away.
+  if (phone) document.querySelectorAll('details').forEach(part => { part.open = false; });
   const names = live.joints;
   const charts = [
     chart('errors', `Position errors, as the controller tells them; bound ±${live.bound_mrad} mrad`, 'error in mrad', names, [-1, 1],

@@ -15,7 +15,7 @@ const IDS_SHOWN: usize = 14;
 impl RunReport<'_> {
     pub(super) fn bus(&self, page: &mut Page) {
         let Some(bus) = &self.analysis.bus else { return };
-        page.section(
+        page.detail(
             "Bus",
             &format!(
                 "Every frame with its exact length, stuff bits and interframe space included, at {:.0} kbit/s.",
@@ -71,7 +71,7 @@ impl RunReport<'_> {
         let (middle, what) = fault.map_or(normal, |f| (f.t_s, "first fault"));
         let (from, to) = (middle - 2.0 * period, middle + 1.0 * period);
         page.html(&format!(
-            "<p></p><figure class=\"card timeline\">{}</figure>",
+            "<figure class=\"card timeline\">{}</figure>",
             timeline::svg(&bus.slots, from, to, &lanes)
         ));
         page.note(&format!("Three control cycles about the {what}. Point at a frame to read it."));
@@ -90,7 +90,6 @@ impl RunReport<'_> {
             });
             measured.chain(limits.iter().map(|limit| Curve::limit(end, limit * scale))).collect()
         };
-        page.html("<p></p>");
         page.charts(&[
             self.time_chart(
                 "Time between two commands to a drive; red: certified",
@@ -98,7 +97,7 @@ impl RunReport<'_> {
                 curves(&[low_s, high_s], 1e3, &|joint| &joint.command_intervals),
             ),
             self.time_chart(
-                "From a measurement to the command computed from it; red: certified",
+                "From a measurement to its command; red: certified",
                 "share of the interval in %",
                 curves(&certified.delay_shares(), 1e2, &|joint| &joint.delay_shares),
             ),
@@ -107,7 +106,7 @@ impl RunReport<'_> {
 
     pub(super) fn timing(&self, page: &mut Page) {
         let a = self.analysis;
-        page.section(
+        page.part(
             "Timing",
             "Cycles are the times between two orders to the same drive. An answer's time runs from the end of its request to \
              its own end on the bus.",

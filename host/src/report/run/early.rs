@@ -2,9 +2,8 @@
 
 use serde_json::Value;
 
-use super::super::chart::escape;
-use super::super::frame::{foot, head, told_outcome, tone};
-use super::super::page::{Tone, cell};
+use super::super::frame::{cause, foot, head, told_outcome, tone};
+use super::super::page::{Answer, Tone, cell};
 use super::{Ran, record};
 use operator::analysis::events::RunEvent;
 use operator::job::Outcome;
@@ -29,14 +28,16 @@ impl EarlyReport<'_> {
     /// One self-contained HTML file.
     #[must_use]
     pub fn html(&self) -> String {
-        let (outcome, text) =
+        let (outcome, verdict) =
             told_outcome(self.summary).unwrap_or((Outcome::NotThrown, "no outcome is recorded".to_owned()));
         let text_of = |key: &str| self.summary.get(key).and_then(Value::as_str);
         let robot = &self.ran.robot;
-        let mut page = head(&self.ran.title(), &robot.name, Some(self.summary), None, (&text, tone(outcome)));
+        let (why, next) = cause(Some(self.summary)).unwrap_or_else(|| {
+            ("the summary names no cause".to_owned(), "see the events of this page".to_owned())
+        });
+        let answer = Answer { verdict, tone: tone(outcome), why, next };
+        let mut page = head(&self.ran.title(), &robot.name, Some(self.summary), None, &answer);
         page.section("What happened", "");
-        let cause = text_of("cause").unwrap_or("The summary names no cause.");
-        page.html(&format!("<div class=\"card\"><pre>{}</pre></div>", escape(cause)));
         let steps: Vec<Vec<(String, Tone)>> = self
             .summary
             .get("steps")
@@ -57,7 +58,7 @@ impl EarlyReport<'_> {
         if let Some(tear) = &self.torn {
             page.note(&format!("Attention: {tear}."));
         }
-        page.section(
+        page.part(
             "Events",
             "What controller, host and drives said. Time zero is the first frame of the log.",
         );

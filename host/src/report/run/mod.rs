@@ -10,14 +10,16 @@ mod ran;
 mod record;
 mod tracking;
 
+use std::fmt::Write as _;
+
 pub use early::EarlyReport;
 use nalgebra::Vector3;
 pub use ran::Ran;
 use serde_json::Value;
 
 use super::chart::{Chart, Curve};
-use super::frame::{head, told_outcome, tone};
-use super::page::Tone;
+use super::frame::{cause, head, told_outcome, tone};
+use super::page::{Answer, Tone};
 use super::{landing, scene};
 use operator::analysis::release::{ReleaseMotion, flight};
 use operator::analysis::tracking::{JointTracking, interpolate};
@@ -42,11 +44,10 @@ impl RunReport<'_> {
     /// One self-contained HTML file.
     #[must_use]
     pub fn html(&self) -> String {
-        let (verdict, tone) = self.verdict();
         let ran = self.ran;
         let release = ran.release_s().map_or_else(String::new, |s| format!(", release at {s:.3} s"));
         let more = format!("plan {:.3} s{release}", ran.end_s());
-        let mut page = head(&ran.title(), &ran.robot.name, self.summary, Some(more), (&verdict, tone));
+        let mut page = head(&ran.title(), &ran.robot.name, self.summary, Some(more), &self.answer());
         page.tiles(&self.tiles());
         if let Some(fault) = &self.analysis.fault {
             self.fault(&mut page, fault);
@@ -72,7 +73,7 @@ impl RunReport<'_> {
         if let Some(tear) = &self.analysis.torn {
             page.note(&format!("Attention: {tear}."));
         }
-        page.section("Events", "What controller, host and drives said. Time zero is the start of the plan.");
+        page.detail("Events", "What controller, host and drives said. Time zero is the start of the plan.");
         page.html(&record::events_table(&self.analysis.events));
         self.repeat(&mut page);
         page.finish()
@@ -123,6 +124,62 @@ impl RunReport<'_> {
         }
     }
 
+    fn answer(&self) -> Answer {
+        let (verdict, tone) = self.verdict();
+        let (why, next) = match &self.analysis.fault {
+            Some(fault) => (
+                format!(
+                    "fault {} at {:.3} s of the plan, while {}: {}",
+                    fault.code, fault.t_s, fault.state_before, fault.what
+                ),
+                format!("{}; `cubectl explain {}` has more", fault.recovery, fault.code),
+            ),
+            None => cause(self.summary).unwrap_or_else(|| self.reasons(tone)),
+        };
+        Answer { verdict, tone, why, next }
+    }
+
+    /// What the arm and the release did, and what follows from it.
+    fn reasons(&self, tone: Tone) -> (String, String) {
+        let off_mrad = 1e3 * self.largest_error_rad();
+        let mut why = format!(
+            "joints at most {off_mrad:.2} mrad from the plan (bound {:.0})",
+            1e3 * POSITION_BOUND_RAD
+        );
+        let Some(plan) = &self.ran.throw else {
+            return (why, "`cubectl run` with the plan of this folder repeats the motion".to_owned());
+        };
+        let by_motion_m = self.thrown().and_then(|release| release.landing_error_m);
+        if let Some(off_m) = by_motion_m {
+            let _ =
+                write!(why, "; by the measured motion the ball lands {:.1} mm from the target", 1e3 * off_m);
+        }
+        if let Some(late_s) = self.in_summary("/landing/release_late_s").and_then(Value::as_f64) {
+            let [x, y] = plan.landing.delay_sensitivity_mm_per_ms;
+            let late_ms = 1e3 * late_s;
+            let moved_mm = (late_ms * x.hypot(y)).abs();
+            let _ =
+                write!(why, "; released {late_ms:.1} ms late, which moves the landing by {moved_mm:.1} mm");
+        }
+        let touched = self.in_summary("/landing/touched_arm_after_s").is_some_and(Value::is_number);
+        let next = if touched {
+            why += "; the ball touched the arm after its release";
+            "plan the throw with `--clean-release true`"
+        } else if tone != Tone::Bad {
+            "throw again to see the scatter beside the predicted ellipse"
+        } else if by_motion_m.is_some_and(|m| m > self.tolerance_m()) {
+            "see Tracking for the joint that strays; `cubectl tune --plan` designs gains for this throw"
+        } else {
+            "measure when the ball leaves the hand, and set `gripper.opening_us` of the controller to it"
+        };
+        (why.replace('-', "−"), next.to_owned())
+    }
+
+    fn largest_error_rad(&self) -> f64 {
+        let of_joint = |joint: &JointTracking| joint.position_error_rad.max_after_transient;
+        self.analysis.joints.iter().map(of_joint).fold(0.0, f64::max)
+    }
+
     fn tolerance_m(&self) -> f64 {
         let told = self.in_summary("/tolerance_m").and_then(Value::as_f64);
         told.or_else(|| Some(default_tolerance_m(self.arm, self.ran.throw.as_ref()?))).unwrap_or(0.0)
@@ -131,7 +188,6 @@ impl RunReport<'_> {
     fn tiles(&self) -> Vec<(String, &'static str, String, Tone)> {
         let a = self.analysis;
         let mut tiles = Vec::new();
-        let largest = |size: &dyn Fn(&JointTracking) -> f64| a.joints.iter().map(size).fold(0.0, f64::max);
         if let Some(m) = self.landing_error_m() {
             let observed = self.in_summary("/landing/observed").and_then(Value::as_bool).unwrap_or(false);
             let (tone, what) = match (m <= self.tolerance_m(), observed) {
@@ -147,8 +203,8 @@ impl RunReport<'_> {
             tiles.push((format!("{:.2}", 1e3 * self.hand_error_m()), "mm", what, Tone::Plain));
         }
         let bounded = |value: f64, bound: f64| if value <= bound { Tone::Good } else { Tone::Bad };
-        let q = largest(&|j| j.position_error_rad.max_after_transient);
-        let v = largest(&|j| j.speed_error_rad_s.max_after_transient);
+        let q = self.largest_error_rad();
+        let v = a.joints.iter().map(|j| j.speed_error_rad_s.max_after_transient).fold(0.0, f64::max);
         tiles.push((
             format!("{:.2}", q * 1e3),
             "mrad",

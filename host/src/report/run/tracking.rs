@@ -9,7 +9,7 @@ use operator::analysis::{AFTER_S, BEFORE_S, POSITION_BOUND_RAD, SPEED_BOUND_RAD_
 
 impl RunReport<'_> {
     pub(super) fn tracking(&self, page: &mut Page) {
-        page.section(
+        page.part(
             "Tracking",
             "Reference minus measurement. The green bands are the bounds that the paper reports for its arm after a \
              transient of 0.1 s (figure 3): 0.05 rad and 0.1 rad/s. Speeds are estimated from the change of the errors.",
@@ -66,7 +66,6 @@ impl RunReport<'_> {
                 ]
             })
             .collect();
-        page.html("<p></p>");
         page.table(
             &[
                 "joint",
@@ -83,34 +82,32 @@ impl RunReport<'_> {
             ],
             &rows,
         );
-        page.html("<p></p>");
-        page.charts(&(0..self.analysis.joints.len()).map(|j| self.error_chart(j)).collect::<Vec<_>>());
+        page.detail(
+            "Each joint",
+            "Its error at its own scale, and its references against what was measured.",
+        );
+        page.charts(&(0..joints.len()).flat_map(|j| self.joint_charts(j)).collect::<Vec<_>>());
         self.control(page);
-        let motions: Vec<Chart> =
-            (0..self.analysis.joints.len()).flat_map(|j| self.motion_charts(j)).collect();
-        page.folded("References against measurements, each joint", &motions);
     }
 
     /// Position error of one joint at its own scale, mrad.
     fn error_chart(&self, j: usize) -> Chart {
         let joint = &self.analysis.joints[j];
         let points = joint.samples.iter().map(|s| (s.t_s, s.error_rad * 1e3)).collect();
-        let mut chart = self.time_chart(
+        self.time_chart(
             &format!("{}: position error", joint.name),
             "error in mrad",
             vec![Curve::line("", j, points)],
-        );
-        chart.small = true;
-        chart
+        )
     }
 
-    /// What the feedback adds, beside what is left for it; acceleration and jerk of the reference.
+    /// What the feedback adds, beside what is left for it.
     fn control(&self, page: &mut Page) {
         let joints = &self.analysis.joints;
         if joints.iter().all(|joint| joint.controls.is_empty()) {
             return;
         }
-        page.section(
+        page.detail(
             "Feedback",
             "u: what the feedback adds to the acceleration of the reference (paper, eq. 11), as the orders to the drive amount \
              to it. Red: what is left for it, ±v_max − q̈ of the reference (eq. 12). Where u meets the red line, the command is \
@@ -127,34 +124,17 @@ impl RunReport<'_> {
                     Curve::line("", 7, points.collect()).drawn(Pen::Limit)
                 };
                 let u = joint.controls.iter().map(|c| (c.t_s, c.u_rad_s2())).collect();
-                let mut chart = self.time_chart(
+                self.time_chart(
                     &format!("{}: u, v_max {a_max:.1} rad/s²", joint.name),
                     "u in rad/s²",
                     vec![bound(1.0), bound(-1.0), Curve::line("", j, u)],
-                );
-                chart.small = true;
-                chart
+                )
             })
             .collect();
         page.charts(&charts);
-        let motion = &self.ran.motion;
-        let times = || (0..=400).map(|i| self.ran.end_s() * f64::from(i) / 400.0);
-        let of_reference = |title: &str, y_label: &str, value: &dyn Fn(f64, usize) -> f64| {
-            let curves = joints.iter().enumerate().map(|(j, joint)| {
-                Curve::line(joint.name.clone(), j, times().map(|t_s| (t_s, value(t_s, j))).collect())
-            });
-            self.time_chart(title, y_label, curves.collect())
-        };
-        page.html("<p></p>");
-        page.charts(&[
-            of_reference("Accelerations of the reference", "acceleration in rad/s²", &|t_s, j| {
-                motion.at(t_s).qdd[j]
-            }),
-            of_reference("Jerks of the reference", "jerk in rad/s³", &|t_s, j| motion.at(t_s).jerk[j]),
-        ]);
     }
 
-    fn motion_charts(&self, j: usize) -> [Chart; 2] {
+    fn joint_charts(&self, j: usize) -> [Chart; 3] {
         let joint = &self.analysis.joints[j];
         let limits = self.arm.joints()[j].limits;
         let samples = || joint.samples.iter();
@@ -181,14 +161,14 @@ impl RunReport<'_> {
                 Curve::limit(shown, -limits.v_max_rad_s),
             ],
         );
-        [q, v]
+        [self.error_chart(j), q, v]
     }
 
     pub(super) fn currents(&self, page: &mut Page) {
         if self.analysis.supplies.is_empty() {
             return;
         }
-        page.section(
+        page.part(
             "Currents",
             "Sum of the magnitudes of the motors on each supply: dashed as the model of the robot file predicts them for \
              the plan (eq. 8 and 9), dots as read from the drives during the run. The model knows no friction.",
@@ -240,7 +220,6 @@ impl RunReport<'_> {
                 ]
             })
             .collect();
-        page.html("<p></p>");
         page.table(
             &["supply", "predicted peak A", "measured peak A", "rms difference A", "limit A", "readings"],
             &rows,
