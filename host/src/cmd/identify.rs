@@ -230,8 +230,7 @@ fn tell(args: &Args, findings: &Findings) -> Result<(), ExpectedError> {
         console::note!("wrote {}", path.display());
     }
     if let Some(path) = &args.report {
-        let html = report::html(findings).map_err(|cause| ExpectedError::new(exit::BUG, cause))?;
-        write(path, &html)?;
+        write(path, &report::html(findings))?;
         console::note!("wrote {}", path.display());
     }
     Ok(())

@@ -5,6 +5,7 @@ use operator::ball_catch::trial::{CatchOutcome, Moment, Outcome, Pair};
 use planner::catch::Joints;
 use planner::catch::online::Decision;
 use planner::catch::task::Mode;
+use robot_model::Pose;
 
 use super::chart::{Chart, Curve, Pen};
 use super::page::{Answer, Page, Tone, cell};
@@ -12,8 +13,8 @@ use super::scene;
 
 const BALL: usize = 1;
 const CUP: usize = 0;
-/// Decisions that are listed; the rest repeat each other.
-const DECISIONS_MAX: usize = 60;
+/// The picture shows so much above the last joint, m.
+const HAND_M: f64 = 0.2;
 
 /// A decision as text.
 #[must_use]
@@ -132,13 +133,14 @@ pub fn body(page: &mut Page, pair: &Pair, outcome: &Outcome, jerk: bool) {
     page.charts(&[side(pair, outcome, jerk), distance(pair, outcome, jerk)]);
     page.part(
         "Decisions",
-        "Predicted probability of the catch and standard deviation of the ball's place across its flight, as the samples come in.",
+        "Predicted probability of the catch and standard deviation of the ball's place across its flight, as the samples come in. Forecasts that changed nothing are not in the table.",
     );
     page.charts(&[probability(outcome), sigma(outcome)]);
-    let rows: Vec<Vec<(String, Tone)>> = outcome
-        .log
-        .iter()
-        .take(DECISIONS_MAX)
+    let mut log: Vec<_> = outcome.log.iter().filter(|l| !matches!(l.decision, Decision::Kept)).collect();
+    // A catch that is frozen stays so.
+    log.dedup_by(|b, a| [a, b].iter().all(|l| matches!(l.decision, Decision::Frozen)));
+    let rows: Vec<Vec<(String, Tone)>> = log
+        .into_iter()
         .map(|l| {
             vec![
                 cell(format!("{:.3}", l.at_s - release_s)),
@@ -264,11 +266,13 @@ fn space(pair: &Pair, outcome: &Outcome, jerk: bool) -> String {
     let release_s = outcome.planned_s.0;
     let end_s = outcome.choice.as_ref().map_or(outcome.planned_s.1, |choice| choice.t_s) + 0.5;
     let shown = flown(outcome).filter(|m| m.t_s < end_s);
-    let mut steps = Vec::new();
+    let (mut steps, mut top) = (Vec::new(), 0.8_f64);
     for moment in shown.step_by(2) {
         let mut links = Vec::new();
         for ((model, x_wb), q) in models.iter().zip(&places).zip(&moment.q) {
-            links.extend(model.fk(q).x_w.iter().map(|x| scene::link(&(*x_wb * *x))));
+            let placed: Vec<Pose> = model.fk(q).x_w.iter().map(|x| *x_wb * *x).collect();
+            top = placed.iter().map(|x| x.pos.z + HAND_M).fold(top.max(moment.ball_m.z), f64::max);
+            links.extend(placed.iter().map(scene::link));
         }
         steps.push(format!(
             "{{\"t\":{:.4},\"ball\":{},\"links\":[{}]}}",
@@ -295,7 +299,6 @@ fn space(pair: &Pair, outcome: &Outcome, jerk: bool) -> String {
     let corners = [corner(0.25, 0.25), corner(0.25, -0.25), corner(-0.25, 0.25), corner(-0.25, -0.25)];
     let feet: Vec<Vector3<f64>> =
         places.iter().flat_map(|x_wb| corners.map(|p| x_wb.transform_point(&p))).collect();
-    let top = flown(outcome).map(|m| m.ball_m.z).fold(0.8, f64::max);
     format!(
         "{{\"floor\":{},\"top\":{top:.3},\"radius\":{},\"last\":12,\"release\":0,\"first\":{caught_s:.4},\"names\":[\"catch\",\"release\"],\"target\":{},\"hand\":{},\"planned\":null,\"flight\":{},\"ellipse\":null,\"bounds\":{},\"boxes\":[{}],\"steps\":[{}]}}",
         models[0].world().floor_z_m,

@@ -15,6 +15,8 @@ pub enum Pen {
     Dashed,
     /// Line with a dot on each point: few measurements.
     Dots,
+    /// Only the dots.
+    Marks,
     Limit,
 }
 
@@ -205,8 +207,8 @@ impl Chart {
         for curve in &self.curves {
             let is_named = !curve.name.is_empty() && curve.is_drawn();
             // A character is about 6.2 wide.
-            let length = if is_named { 32.0 + 6.2 * curve.name.chars().count() as f64 } else { 0.0 };
-            if x > 0.0 && x + length - 12.0 > WIDTH {
+            let length = if is_named { 28.0 + 6.2 * curve.name.chars().count() as f64 } else { 0.0 };
+            if x > 0.0 && x + length - 8.0 > WIDTH {
                 (x, row) = (0.0, row + 1);
             }
             places.push((x, row));
@@ -308,7 +310,7 @@ impl Chart {
                 let _ = write!(times, "{space}{}", milliseconds(*x));
                 let _ = write!(values, "{space}{}", short(*y));
                 pen_is_up = false;
-                if curve.pen == Pen::Dots {
+                if matches!(curve.pen, Pen::Dots | Pen::Marks) {
                     let _ = write!(
                         dots,
                         "<circle class=\"f{}\" cx=\"{sx:.1}\" cy=\"{sy:.1}\" r=\"1.8\"/>",
@@ -320,6 +322,7 @@ impl Chart {
                 Pen::Line => format!("c s{}", curve.colour),
                 Pen::Dashed => format!("c dash s{}", curve.colour),
                 Pen::Dots => format!("c dots s{}", curve.colour),
+                Pen::Marks => "c".to_owned(),
                 Pen::Limit => "limit".to_owned(),
             };
             // The curve of a chart that has one is named by its heading.
@@ -342,7 +345,7 @@ impl Chart {
                     33.0 + below,
                     escape(&curve.name)
                 );
-                if curve.pen == Pen::Dots {
+                if matches!(curve.pen, Pen::Dots | Pen::Marks) {
                     let _ = write!(
                         o,
                         "<circle class=\"f{}\" cx=\"{:.1}\" cy=\"{:.1}\" r=\"1.8\"/>",

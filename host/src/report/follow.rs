@@ -211,7 +211,7 @@ pub(super) fn opening_chart(arm: &Arm, plan: &FollowPlan, [through, following]: 
     Chart {
         title: "Landing error".to_owned(),
         x_label: "opening after the planned instant in ms".to_owned(),
-        y_label: "distance from the target in mm".to_owned(),
+        y_label: "miss in mm".to_owned(),
         curves: vec![
             curve("with following", 2, &|late_s| following.error_m(arm, late_s)),
             curve("ramps through the release", 1, &|late_s| through.error_m(arm, late_s)),

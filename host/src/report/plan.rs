@@ -198,7 +198,7 @@ pub fn html(arm: &RobotModel, plan: &PlanFile) -> String {
                 (false, true) => ("FAILS", Tone::Bad),
                 (false, false) => ("not claimed", Tone::Warn),
             };
-            let at = f.at_s.map_or_else(String::new, |t| format!("{t:.3} s"));
+            let at = f.at_s.map_or_else(String::new, |t| format!("{t:.3}\u{a0}s"));
             vec![cell(f.what.clone()), (mark.to_owned(), tone), cell(f.worst.clone()), cell(at)]
         })
         .collect();

@@ -35,6 +35,8 @@ impl EarlyReport<'_> {
         let (why, next) = cause(Some(self.summary)).unwrap_or_else(|| {
             ("the summary names no cause".to_owned(), "see the events of this page".to_owned())
         });
+        // The cause is said once.
+        let verdict = verdict.split(": ").next().unwrap_or_default().to_owned();
         let answer = Answer { verdict, tone: tone(outcome), why, next };
         let mut page = head(&self.ran.title(), &robot.name, Some(self.summary), None, &answer);
         page.section("What happened", "");

@@ -44,7 +44,7 @@ impl RunReport<'_> {
                 };
                 vec![
                     cell(match joint.module {
-                        Some(module) => format!("{} (drive {module})", joint.name),
+                        Some(module) => format!("{}\u{a0}(drive\u{a0}{module})", joint.name),
                         None => joint.name.clone(),
                     }),
                     cell(format!("{:.2}", q.max * 1e3)),
@@ -82,11 +82,9 @@ impl RunReport<'_> {
             ],
             &rows,
         );
-        page.detail(
-            "Each joint",
-            "Its error at its own scale, and its references against what was measured.",
-        );
-        page.charts(&(0..joints.len()).flat_map(|j| self.joint_charts(j)).collect::<Vec<_>>());
+        page.charts(&(0..joints.len()).map(|j| self.error_chart(j)).collect::<Vec<_>>());
+        page.detail("Each joint", "References against what was measured.");
+        page.charts(&(0..joints.len()).flat_map(|j| self.motion_charts(j)).collect::<Vec<_>>());
         self.control(page);
     }
 
@@ -134,7 +132,7 @@ impl RunReport<'_> {
         page.charts(&charts);
     }
 
-    fn joint_charts(&self, j: usize) -> [Chart; 3] {
+    fn motion_charts(&self, j: usize) -> [Chart; 2] {
         let joint = &self.analysis.joints[j];
         let limits = self.arm.joints()[j].limits;
         let samples = || joint.samples.iter();
@@ -161,7 +159,7 @@ impl RunReport<'_> {
                 Curve::limit(shown, -limits.v_max_rad_s),
             ],
         );
-        [self.error_chart(j), q, v]
+        [q, v]
     }
 
     pub(super) fn currents(&self, page: &mut Page) {
