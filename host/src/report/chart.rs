@@ -207,8 +207,8 @@ impl Chart {
         for curve in &self.curves {
             let is_named = !curve.name.is_empty() && curve.is_drawn();
             // A character is about 6.2 wide.
-            let length = if is_named { 28.0 + 6.2 * curve.name.chars().count() as f64 } else { 0.0 };
-            if x > 0.0 && x + length - 8.0 > WIDTH {
+            let length = if is_named { 30.0 + 6.2 * curve.name.chars().count() as f64 } else { 0.0 };
+            if x > 0.0 && x + length - 10.0 > WIDTH {
                 (x, row) = (0.0, row + 1);
             }
             places.push((x, row));

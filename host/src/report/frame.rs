@@ -24,11 +24,12 @@ pub(super) fn tone(outcome: Outcome) -> Tone {
     }
 }
 
-/// Why a job ended as it did and what to do, if its summary names a cause.
+/// Why a job ended as it did and what to do, if its summary names a cause beyond the outcome.
 pub(super) fn cause(summary: Option<&Value>) -> Option<(String, String)> {
     let cause = summary?.get("cause")?.as_str()?;
     let (why, next) = cause.split_once("next: ").unwrap_or((cause, "see the events of this page"));
-    Some((why.trim().to_owned(), next.trim().to_owned()))
+    let says_more = told_outcome(summary?).is_none_or(|(_, text)| text != why.trim());
+    says_more.then(|| (why.trim().to_owned(), next.trim().to_owned()))
 }
 
 /// The page of a throw to a target: `more` stands beside robot, bus, time, controller and seed.
@@ -184,6 +185,16 @@ fn plain(value: &Value) -> String {
 mod tests {
     use super::*;
     use serde_json::json;
+
+    #[test]
+    fn a_cause_has_a_next_step_and_does_not_repeat_the_outcome() {
+        let of = |cause: &str| {
+            super::cause(Some(&json!({"outcome": "missed", "outcome_text": "missed: 9 mm", "cause": cause})))
+        };
+        assert_eq!(of("arm: refused\n  next: home"), Some(("arm: refused".to_owned(), "home".to_owned())));
+        assert_eq!(of("missed: 9 mm\n  next: look"), None);
+        assert_eq!(of("lost").unwrap().1, "see the events of this page");
+    }
 
     #[test]
     fn a_summary_is_shown_in_groups_with_columns_for_lists() {

@@ -195,12 +195,12 @@ fn sentence(text: &str) -> String {
 /// Table as HTML; the first column is text, cells have a tone.
 #[must_use]
 pub fn table(head: &[&str], rows: &[Vec<(String, Tone)>]) -> String {
-    let mut o = "<div class=\"card scroll\"><table><tr>".to_owned();
+    let mut o = "<div class=\"card scroll\"><table><thead><tr>".to_owned();
     for (i, name) in head.iter().enumerate() {
         let class = if i == 0 || is_text(rows, i) { " class=\"l\"" } else { "" };
         let _ = write!(o, "<th{class}>{}</th>", escape(name));
     }
-    o += "</tr>";
+    o += "</tr></thead><tbody>";
     for row in rows {
         o += "<tr>";
         for (i, (text, tone)) in row.iter().enumerate() {
@@ -209,7 +209,7 @@ pub fn table(head: &[&str], rows: &[Vec<(String, Tone)>]) -> String {
         }
         o += "</tr>";
     }
-    o + "</table></div>"
+    o + "</tbody></table></div>"
 }
 
 /// A column whose cells are mostly no numbers stands to the left.
@@ -228,4 +228,41 @@ fn is_text(rows: &[Vec<(String, Tone)>], column: usize) -> bool {
 #[must_use]
 pub fn cell(text: impl Into<String>) -> (String, Tone) {
     (text.into(), Tone::Plain)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Colour of a name in the style sheet, light or dark.
+    fn colour(name: &str, is_dark: bool) -> [f64; 3] {
+        let key = format!("--{name}:#");
+        let values = STYLE.split(&key).skip(1);
+        let hex =
+            values.map(|rest| &rest[..rest.find([';', '}']).unwrap()]).nth(usize::from(is_dark)).unwrap();
+        let wide = if hex.len() == 3 { hex.chars().flat_map(|c| [c, c]).collect() } else { hex.to_owned() };
+        [0, 2, 4].map(|i| f64::from(u8::from_str_radix(&wide[i..i + 2], 16).unwrap()) / 255.0)
+    }
+
+    /// Contrast by WCAG 2.2.
+    fn contrast(one: [f64; 3], other: [f64; 3]) -> f64 {
+        let linear = |c: f64| if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) };
+        let luminance = |[r, g, b]: [f64; 3]| 0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b);
+        let (a, b) = (luminance(one), luminance(other));
+        (a.max(b) + 0.05) / (a.min(b) + 0.05)
+    }
+
+    #[test]
+    fn every_text_has_a_contrast_of_4_5_in_light_and_in_dark() {
+        for is_dark in [false, true] {
+            let texts = ["ink", "soft", "accent", "good", "warn", "bad"];
+            let on_paper = texts.iter().flat_map(|text| [(*text, "bg"), (*text, "card")]);
+            let on_pills = ["good", "warn", "bad", "soft"].map(|pill| ("on", pill));
+            for (text, ground) in on_paper.chain(on_pills) {
+                let is = contrast(colour(text, is_dark), colour(ground, is_dark));
+                assert!(is >= 4.5, "{text} on {ground}, dark {is_dark}: {is:.2}");
+            }
+        }
+        assert!((contrast([0.0; 3], [1.0; 3]) - 21.0).abs() < 1e-9);
+    }
 }

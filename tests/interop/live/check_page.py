@@ -40,6 +40,12 @@ DRAWN_WITHOUT_BALL = f"""(() => {{ const step = {{...scene.steps[0], ball: null}
   dispatchEvent(new CustomEvent('live-step', {{detail: step}})); return {DRAWN}; }})()"""
 
 
+STOP_IS_IN_SIGHT = """(() => { const stop = document.getElementById('stop'), box = stop.getBoundingClientRect();
+  return document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2) === stop; })()"""
+# What is shown as good.
+GREEN = "[...document.querySelectorAll('.good')].filter(one => one.offsetParent).map(one => one.textContent)"
+
+
 def refused(url, **headers):
     try:
         urllib.request.urlopen(urllib.request.Request(url, headers=headers))
@@ -62,8 +68,11 @@ def main(cubectl, out):
         return process, lambda: (folder / f"{name}.log").read_text()
 
     try:
-        start("sim", "sim", "--bus", bus, "--controller")
-        wait_for("the cell", lambda: subprocess.run([cubectl, "status", "--bus", bus], capture_output=True).returncode == 0)
+        start("sim", "sim", "--bus", bus)
+        answers = lambda verb: subprocess.run([cubectl, verb, "--bus", bus], capture_output=True).returncode == 0
+        wait_for("the drives", lambda: answers("scan"))
+        controller, _ = start("controller", "controller", "--bus", bus)
+        wait_for("the cell", lambda: answers("status"))
         words = ["monitor", "--bus", bus, "--web", "0", "--record", str(folder / "seen")]
         monitor, said = start("monitor", *words)
         url = wait_for("the live view", lambda: re.search(r"live view at (http://\S+/)", said()))[1]
@@ -88,12 +97,17 @@ def main(cubectl, out):
             if len(shown) == 20:
                 page.picture(folder / "desktop.png", whole=False)
         assert home.returncode == 0, home_said()
-        for name, width, height, dark in [("dark", 1280, 1500, True), ("phone", 390, 2400, False)]:
+        for name, width, height, dark in [("dark", 1280, 1500, True), ("phone", 390, 844, False)]:
             page.show(width, height, dark)
             page.order("Page.reload")
             wait_for("the page", lambda: page.value("document.getElementById('link')?.textContent") == "live")
             page.value("new Promise(done => setTimeout(done, 1500))")
+            page.value("scrollTo(0, 0)")
             page.picture(folder / f"{name}.png")
+        high = page.value("document.documentElement.scrollHeight")
+        assert high <= 2 * 844, f"two screens of a phone, not {high} px"
+        page.value("scrollTo(0, document.documentElement.scrollHeight)")
+        assert page.value(STOP_IS_IN_SIGHT), "the stop button stays in sight"
         state = page.value("document.getElementById('state').textContent")
         assert state == "ready", state
         events = page.value("document.getElementById('events').textContent")
@@ -113,6 +127,12 @@ def main(cubectl, out):
         # The controller says that it was stopped, the page that drives are halted.
         halted = "document.getElementById('joints').textContent + document.getElementById('state').textContent"
         wait_for("the halt", lambda: re.search("halted|not ready|stopped|fault", page.value(halted)))
+        page.picture(folder / "stopped.png", whole=False)
+        controller.kill()
+        state = "document.getElementById('state').textContent"
+        wait_for("the silence of the controller", lambda: page.value(state).startswith("not heard for"))
+        page.picture(folder / "killed.png", whole=False)
+        assert page.value(GREEN) == [], page.value(GREEN)
         monitor.send_signal(signal.SIGINT)
         assert monitor.wait(PATIENCE_S) in (0, 6), said()
         wait_for("the page to notice", lambda: "not connected" in page.value("document.getElementById('link').textContent"))

@@ -6,7 +6,6 @@ Of each joint the angle of the sample under the pointer must be one that its dri
 be that of the plan file, the error must be the difference of the two.
 """
 
-import base64
 import json
 import pathlib
 import re
@@ -123,28 +122,7 @@ def look(page, report, folder):
             looks.setdefault(title, []).append((t_s, values))
         if i == 0:
             page.picture(folder / "report_pointer.png", whole=False)
-    page.value("scrollTo(0, 0)")
-    for name, width, height, dark in [("report_phone", 390, 1600, False), ("report_dark", 1280, 1600, True)]:
-        page.show(width, height, dark)
-        page.picture(folder / f"{name}.png", whole=False)
-    check_print(page, folder)
     return looks
-
-
-def check_print(page, folder):
-    """On paper the outcome is dark on white, and the whole report has at most six pages."""
-    page.show(1280, 1000, dark=False)
-    page.value("document.querySelectorAll('details').forEach(folded => { folded.open = false; })")
-    page.order("Emulation.setEmulatedMedia", media="print")
-    outcome = page.value("(pill => pill.color + ' ' + pill.backgroundColor)(getComputedStyle(document.querySelector('.pill')))")
-    colour, background = re.findall(r"rgba?\(([^)]*)\)", outcome)
-    assert sum(float(part) for part in colour.split(",")[:3]) < 450, outcome
-    assert background == "0, 0, 0, 0", outcome
-    paper = page.order("Page.printToPDF", paperWidth=8.27, paperHeight=11.69)["data"]
-    (folder / "report.pdf").write_bytes(base64.b64decode(paper))
-    pages = len(re.findall(rb"/Type /Page\b", base64.b64decode(paper)))
-    assert 1 < pages <= 6, pages
-    print(f"{pages} pages on paper")
 
 
 main(*sys.argv[1:])

@@ -136,7 +136,6 @@
     }
     // What the bus says of a stop, until it is over; before that what was ordered here.
     if (now.stop || stop_shown) el('stopped').textContent = now.stop ? now.stop.text : '';
-    el('stopped').className = now.stop ? now.stop.tone : '';
     stop_shown = Boolean(now.stop);
     el('fault').hidden = !(c && c.fault);
     if (c && c.fault) el('fault').textContent = `fault ${c.fault.code}${c.fault.joint ? `, joint ${c.fault.joint}` : ''}: ${c.fault.what}. What to do: ${c.fault.next}.${c.old ? ` (The controller is ${c.state}.)` : ''}`;
@@ -150,12 +149,15 @@
     const link = el('ended').querySelector('a');
     if (link && gap_s > live.old_after_s) link.remove();
     el('link').textContent = over ? 'ended' : silent ? (last ? 'not connected: what is shown is old' : 'connecting') : last.link.text;
-    el('link').className = 'pill ' + (over ? '' : silent ? 'warn' : last.link.tone);
+    el('link').className = 'pill ' + (over ? 'plain' : silent ? 'warn' : last.link.tone);
+    // Who stood once is not known to stand.
+    const tone = last && last.stop ? last.stop.tone : '';
+    el('stopped').className = tone === 'good' && (silent || over || last.link.tone !== 'good') ? 'warn' : tone;
     // While nothing comes, the ages still grow.
     if (last && (dirty || silent && Math.round(gap_s) !== told_s)) {
       dirty = false; told_s = Math.round(gap_s);
       const c = last.controller, gone = silent ? `not heard for ${told_s} s` : '', aged = silent || c && c.old ? 'warn' : '';
-      tile('state', c ? gone || c.state : 'no controller is heard', c ? (silent ? 'bad' : c.tone) : '');
+      tile('state', c ? gone || c.state : 'no controller is heard', c ? (silent ? 'bad' : over ? '' : c.tone) : '');
       tile('plan', c && c.plan_s > 0 ? `${fixed(c.plan_s, 2)} s` : '–', aged);
       tile('counts', c ? `${c.cycles_saturated} / ${c.cycles_late} / ${c.replies_missed}` : '–', aged);
       tile('period', c && c.period_us ? `${fixed(c.period_us / 1e3, 0)} ms` : '–', aged);

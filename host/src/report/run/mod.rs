@@ -129,8 +129,12 @@ impl RunReport<'_> {
         let (why, next) = match &self.analysis.fault {
             Some(fault) => (
                 format!(
-                    "fault {} at {:.3} s of the plan, while {}: {}",
-                    fault.code, fault.t_s, fault.state_before, fault.what
+                    "fault {}{} at {:.3} s of the plan, while {}: {}",
+                    fault.code,
+                    fault.joint.map_or_else(String::new, |joint| format!(" of joint {joint}")),
+                    fault.t_s,
+                    fault.state_before,
+                    fault.what
                 ),
                 format!("{}; `cubectl explain {}` has more", fault.recovery, fault.code),
             ),

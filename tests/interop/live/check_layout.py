@@ -1,0 +1,118 @@
+"""Looks at every kind of report in a real browser: what its first screen says, how long it is, how its letters look, how it prints.
+
+    check_layout.py CUBECTL OUT      pictures, papers and reports go into the folder OUT
+
+The first screen of a desktop and of a phone says whether, why and what next. With all parts folded a report is at most 2500 px high
+on a desktop and 4000 px on a phone. Text that is no heading and no figure has one size, and all text a contrast of 4.5. On paper it has
+at most four pages; none but the last is half empty.
+"""
+
+import base64
+import io
+import pathlib
+import re
+import subprocess
+import sys
+
+import pypdfium2
+
+from browser import Page
+
+SCREENS = [("desktop", 1280, 800, False, 2500), ("dark", 1280, 800, True, 2500), ("phone", 390, 844, False, 4000)]
+ANSWER = "[...document.querySelectorAll('.answer > *')].map(part => part.textContent)"
+ANSWER_ENDS = "document.querySelector('.answer').getBoundingClientRect().bottom + scrollY"
+# Of each text that is seen: size in px, contrast with what is behind it, the text. Letters in charts are drawn, not set.
+TEXTS = """(() => {
+  const numbers = text => text.match(/[0-9.]+/g).map(Number);
+  const light = text => { const [r, g, b] = numbers(text).map(v => v / 255).map(v => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b; };
+  const clear = text => numbers(text)[3] === 0;
+  const found = [], walk = document.createTreeWalker(document.querySelector('main'), NodeFilter.SHOW_TEXT);
+  while (walk.nextNode()) {
+    const parent = walk.currentNode.parentElement, style = getComputedStyle(parent);
+    if (!walk.currentNode.data.trim() || !parent.checkVisibility({contentVisibilityAuto: true}) || parent.closest('svg, h1, h2, option, .tile b')) continue;
+    let ground = parent; while (clear(getComputedStyle(ground).backgroundColor)) ground = ground.parentElement;
+    const [a, b] = [light(style.color), light(getComputedStyle(ground).backgroundColor)].sort((a, b) => b - a);
+    found.push([parseFloat(style.fontSize), (a + 0.05) / (b + 0.05), walk.currentNode.data.trim()]);
+  }
+  return found; })()"""
+
+
+def reports(cubectl, folder):
+    """A report of each kind, by its name."""
+    def run(*words, codes=(0,)):
+        done = subprocess.run([cubectl, *words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        assert done.returncode in codes, (words, done.stderr)
+
+    at = lambda name: str(folder / name)
+    run("throw", "--target", "1.0,1.0,-1.0", "--seed", "6", "--out", at("throw"))
+    run("move", "--by", "1=0.5", "--home", "--out", at("move"))
+    # The arm is not where this plan begins.
+    run("run", at("throw/plan.json"), "--home", "--out", at("refused"), codes=(8,))
+    run("plan", "throw", "--target", "1.0,1.0,-1.0", "--out", at("plan.json"), "--report", at("plan.html"))
+    run("catch", "--robot", "powercube6", "--ball", "2.2,0.1,0.4,-2.6,-0.1,3.0", "--report", at("ball.html"))
+    run("catch", "--robot", "pincher4", "--disc", "flat", "--report", at("disc.html"))
+    run("identify", "--joint", "2", "--home", "--report", at("identify.html"))
+    for name in ["throw", "move", "refused"]:
+        yield name, folder / name / "report.html"
+    for name in ["plan", "ball", "disc", "identify"]:
+        yield name, folder / f"{name}.html"
+
+
+def look(page, name, file, folder):
+    page.order("Page.navigate", url=file.resolve().as_uri())
+    page.value("new Promise(done => document.readyState === 'complete' ? done() : addEventListener('load', done))")
+    for screen, width, height, dark, high_max in SCREENS:
+        page.show(width, height, dark)
+        page.picture(folder / f"{name}_{screen}.png")
+        high, wide = page.value("[document.documentElement.scrollHeight, document.documentElement.scrollWidth]")
+        assert high <= high_max and wide <= width, (name, screen, high, wide)
+        verdict, why, because, next_, do = page.value(ANSWER)
+        assert (why, next_) == ("Why", "Next") and all([verdict, because, do]), (name, page.value(ANSWER))
+        assert page.value(ANSWER_ENDS) <= height, (name, screen, "the answer is not on the first screen")
+        for folded in [True, False]:
+            page.value(f"document.querySelectorAll('details').forEach(part => {{ part.open = {str(not folded).lower()}; }})")
+            texts = page.value(TEXTS)
+            assert len(texts) > 8, (name, texts)
+            assert {size for size, _, _ in texts} == {14}, (name, screen, [text for text in texts if text[0] != 14])
+            faint = [text for text in texts if text[1] < 4.5]
+            assert not faint, (name, screen, faint)
+        page.value("document.querySelectorAll('details').forEach(part => { part.open = false; })")
+
+
+def paper(page, name, folder):
+    """On paper the outcome is dark on white."""
+    page.show(1280, 1000, dark=False)
+    data = base64.b64decode(page.order("Page.printToPDF", paperWidth=8.27, paperHeight=11.69)["data"])
+    (folder / f"{name}.pdf").write_bytes(data)
+    filled = [ends(sheet) for sheet in pypdfium2.PdfDocument(io.BytesIO(data))]
+    assert len(filled) <= 4 and min(filled[:-1], default=1) > 0.5, (name, filled)
+    page.order("Emulation.setEmulatedMedia", media="print")
+    outcome = page.value("(pill => pill.color + ' ' + pill.backgroundColor)(getComputedStyle(document.querySelector('.pill')))")
+    page.order("Emulation.setEmulatedMedia", media="")
+    colour, background = re.findall(r"rgba?\(([^)]*)\)", outcome)
+    assert sum(float(part) for part in colour.split(",")[:3]) < 450 and background == "0, 0, 0, 0", (name, outcome)
+    print(f"{name}: pages on paper filled to", ", ".join(f"{share:.0%}" for share in filled))
+
+
+def ends(sheet):
+    """Share of the sheet above its last mark."""
+    bitmap = sheet.render(scale=0.5, grayscale=True)
+    rows = [bytes(bitmap.buffer)[y * bitmap.stride : y * bitmap.stride + bitmap.width] for y in range(bitmap.height)]
+    return max((y for y, row in enumerate(rows) if min(row) < 200), default=0) / bitmap.height
+
+
+def main(cubectl, out):
+    folder = pathlib.Path(out)
+    page = Page(folder)
+    try:
+        page.order("Page.enable")
+        page.order("Runtime.enable")
+        for name, file in reports(cubectl, folder):
+            look(page, name, file, folder)
+            paper(page, name, folder)
+    finally:
+        page.browser.kill()
+
+
+main(*sys.argv[1:])
