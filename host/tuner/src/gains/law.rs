@@ -52,6 +52,18 @@ pub fn time_unit_s(position_rad: f64, u_max: f64) -> f64 {
     (position_rad / u_max).sqrt()
 }
 
+/// Horizon over which the cost predicts, for the family: delay plus drive lag.
+pub(super) fn horizon_s(problem: &Problem) -> f64 {
+    problem.delay().centre() + problem.drive().lag_s()
+}
+
+/// Radius of the set that is certified for errors up to `position_rad` under commands up to `u_max`: at least so large
+/// that delay and lag take no larger share of its time unit than the problem says. What holds for a larger set holds for a
+/// smaller one.
+pub(super) fn certified_radius_rad(problem: &Problem, position_rad: f64, u_max: f64) -> f64 {
+    position_rad.max(u_max * (horizon_s(problem) / problem.horizon_share_max()).powi(2))
+}
+
 /// Feedback of the predicted state: u = -omega^2 e(t + theta) - 2 zeta omega e'(t + theta).
 ///
 /// The prediction e + theta e' + theta^2/2 u_last takes the last command for the one that acts over

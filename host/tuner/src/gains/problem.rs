@@ -87,6 +87,7 @@ pub struct Problem {
     phases: Vec<Phase>,
     error_position_rad: f64,
     error_velocity_rad_s: f64,
+    horizon_share_max: f64,
 }
 
 impl Problem {
@@ -165,6 +166,7 @@ impl Problem {
             phases,
             error_position_rad: positive("initial position error", input.error_position_rad)?,
             error_velocity_rad_s: positive("initial velocity error", input.error_velocity_rad_s)?,
+            horizon_share_max: f64::INFINITY,
         })
     }
 
@@ -230,6 +232,17 @@ impl Problem {
         scaled.error_position_rad *= factor;
         scaled.error_velocity_rad_s *= factor;
         scaled
+    }
+
+    /// The same problem, certified for at least the errors in whose time unit delay and lag take this share.
+    #[must_use]
+    pub(super) fn with_horizon_share_max(&self, share: f64) -> Self {
+        Self { horizon_share_max: share, ..self.clone() }
+    }
+
+    /// Largest share of the time unit of a certified set that delay and lag take.
+    pub(super) fn horizon_share_max(&self) -> f64 {
+        self.horizon_share_max
     }
 
     /// (period, delay) at the corners of the stated ranges; a delay never exceeds its period.

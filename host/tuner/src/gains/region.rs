@@ -1,7 +1,9 @@
 //! Region of one phase: the semidefinite program in (P, t) for given gains, see [`super::saturated`].
 
 use super::certificate::Region;
-use super::law::{Family, Gains, Weights, row, scaled_loop, scales, slow_row, time_unit_s};
+use super::law::{
+    Family, Gains, Weights, certified_radius_rad, row, scaled_loop, scales, slow_row, time_unit_s,
+};
 use super::lmi::{Lmi, SolveError, symmetric_at, symmetric_unknowns};
 use super::problem::{Phase, Problem};
 use crate::model::{STATES, StateMatrix, StateRow, StateVector, target_row};
@@ -47,8 +49,10 @@ pub(super) fn region(
 ) -> Option<Region> {
     // Extent of the initial set along the drive's target, which is what H acts on.
     let target = DMatrix::from_row_slice(1, STATES, target_row(&problem.drive(), [1.0, 0.0, 0.0]).as_slice());
-    let extent = (target * generators).norm().max(generators.row(0).norm());
+    let asked = (target * generators).norm().max(generators.row(0).norm());
     let u_max = phase.u_max_rad_s2;
+    let extent = certified_radius_rad(problem, asked, u_max);
+    let generators = &(generators * (extent / asked));
     let scales = scales(problem, extent, u_max);
     let fast = row(gains);
     // The slow row must be slower than the gains themselves, or it bounds nothing.

@@ -322,3 +322,24 @@ fn scaled_loop_is_a_change_of_coordinates() {
     let radius = |m: &StateMatrix| m.complex_eigenvalues().iter().map(|z| z.norm()).fold(0.0, f64::max);
     assert!((radius(&closed) - radius(&plain)).abs() < 1e-9);
 }
+
+/// Found with `tune --plan`: joint 6 stands during the throw, 0.1 rad was certified and 0.02 rad was refused for its delay.
+#[test]
+fn smaller_errors_are_certified_too_and_with_gains_no_slower() {
+    let standing = |error: f64| JointInput {
+        acceleration_max_rad_s2: 22.3,
+        period_jitter: 0.25,
+        delay_s: (0.00225, 0.003),
+        phases: [Some(0.46), None].map(|duration_s| PhaseInput { duration_s, reference_max_rad_s2: 0.0 }).into(),
+        error_position_rad: error,
+        error_velocity_rad_s: error,
+        ..joint_1(0.003)
+    };
+    let mut slowest = 0.0f32;
+    for error in [0.1, 0.02, 0.004, 0.0005] {
+        let found = design(&Problem::new(&standing(error)).unwrap());
+        let stiffness = -found.unwrap_or_else(|e| panic!("{error}: {e}")).gains[0];
+        assert!(stiffness >= slowest, "{error}: {stiffness} after {slowest}");
+        slowest = stiffness;
+    }
+}
