@@ -151,3 +151,66 @@ fn gains_for_another_delay_are_refused_before_anything_moves() {
     assert_ne!(code(&thrown), 0, "{}", out(&thrown));
     assert!(err(&thrown).contains("fault 732") && err(&thrown).contains("next: "), "{}", err(&thrown));
 }
+
+/// `tune --error 0.02 --plan` was refused for a delay that does not bind: a joint that stands uses no acceleration.
+#[test]
+fn gains_for_a_plan_are_designed_and_compared_with_others_in_its_throw() {
+    let folder = Folder::new("robots-compare");
+    let (thrown, a, b) = (folder.file("thrown"), folder.file("a.toml"), folder.file("b.toml"));
+    assert_eq!(code(&cubectl(&["throw", "--target", "1,1,-1", "--out", &thrown])), 0);
+    let plan = folder.file("thrown/plan.json");
+    let tuned = cubectl(&["tune", "--error", "0.02", "--plan", &plan, "--no-trial", "--out", &a]);
+    assert_eq!(code(&tuned), 0, "{}", err(&tuned));
+    let mut own = std::fs::read_to_string(folder.0.join("thrown/gains.toml")).unwrap();
+    own.insert_str(0, "# Of the throw.\n");
+    std::fs::write(&b, own).unwrap();
+    let compared = cubectl(&["tune", "--compare", &a, &b, "--log", &thrown, "--json"]);
+    assert_eq!(code(&compared), 0, "{}{}", out(&compared), err(&compared));
+    let told: Value = serde_json::from_str(&out(&compared)).unwrap();
+    let rows = told["rows"].as_array().unwrap();
+    let of = |gains: &str, start: &str| {
+        let row = rows.iter().find(|row| row["gains"] == gains && row["start"] == start);
+        row.unwrap_or_else(|| panic!("{gains} {start}: {told:#}"))
+    };
+    // The measured throw is found to be of the second file, and its error is that of the simulation of it.
+    let (seen, expected) = (of(&b, "recorded"), of(&b, "on it"));
+    let ratio = seen["late_max_mrad"].as_f64().unwrap() / expected["late_max_mrad"].as_f64().unwrap();
+    assert!((0.5..2.0).contains(&ratio), "{told:#}");
+    assert!(of(&a, "on it")["landing_mm"].as_f64().unwrap() < 20.0, "{told:#}");
+    // Gains for the plan use what it leaves: errors are halved no later.
+    let halved = |gains: &str| -> Vec<f64> {
+        let row = of(gains, "100 mrad beside")["halved_s"].as_array().unwrap();
+        row.iter().map(|s| s.as_f64().unwrap()).collect()
+    };
+    assert!(halved(&a).iter().zip(halved(&b)).all(|(a, b)| *a <= b), "{told:#}");
+    let table = out(&cubectl(&["tune", "--compare", &a, &b, "--log", &thrown]));
+    for said in ["certificates verified", "late mrad  ", "largest position error of any joint after 0.35 s"] {
+        assert!(table.contains(said), "{said}: {table}");
+    }
+}
+
+#[test]
+fn errors_that_cannot_be_certified_give_the_gains_for_the_nearest_that_can() {
+    let folder = Folder::new("robots-nearest");
+    let gains = folder.file("g.toml");
+    let words = ["tune", "--joint", "1", "--no-trial", "--reference-share", "0.99"];
+    let tuned = cubectl(&[&words[..], &["--error", "0.5", "--out", &gains]].concat());
+    assert_eq!(code(&tuned), 9, "{}{}", out(&tuned), err(&tuned));
+    let told = err(&tuned);
+    assert!(told.contains("saturation binds") && told.contains("next: "), "{told}");
+    // What is named is what the file proves, and it is taken as named.
+    let file = GainsFile::from_toml(&std::fs::read_to_string(&gains).unwrap(), "powercube6").unwrap();
+    let nearest = file.joint[0].problem.error_position_rad;
+    assert!(nearest < 0.5 && told.contains(&format!("--error {nearest} ")), "{nearest}: {told}");
+    let advised: Vec<&str> = told.split("--error ").nth(1).unwrap().split([' ', ',']).take(2).collect();
+    let again = cubectl(&[&words[..], &["--error"], &advised].concat());
+    assert_eq!(code(&again), 0, "{advised:?}: {}", err(&again));
+    // And it is the nearest: a twentieth more cannot be certified.
+    let more = (1.05 * nearest).to_string();
+    assert_eq!(code(&cubectl(&[&words[..], &["--error", &more]].concat())), 9, "{more}");
+    // Nothing is put into a controller that was not asked for.
+    let applied = cubectl(
+        &[&words[..], &["--error", "0.5", "--apply", "--backup", &folder.file("before.toml")]].concat(),
+    );
+    assert!(code(&applied) == 9 && !folder.0.join("before.toml").exists(), "{}", out(&applied));
+}

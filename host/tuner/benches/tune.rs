@@ -103,7 +103,9 @@ fn main() {
     );
     println!("|---|---|---|---|---|---|---|");
     for period_s in [0.017, 0.003, 0.002] {
-        let demand = Demand::with_period(period_s);
+        // The paper's errors (section VI-B).
+        let demand =
+            Demand { error_position_rad: 0.1, error_velocity_rad_s: 0.1, ..Demand::with_period(period_s) };
         let Ok(data) = inputs(&machine, &motion, &demand) else { continue };
         for (name, design) in [("A paper", Design::Paper), ("B saturated", Design::Saturated)] {
             let start = cpu_s();

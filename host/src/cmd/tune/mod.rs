@@ -1,6 +1,8 @@
 //! `cubectl tune`: feedback gains with a certificate.
 
 mod apply;
+mod args;
+mod compare;
 mod trial;
 
 use std::fmt::Write as _;
@@ -18,130 +20,20 @@ use crate::error::ExpectedError;
 use crate::exit;
 pub(in crate::cmd) use apply::InForce;
 use apply::{ApplyError, OnBus, put};
-use operator::bus::key_file::KeyArgs;
-use operator::bus::settings::crc32_of;
-use operator::bus::{BusArgs, Session};
+pub use args::{Args, DesignArg, Joints};
+use operator::bus::Session;
+use operator::bus::settings::{crc32_of, settings_of};
 use planner::plan::file::PlanFile;
-use trial::built_in;
-use tuner::gains::design::{Design, Tuned, tune};
+use trial::{Named, Row, Throw};
+use tuner::gains::choose::gains_for;
+use tuner::gains::design::{Design, DesignError, Tuned, tune};
 use tuner::gains::gains_file::{FORMAT, GainsFile, GainsFileError};
-use tuner::gains::machine::{Demand, Machine, MachineError, ReferenceProfile, inputs, usual_jitter};
+use tuner::gains::machine::{
+    Demand, Machine, MachineError, ReferenceProfile, START_ERROR, inputs, usual_jitter,
+};
 use tuner::gains::picture;
-use tuner::gains::trial::TrialMotion;
+use tuner::gains::saturated::SaturatedError;
 use tuner::model::Estimator;
-
-/// Which design to use.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum DesignArg {
-    /// Theorem 1 of the paper: continuous time, never saturates.
-    Paper,
-    /// Discrete time with delay and drive lag, saturation certified.
-    Saturated,
-}
-
-/// Joints to tune: `all` or a number from 1.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Joints {
-    /// Every joint.
-    All,
-    /// One, from 1.
-    One(usize),
-}
-
-impl std::str::FromStr for Joints {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "all" => Ok(Self::All),
-            _ => match text.parse() {
-                Ok(n) if n >= 1 => Ok(Self::One(n)),
-                _ => Err("expected `all` or a joint number from 1".into()),
-            },
-        }
-    }
-}
-
-/// Arguments of `cubectl tune`.
-#[derive(Clone, Debug, clap::Args)]
-#[command(
-    after_help = "Examples:\n  cubectl tune --plan throw.json --out gains.toml --pictures pictures\n  cubectl tune --period 17 --joint 2 --design paper\n  cubectl tune --plan throw.json --apply --bus can0\n  cubectl tune --rollback gains-before.toml --bus can0\n\n--apply keeps the gains from before in --backup; the controller takes gains only while nothing moves\nand nothing is armed."
-)]
-pub struct Args {
-    /// Bus of the controller; `--robot` names the robot model.
-    #[command(flatten)]
-    pub bus: BusArgs,
-    /// Key of the controller.
-    #[command(flatten)]
-    pub key: KeyArgs,
-    /// Joint number from 1, or `all`.
-    #[arg(long, default_value = "all")]
-    pub joint: Joints,
-    /// Command period in ms; the firmware refuses gains for another one.
-    #[arg(long = "period", default_value_t = 3.0, value_name = "MS", allow_negative_numbers = true, value_parser = milliseconds)]
-    pub period_ms: f64,
-    /// Relative jitter of the period that the certificate covers [default: 2 ms, at least 0.1 and at most 0.25].
-    #[arg(long, value_name = "RATIO", allow_negative_numbers = true)]
-    pub jitter: Option<f64>,
-    /// Largest delay from position sample to action of the command in ms [default: one period].
-    #[arg(long = "delay", value_name = "MS", allow_negative_numbers = true, value_parser = milliseconds)]
-    pub delay_ms: Option<f64>,
-    /// Smallest delay in ms [default: the largest less the jitter].
-    #[arg(long = "delay-min", value_name = "MS", allow_negative_numbers = true, value_parser = milliseconds)]
-    pub delay_min_ms: Option<f64>,
-    /// Weight of a measurement on the position error in the controller's estimator, above 0 to 1 [default: 0.6, from a
-    /// period of 10 ms on 1].
-    #[arg(long, value_name = "WEIGHT", allow_negative_numbers = true)]
-    pub estimator_alpha: Option<f64>,
-    /// Weight on the rate of the error [default: 0.2, from a period of 10 ms on 1].
-    #[arg(long, value_name = "WEIGHT", allow_negative_numbers = true)]
-    pub estimator_beta: Option<f64>,
-    /// Plan whose accelerations are set aside for the reference (file of `cubectl plan throw`).
-    #[arg(long, value_name = "PLAN", conflicts_with = "reference_share")]
-    pub plan: Option<PathBuf>,
-    /// Without a plan: share of the acceleration for control that a motion uses.
-    #[arg(long, default_value_t = 0.8, value_name = "RATIO", allow_negative_numbers = true)]
-    pub reference_share: f64,
-    /// Initial position error to recover from, in rad.
-    #[arg(long, default_value_t = 0.1, value_name = "RAD", allow_negative_numbers = true)]
-    pub error_position: f64,
-    /// Initial velocity error to recover from, in rad/s.
-    #[arg(long, default_value_t = 0.1, value_name = "RAD_S", allow_negative_numbers = true)]
-    pub error_velocity: f64,
-    /// Design.
-    #[arg(long, value_enum, default_value_t = DesignArg::Saturated)]
-    pub design: DesignArg,
-    /// Gains file to write.
-    #[arg(long, value_name = "FILE")]
-    pub out: Option<PathBuf>,
-    /// Folder for one picture per joint (SVG); made if it is not there.
-    #[arg(long, value_name = "FOLDER")]
-    pub pictures: Option<PathBuf>,
-    /// Do not try the gains on the simulated cell.
-    #[arg(long)]
-    pub no_trial: bool,
-    /// Write the gains to the controller on the bus, and read them back.
-    #[arg(long)]
-    pub apply: bool,
-    /// Cyphal node-ID of the controller. Default: the one that is heard.
-    #[arg(long, value_name = "NODE-ID", value_parser = super::upload::node_id)]
-    pub controller: Option<NodeId>,
-    /// Where --apply keeps the gains from before.
-    #[arg(long, value_name = "FILE", default_value = "gains-before.toml")]
-    pub backup: PathBuf,
-    /// Put the gains of such a file back; nothing is designed.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["apply", "out", "pictures", "plan"])]
-    pub rollback: Option<PathBuf>,
-}
-
-/// A time in ms. One that can only be meant in seconds is refused here; the rest is judged with the machine.
-fn milliseconds(text: &str) -> Result<f64, String> {
-    let ms: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
-    if ms > 0.0 && ms < 0.1 {
-        return Err(format!("times are given in ms; {ms} s would be {}", 1e3 * ms));
-    }
-    Ok(ms)
-}
 
 /// Why `cubectl tune` stops.
 #[derive(Debug, thiserror::Error)]
@@ -164,7 +56,7 @@ pub enum TuneError {
     Share(f64),
     /// A joint.
     #[error(transparent)]
-    Design(#[from] tuner::gains::design::DesignError),
+    Design(#[from] DesignError),
     /// The file just written does not read back.
     #[error("the gains do not verify after rounding to text: {0}; please report this")]
     File(#[from] GainsFileError),
@@ -210,33 +102,43 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if let Some(path) = &args.rollback {
         return roll_back(args, path);
     }
-    let work = Work::new(args)?;
+    if !args.compare.is_empty() {
+        return compare::run(args);
+    }
     let bar = if std::io::stderr().is_terminal() { ProgressBar::no_length() } else { ProgressBar::hidden() };
-    let tuned = work.design(args, &bar.with_message("designing"))?;
-    console::text!("{}", table(&work.machine.robot, &work.demand, &tuned));
+    let (work, tuned, short) = Work::new(args)?.design_nearest(args, &bar.with_message("designing"))?;
+    if !args.json {
+        console::text!("{}", table(&work.machine.robot, &work.demand, &tuned));
+    }
     let file = work.file(&tuned);
     write_files(args, &file, &tuned)?;
+    let apply = args.apply && short.is_none();
     let mut link =
-        if args.apply || args.bus.bus != BusSpec::Sim { Some(ControllerOnBus::open(args)?) } else { None };
+        if apply || args.bus.bus != BusSpec::Sim { Some(ControllerOnBus::open(args)?) } else { None };
     let before = match &mut link {
-        Some(link) => link.gains()?,
-        None => built_in(),
+        Some(link) => Some(("in the controller", link.gains()?)),
+        None => work.shipped().map(|gains| ("shipped", gains)),
     };
-    if !args.no_trial {
-        match trial::compare(&work.robot, &before, &file, &work.trial) {
-            Ok(text) => console::text!("{text}"),
-            Err(why) => console::line!("not tried on the simulated cell: {why}"),
+    let tried = if args.no_trial { None } else { Some(work.try_out(before.as_ref(), &file)) };
+    if args.json {
+        super::print_json(&json(&work, &tuned, tried.as_ref().and_then(|rows| rows.as_deref().ok())));
+    } else {
+        match &tried {
+            Some(Ok(rows)) => console::text!("\n{}", trial::text(rows)),
+            Some(Err(why)) => console::line!("not tried on the simulated cell: {why}"),
+            None => {}
         }
     }
-    match link {
-        Some(mut link) if args.apply => {
+    match (link, before) {
+        (Some(mut link), Some((_, before))) if apply => {
             let robot_crc32 = crc32_of(&work.robot);
             link.apply(&before, &before.with(&file, robot_crc32)?, &args.backup)?;
-            Ok(link.session.finish()?)
+            link.session.finish()?;
         }
-        Some(link) => Ok(link.session.finish()?),
-        None => Ok(()),
+        (Some(link), _) => link.session.finish()?,
+        (None, _) => {}
     }
+    short.map_or(Ok(()), Err)
 }
 
 /// The gains file of `cubectl tune` with these words of its command line, for programs: nothing is printed, written or tried.
@@ -258,11 +160,13 @@ pub fn gains(words: &[String]) -> Result<GainsFile, ExpectedError> {
 
 /// What is designed for.
 struct Work {
+    /// Name or file of the robot.
+    source: String,
     robot: RobotModel,
     machine: Machine,
     motion: ReferenceProfile,
     demand: Demand,
-    trial: TrialMotion,
+    trial: Throw,
 }
 
 /// Errors from which no feedback recovers: a whole turn, and more speed than any joint has.
@@ -288,12 +192,13 @@ impl Work {
                 let plan = PlanFile::read(path).map_err(|e| ExpectedError::bad_input(&e))?;
                 let arm = super::robot(&source)?;
                 plan.require_robot(path, &arm).map_err(|e| ExpectedError::bad_input(&e))?;
-                (trial::demands(&plan), trial::of_plan(&plan))
+                let name = path.display().to_string();
+                (trial::demands(&plan), Throw { name, motion: trial::of_plan(&plan) })
             }
             None => {
                 let motion = ReferenceProfile::with_share(&machine, args.reference_share);
-                let trial = trial::of_share(&robot, args.reference_share);
-                (motion, trial)
+                let name = format!("swing, {:.0} %", 1e2 * args.reference_share);
+                (motion, Throw { name, motion: trial::of_share(&robot, args.reference_share) })
             }
         };
         let period_s = 1e-3 * args.period_ms;
@@ -301,12 +206,15 @@ impl Work {
         let jitter = args.jitter.unwrap_or_else(|| usual_jitter(period_s));
         let low_s = args.delay_min_ms.map_or((1.0 - jitter.clamp(0.0, 0.5)) * high_s, |ms| 1e-3 * ms);
         let usual = Estimator::usual(period_s);
-        for (option, value, most) in [
-            ("--error-position", args.error_position, ERROR_MAX_RAD),
-            ("--error-velocity", args.error_velocity, ERROR_MAX_RAD_S),
-        ] {
+        let position_rad = args.error.first().copied().unwrap_or(START_ERROR);
+        let velocity_rad_s = args.error.get(1).copied().unwrap_or(position_rad);
+        for (value, most, unit) in
+            [(position_rad, ERROR_MAX_RAD, "rad"), (velocity_rad_s, ERROR_MAX_RAD_S, "rad/s")]
+        {
             if value > most {
-                return Err(ExpectedError::bad_input(&format!("{option} {value} is above {most}")));
+                return Err(ExpectedError::bad_input(&format!(
+                    "--error {value} {unit} is above {most} {unit}"
+                )));
             }
         }
         let demand = Demand {
@@ -317,10 +225,29 @@ impl Work {
                 alpha: args.estimator_alpha.unwrap_or(usual.alpha),
                 beta: args.estimator_beta.unwrap_or(usual.beta),
             },
-            error_position_rad: args.error_position,
-            error_velocity_rad_s: args.error_velocity,
+            error_position_rad: position_rad,
+            error_velocity_rad_s: velocity_rad_s,
         };
-        Ok(Self { robot, machine, motion, demand, trial })
+        Ok(Self { source, robot, machine, motion, demand, trial })
+    }
+
+    /// What `throw` takes for this robot at this period; `None` where it has nothing.
+    fn shipped(&self) -> Option<InForce> {
+        let us = (1e6 * self.demand.period_s).round() as u32;
+        let (file, _) = gains_for(&self.robot, us).ok()?;
+        InForce::of(&settings_of(&self.robot).ok()?).with(&file, crc32_of(&self.robot)).ok()
+    }
+
+    /// The design, what it replaces and the yardsticks in the same throw on the simulated cell.
+    fn try_out(&self, before: Option<&(&str, InForce)>, file: &GainsFile) -> Result<Vec<Row>, String> {
+        let of_robot = settings_of(&self.robot).map_err(|why| why.to_string())?;
+        let under = before.map_or_else(|| InForce::of(&of_robot), |(_, gains)| gains.clone());
+        let after = under.with(file, crc32_of(&self.robot)).map_err(|why| why.to_string())?;
+        let named = |name: &str, gains: &InForce| Named { name: name.to_owned(), gains: gains.clone() };
+        let mut sets: Vec<Named> = before.map(|(name, gains)| named(name, gains)).into_iter().collect();
+        sets.push(named("this design", &after));
+        sets.extend(trial::yardsticks(&after, file));
+        Ok(trial::simulate(&self.robot, &of_robot, &sets, std::slice::from_ref(&self.trial)))
     }
 
     /// The designed gains as a file.
@@ -331,6 +258,39 @@ impl Work {
             period_s: self.demand.period_s,
             estimator: self.demand.estimator,
             joint: tuned.iter().map(Tuned::entry).collect(),
+        }
+    }
+
+    /// The design as asked; where the errors are too large for it, that for the largest ones that can be certified, with what
+    /// to report at the end.
+    fn design_nearest(
+        mut self,
+        args: &Args,
+        bar: &ProgressBar,
+    ) -> Result<(Self, Vec<Tuned>, Option<ExpectedError>), TuneError> {
+        let mut first: Option<String> = None;
+        loop {
+            let why = match self.design(args, bar) {
+                Ok(tuned) => {
+                    let short = first.map(|cause| short_of(&self.demand, &cause));
+                    return Ok((self, tuned, short));
+                }
+                Err(why) => why,
+            };
+            let TuneError::Design(DesignError::Saturated(SaturatedError::SaturationBinds {
+                radius_rad,
+                feasible_radius_rad,
+                ..
+            })) = &why
+            else {
+                return Err(why);
+            };
+            // Three figures to type. What they stand for is designed and proven before it is named.
+            let figures = 10f64.powf(2.0 - feasible_radius_rad.log10().floor());
+            let nearest_rad = (feasible_radius_rad * figures).floor() / figures;
+            self.demand.error_velocity_rad_s *= nearest_rad / radius_rad;
+            self.demand.error_position_rad = nearest_rad;
+            first.get_or_insert_with(|| why.to_string());
         }
     }
 
@@ -356,6 +316,45 @@ impl Work {
     }
 }
 
+/// What is reported when the gains are for smaller errors than asked for.
+fn short_of(demand: &Demand, cause: &str) -> ExpectedError {
+    let (position_rad, velocity_rad_s) = (demand.error_position_rad, demand.error_velocity_rad_s);
+    ExpectedError::new(
+        exit::FINDINGS,
+        format!(
+            "{cause}\n  next: the gains above are certified for {position_rad} rad and {velocity_rad_s:.4} rad/s, the largest errors \
+             of that shape; take them with --error {position_rad} {velocity_rad_s:.4}, or plan a slower motion"
+        ),
+    )
+}
+
+/// The tables as JSON.
+fn json(work: &Work, tuned: &[Tuned], tried: Option<&[Row]>) -> serde_json::Value {
+    let joints = tuned.iter().map(|joint| {
+        serde_json::json!({
+            "number": joint.input.joint,
+            "k_pos_1_s2": joint.gains[0],
+            "k_vel_1_s": joint.gains[1],
+            "k_last": joint.gains[2],
+            "decay_1_s": joint.decay_1_s(),
+            "overshoot": joint.evidence.map(|seen| seen.overshoot),
+            "settles_s": joint.evidence.map(|seen| seen.settling_s),
+            "delay_margin_s": joint.figures.delay_margin_s,
+            "margin": joint.margin(),
+        })
+    });
+    serde_json::json!({
+        "robot": work.machine.robot,
+        "period_s": work.demand.period_s,
+        "period_jitter_ratio": work.demand.period_jitter,
+        "delay_s": work.demand.delay_s,
+        "error_position_rad": work.demand.error_position_rad,
+        "error_velocity_rad_s": work.demand.error_velocity_rad_s,
+        "joints": joints.collect::<Vec<_>>(),
+        "rows": tried,
+    })
+}
+
 /// Gains file and pictures.
 fn write_files(args: &Args, file: &GainsFile, tuned: &[Tuned]) -> Result<(), TuneError> {
     if let Some(path) = &args.out {
@@ -363,7 +362,7 @@ fn write_files(args: &Args, file: &GainsFile, tuned: &[Tuned]) -> Result<(), Tun
         // What is on disk must prove, not what was in memory.
         GainsFile::from_toml(&toml, &file.robot)?;
         std::fs::write(path, toml).map_err(|cause| TuneError::Write { path: path.clone(), cause })?;
-        console::line!("wrote {} ({} joints, certificates verified)", path.display(), tuned.len());
+        console::note!("wrote {} ({} joints, certificates verified)", path.display(), tuned.len());
     }
     if let Some(folder) = &args.pictures {
         std::fs::create_dir_all(folder).map_err(|cause| TuneError::Write { path: folder.clone(), cause })?;
@@ -436,7 +435,19 @@ fn roll_back(args: &Args, path: &Path) -> Result<(), ExpectedError> {
     Ok(link.session.finish()?)
 }
 
-/// Table for the terminal.
+/// Columns of the table of joints and what they mean.
+const COLUMNS: [(&str, &str); 8] = [
+    ("k_pos 1/s2", "gain on the position error, as the controller holds it"),
+    ("k_vel 1/s", "on its rate; k_last is on the last command"),
+    ("left rad/s2", "acceleration that the motion leaves to correct with: what is clipped to"),
+    ("decay 1/s", "proven: errors fall at least so fast, clipped or not, at every period and delay above"),
+    ("overshoot", "simulated from a pure position error, largest over periods and delays"),
+    ("settles s", "simulated until the worst initial error stays below 2 % of its size"),
+    ("more delay ms", "additional delay at which the loop becomes unstable"),
+    ("margin", "smallest proven eigenvalue of the certificate; above 0 it holds"),
+];
+
+/// Table for the terminal, with a line for each column.
 pub fn table(robot: &str, demand: &Demand, tuned: &[Tuned]) -> String {
     let mut t = format!(
         "{robot}, period {} ms +-{:.0} %, delay {:.2} to {:.2} ms, initial errors {} rad and {} rad/s\n",
@@ -447,7 +458,7 @@ pub fn table(robot: &str, demand: &Demand, tuned: &[Tuned]) -> String {
         demand.error_position_rad,
         demand.error_velocity_rad_s
     );
-    t += "joint    k_pos    k_vel   k_last  left rad/s2  decay 1/s  overshoot  settles s  delay margin ms   margin\n";
+    t += "joint  k_pos 1/s2  k_vel 1/s   k_last  left rad/s2  decay 1/s  overshoot  settles s  more delay ms   margin\n";
     for joint in tuned {
         let left = joint.problem.phases().iter().map(|p| p.u_max_rad_s2).fold(f64::INFINITY, f64::min);
         let (overshoot, settling) = match &joint.evidence {
@@ -456,7 +467,7 @@ pub fn table(robot: &str, demand: &Demand, tuned: &[Tuned]) -> String {
         };
         let _ = writeln!(
             t,
-            "{:>5} {:>8.2} {:>8.3} {:>8.4} {:>12.2} {:>10.2} {:>10} {:>10} {:>16.1} {:>8.1e}",
+            "{:>5}  {:>10.2}  {:>9.3} {:>8.4} {:>12.2} {:>10.2} {:>10} {:>10} {:>14.1} {:>8.1e}",
             joint.input.joint,
             joint.gains[0],
             joint.gains[1],
@@ -469,6 +480,7 @@ pub fn table(robot: &str, demand: &Demand, tuned: &[Tuned]) -> String {
             joint.margin()
         );
     }
+    trial::explain(&mut t, &COLUMNS);
     t
 }
 
@@ -483,8 +495,15 @@ mod tests {
         args: Args,
     }
 
-    fn args(line: &str) -> Args {
+    pub(super) fn args(line: &str) -> Args {
         Cli::try_parse_from(std::iter::once("tune").chain(line.split_whitespace())).unwrap().args
+    }
+
+    /// The design of a command line.
+    pub(super) fn designed(args: &Args) -> (Work, GainsFile) {
+        let work = Work::new(args).unwrap();
+        let file = work.file(&work.design(args, &ProgressBar::hidden()).unwrap());
+        (work, file)
     }
 
     /// Design and files, without a trial; the table.
@@ -509,7 +528,7 @@ mod tests {
             ("--reference-share 1", "--reference-share is 1"),
             ("--reference-share NaN", "--reference-share is NaN"),
             ("--joint 7", "has joints 1 to 6, not 7"),
-            ("--error-position -0.1", "initial position error is -0.1"),
+            ("--error -0.1", "initial position error is -0.1"),
             ("--jitter -1", "period jitter is -1"),
             ("--estimator-beta 1.5", "weight beta of the estimator is 1.5"),
             ("--robot nowhere.toml", "nowhere"),
@@ -555,7 +574,7 @@ mod tests {
         args.backup = backup.clone();
         run(&args).unwrap();
         let before = InForce::from_toml(&std::fs::read_to_string(&backup).unwrap()).unwrap();
-        assert_eq!(before, built_in());
+        assert_eq!(before, InForce::of(&firmware::settings::Settings::powercube6()));
         // In another cell the rollback writes the values of the backup.
         args.rollback = Some(backup);
         run(&args).unwrap();

@@ -1,19 +1,21 @@
-//! Motions for trials, and the table that compares gains on the simulated cell.
+//! Motions for trials, and what gains do in them: on the simulated cell, and in recorded throws.
 
 use std::fmt::Write as _;
 
 use firmware::settings::Settings;
+use rayon::prelude::*;
 use robot_model::RobotModel;
+use serde::Serialize;
 
 use super::apply::InForce;
-use operator::bus::settings::crc32_of;
+use operator::analysis::RunAnalysis;
 use planner::plan::file::PlanFile;
 use tuner::gains::gains_file::{GainsFile, JointGains};
 use tuner::gains::lqr;
 use tuner::gains::machine::ReferenceProfile;
 use tuner::gains::problem::PhaseInput;
 use tuner::gains::saturated::Gains;
-use tuner::gains::trial::{JOINTS, Trial, TrialMotion, run, settings};
+use tuner::gains::trial::{LATE_S, Trial, TrialMotion, run, settings};
 
 /// Error at the start of a trial, rad: the paper's.
 const OFFSET_RAD: f64 = 0.1;
@@ -45,11 +47,12 @@ pub(super) fn demands(plan: &PlanFile) -> ReferenceProfile {
 /// The throw of a plan.
 pub(super) fn of_plan(plan: &PlanFile) -> TrialMotion {
     let motion: planner::motion::Motion = plan.motion.to_motion();
+    let joints = plan.motion.joints.len();
     let at = |numbers: &[f64], j: usize| numbers.get(j).copied().unwrap_or(0.0);
     let knots = motion
         .knots
         .iter()
-        .map(|knot| (knot.t_s, std::array::from_fn(|j| (at(&knot.q_rad, j), at(&knot.qd_rad_s, j)))));
+        .map(|knot| (knot.t_s, (0..joints).map(|j| (at(&knot.q_rad, j), at(&knot.qd_rad_s, j))).collect()));
     TrialMotion {
         knots: knots.collect(),
         release_s: Some(plan.release_time_s),
@@ -60,128 +63,219 @@ pub(super) fn of_plan(plan: &PlanFile) -> TrialMotion {
 /// Without a plan: every joint swings through the middle of its range and uses `share` of its acceleration.
 pub(super) fn of_share(robot: &RobotModel, share: f64) -> TrialMotion {
     let (ha, hb) = HA_HB_S;
-    let mut through = [(0.0, 0.0); JOINTS];
-    for (state, joint) in through.iter_mut().zip(robot.joints()) {
+    let middle = robot.joints().iter().map(|joint| {
         let limits = &joint.limits;
         let v = (0.5 * share * limits.a_control_max_rad_s2 * hb).min(0.9 * limits.v_max_rad_s);
-        *state = (0.5 * (limits.q_min_rad + limits.q_max_rad), v);
-    }
-    let rest = |way: f64| through.map(|(q, v)| (q + 2.0 / 3.0 * v * way, 0.0));
-    let knots = vec![(0.0, rest(-ha)), (ha, through), (ha + hb, rest(hb))];
+        (0.5 * (limits.q_min_rad + limits.q_max_rad), v)
+    });
+    let through: Vec<(f64, f64)> = middle.collect();
+    let rest = |way: f64| through.iter().map(|(q, v)| (q + 2.0 / 3.0 * v * way, 0.0)).collect();
+    let knots = vec![(0.0, rest(-ha)), (ha, through.clone()), (ha + hb, rest(hb))];
     TrialMotion { knots, release_s: None, target_m: None }
 }
 
-/// Gains of the firmware's built-in settings.
-pub(super) fn built_in() -> InForce {
-    InForce::of(&Settings::powercube6())
+/// Gains under a name.
+pub(super) struct Named {
+    pub(super) name: String,
+    pub(super) gains: InForce,
 }
 
-fn rows(gains: &InForce) -> Option<[Gains; JOINTS]> {
-    let row = |i: usize| Some([*gains.k_pos_1_s2.get(i)?, *gains.k_vel_1_s.get(i)?, *gains.k_last.get(i)?]);
-    let rows: Vec<Gains> = (0..JOINTS).filter_map(row).collect();
-    rows.try_into().ok()
+/// A motion under a name.
+#[derive(Clone, Debug)]
+pub(super) struct Throw {
+    pub(super) name: String,
+    pub(super) motion: TrialMotion,
+}
+
+/// What gains did in one throw; [`COLUMNS`] explains the numbers.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(super) struct Row {
+    pub(super) gains: String,
+    pub(super) throw: String,
+    /// Where the joints stood when it began, and who saw it.
+    pub(super) start: String,
+    pub(super) period_ms: f64,
+    pub(super) halved_s: Vec<f64>,
+    pub(super) late_max_mrad: Option<f64>,
+    pub(super) release_mrad: Option<f64>,
+    pub(super) release_mrad_s: Option<f64>,
+    pub(super) landing_mm: Option<f64>,
+    /// Why there are no numbers.
+    pub(super) failed: Option<String>,
+}
+
+/// Columns of the table and what they mean.
+const COLUMNS: [(&str, &str); 6] = [
+    (
+        "start",
+        "where every joint stood when the throw began: beside its start (beyond what is certified), or on it",
+    ),
+    ("late mrad", "largest position error of any joint after 0.35 s"),
+    ("release mrad", "largest position error of any joint when the hand opens"),
+    ("mrad/s", "largest velocity error of any joint then"),
+    ("landing mm", "from the target to where the ball lands"),
+    (
+        "halved s",
+        "from the order to run until the position error of a joint stays below half of its start, joint by joint",
+    ),
+];
+const _: () = assert!(LATE_S == 0.35);
+
+impl Row {
+    fn new(gains: &str, throw: &str, start: &str, period_us: u32) -> Self {
+        let [late_max_mrad, release_mrad, release_mrad_s, landing_mm] = [None; 4];
+        Self {
+            gains: gains.to_owned(),
+            throw: throw.to_owned(),
+            start: start.to_owned(),
+            period_ms: f64::from(period_us) * 1e-3,
+            halved_s: Vec::new(),
+            late_max_mrad,
+            release_mrad,
+            release_mrad_s,
+            landing_mm,
+            failed: None,
+        }
+    }
+
+    fn with(self, trial: Trial) -> Self {
+        let there = |x: f64| (!x.is_nan()).then_some(1e3 * x);
+        Self {
+            halved_s: trial.halved_s,
+            late_max_mrad: there(trial.late_max_rad),
+            release_mrad: there(trial.release.0),
+            release_mrad_s: there(trial.release.1),
+            landing_mm: trial.landing_m.and_then(there),
+            ..self
+        }
+    }
+}
+
+/// Every set of gains in every throw on the simulated cell, from beside the start and from it. Settings of the robot for
+/// everything but the gains.
+pub(super) fn simulate(
+    robot: &RobotModel,
+    of_robot: &Settings,
+    sets: &[Named],
+    throws: &[Throw],
+) -> Vec<Row> {
+    let starts = [(OFFSET_RAD, "100 mrad beside"), (0.0, "on it")];
+    let cases: Vec<_> = throws
+        .iter()
+        .flat_map(|throw| {
+            starts.iter().flat_map(move |start| sets.iter().map(move |set| (throw, start, set)))
+        })
+        .collect();
+    let row = |(throw, (offset_rad, start), Named { name, gains }): (&Throw, &(f64, &str), &Named)| {
+        let row = Row::new(name, &throw.name, start, gains.period_us);
+        let settings = settings(of_robot, &rows(gains), f64::from(gains.period_us) * 1e-6, gains.estimator());
+        match run(robot, &settings, &throw.motion, *offset_rad, SEED) {
+            Ok(trial) => row.with(trial),
+            Err(error) => Row { failed: Some(error.to_string()), ..row },
+        }
+    };
+    cases.into_par_iter().map(row).collect()
+}
+
+/// What was measured in a throw.
+pub(super) fn recorded(
+    gains: &str,
+    throw: &str,
+    period_us: u32,
+    seen: &RunAnalysis,
+    landing_m: Option<f64>,
+) -> Row {
+    let largest = |of: &mut dyn Iterator<Item = f64>| of.map(|x| 1e3 * x.abs()).reduce(f64::max);
+    let samples = || seen.joints.iter().flat_map(|joint| &joint.samples);
+    let late = |t_s: f64| (LATE_S..=seen.end_t_s).contains(&t_s);
+    Row {
+        late_max_mrad: largest(&mut samples().filter(|s| late(s.t_s)).map(|s| s.error_rad)),
+        release_mrad: largest(&mut seen.joints.iter().filter_map(|j| j.position_error_rad.at_release)),
+        release_mrad_s: largest(&mut seen.joints.iter().filter_map(|j| j.speed_error_rad_s.at_release)),
+        landing_mm: landing_m.map(|m| 1e3 * m),
+        ..Row::new(gains, throw, "recorded", period_us)
+    }
+}
+
+fn rows(gains: &InForce) -> Vec<Gains> {
+    let columns = gains.k_pos_1_s2.iter().zip(&gains.k_vel_1_s).zip(&gains.k_last);
+    columns.map(|((k_pos, k_vel), k_last)| [*k_pos, *k_vel, *k_last]).collect()
 }
 
 /// What the design is compared with, for gains of all joints: Theorem 1 of the paper for the same data, and plain LQR,
 /// which the drives clip.
-fn yardsticks(after: &InForce, file: &GainsFile) -> Vec<(&'static str, InForce)> {
+pub(super) fn yardsticks(after: &InForce, file: &GainsFile) -> Vec<Named> {
     let with = |rows: Vec<Gains>| {
         let column = |which: usize| rows.iter().map(|row| row[which]).collect();
         let (k_pos_1_s2, k_vel_1_s, k_last) = (column(0), column(1), column(2));
-        let whole = rows.len() == JOINTS;
+        let whole = rows.len() == after.k_pos_1_s2.len();
         whole.then(|| InForce { certificate_crc32: 0, k_pos_1_s2, k_vel_1_s, k_last, ..after.clone() })
     };
     let theorem_1 = |joint: &JointGains| joint.theorem_1(file.period_s, file.estimator);
     let paper = with(file.joint.iter().filter_map(theorem_1).collect());
     let (velocity_per_rad, input_per_rad) = LQR_WEIGHTS;
     let row = lqr::gains(file.period_s, file.period_s, velocity_per_rad, input_per_rad);
-    let lqr = row.and_then(|row| with(vec![row; JOINTS]));
+    let lqr = row.and_then(|row| with(vec![row; after.k_pos_1_s2.len()]));
     [("Theorem 1", paper), ("LQR, no certificate", lqr)]
         .into_iter()
-        .filter_map(|(name, gains)| Some((name, gains?)))
+        .filter_map(|(name, gains)| Some(Named { name: name.to_owned(), gains: gains? }))
         .collect()
 }
 
-/// Both sets of gains and the yardsticks on the simulated cell: beside the path and on it.
-///
-/// # Errors
-/// In words, why there is nothing to compare.
-pub(super) fn compare(
-    robot: &RobotModel,
-    before: &InForce,
-    file: &GainsFile,
-    motion: &TrialMotion,
-) -> Result<String, String> {
-    if robot.n() != JOINTS {
-        return Err("the firmware's built-in settings are for an arm of six joints".to_owned());
-    }
-    let after = before.with(file, crc32_of(robot)).map_err(|e| e.to_string())?;
-    let mut text = format!(
-        "on the simulated cell (seed {SEED}), every joint {OFFSET_RAD} rad beside its start | on its start\n\
-         gains                period ms  below {} rad after s, joint 1 to 6     after 0.35 s mrad  release mrad, mrad/s  \
-         landing mm\n",
-        0.5 * OFFSET_RAD
+/// Table for the terminal, with a line for each column.
+pub(super) fn text(rows: &[Row]) -> String {
+    let width =
+        |of: fn(&Row) -> &str, least: usize| rows.iter().map(|row| of(row).len()).fold(least, usize::max);
+    let (gains, throw) = (width(|row| &row.gains, 5), width(|row| &row.throw, 5));
+    let mut t = format!(
+        "{:<gains$}  {:<throw$}  {:<15}  period ms  late mrad  release mrad    mrad/s  landing mm  halved s\n",
+        "gains", "throw", "start"
     );
-    let mut table = vec![("in the controller", before.clone()), ("this design", after.clone())];
-    table.extend(yardsticks(&after, file));
-    for (name, gains) in &table {
-        let rows = rows(gains).ok_or("the controller does not hold gains of six joints")?;
-        let settings = settings(&rows, f64::from(gains.period_us) * 1e-6, gains.estimator());
-        let beside = run(robot, &settings, motion, OFFSET_RAD, SEED);
-        let on = run(robot, &settings, motion, 0.0, SEED);
-        let _ = match (beside, on) {
-            (Ok(beside), Ok(on)) => {
-                writeln!(
-                    text,
-                    "{name:<20} {:>9.1}  {}",
-                    f64::from(gains.period_us) * 1e-3,
-                    cells(&beside, &on)
-                )
-            }
-            (Err(e), _) | (_, Err(e)) => writeln!(text, "{name:<20} {e}"),
+    let cell = |x: Option<f64>| x.map_or_else(|| "-".to_owned(), |x| format!("{x:.2}"));
+    for row in rows {
+        let _ = write!(
+            t,
+            "{:<gains$}  {:<throw$}  {:<15}  {:>9.1}",
+            row.gains, row.throw, row.start, row.period_ms
+        );
+        let halved: Vec<String> = row.halved_s.iter().map(|s| format!("{s:.3}")).collect();
+        let _ = match &row.failed {
+            Some(why) => writeln!(t, "  {why}"),
+            None => writeln!(
+                t,
+                "  {:>9}  {:>12}  {:>8}  {:>10}  {}",
+                cell(row.late_max_mrad),
+                cell(row.release_mrad),
+                cell(row.release_mrad_s),
+                cell(row.landing_mm),
+                if halved.is_empty() { "-".to_owned() } else { halved.join(" ") }
+            ),
         };
     }
-    Ok(text)
+    explain(&mut t, &COLUMNS);
+    t
 }
 
-fn cells(beside: &Trial, on: &Trial) -> String {
-    let times: Vec<String> = beside.halved_s.iter().map(|t| format!("{t:.3}")).collect();
-    let pair = |a: f64, b: f64, digits: usize| format!("{a:.digits$} | {b:.digits$}");
-    let landing = match (beside.landing_m, on.landing_m) {
-        (Some(a), Some(b)) => pair(1e3 * a, 1e3 * b, 1),
-        _ => "-".to_owned(),
-    };
-    let release = if beside.release.0.is_nan() {
-        "-".to_owned()
-    } else {
-        format!(
-            "{:.2}, {:.1} | {:.2}, {:.1}",
-            1e3 * beside.release.0,
-            1e3 * beside.release.1,
-            1e3 * on.release.0,
-            1e3 * on.release.1
-        )
-    };
-    format!(
-        "{}  {:>16}  {release:>20}  {landing:>10}",
-        times.join(" "),
-        pair(1e3 * beside.late_max_rad, 1e3 * on.late_max_rad, 2)
-    )
+/// One line for each column.
+pub(super) fn explain(text: &mut String, columns: &[(&str, &str)]) {
+    for (column, meaning) in columns {
+        let _ = writeln!(text, "  {column:<15}  {meaning}");
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::tests::{args, designed};
     use super::*;
-    use tuner::gains::design::{Design, tune};
-    use tuner::gains::gains_file::FORMAT;
-    use tuner::gains::machine::{Demand, Machine, inputs};
-    use tuner::model::Estimator;
+    use operator::bus::settings::{crc32_of, settings_of};
+    use tuner::gains::choose::gains_for;
 
     #[test]
     fn built_in_gains_are_the_certified_ones_of_their_file() {
         let file = include_str!("../../../tuner/gains/powercube6-3ms.toml");
         let file = GainsFile::from_toml(file, "powercube6").unwrap();
-        assert_eq!(built_in().with(&file, built_in().robot_crc32).unwrap(), built_in());
+        let built_in = InForce::of(&Settings::powercube6());
+        assert_eq!(built_in.with(&file, built_in.robot_crc32).unwrap(), built_in);
     }
 
     #[test]
@@ -194,25 +288,32 @@ mod tests {
         assert!((2.0 * v / HA_HB_S.1 - 5.2).abs() < 1e-12, "{v}");
     }
 
+    /// `tune` without options designed gains that were half as fast as those that `throw` takes.
     #[test]
-    fn certified_gains_hold_in_the_simulated_cell_with_the_firmware_at_either_period() {
-        let robot = RobotModel::load("powercube6").unwrap();
-        let machine = Machine::from_robot(&robot).unwrap();
-        let motion = ReferenceProfile::with_share(&machine, 0.5);
-        for period_s in [0.017, 0.003] {
-            let data = inputs(&machine, &motion, &Demand::with_period(period_s)).unwrap();
-            let joint = data.iter().map(|i| tune(i, Design::Saturated).unwrap().entry()).collect();
-            let estimator = Estimator::usual(period_s);
-            let file = GainsFile { format: FORMAT, robot: "powercube6".into(), period_s, estimator, joint };
-            let text = compare(&robot, &built_in(), &file, &of_share(&robot, 0.5)).unwrap();
-            console::line!("{text}");
-            let rows = rows(&built_in().with(&file, built_in().robot_crc32).unwrap()).unwrap();
-            let found =
-                run(&robot, &settings(&rows, period_s, estimator), &of_share(&robot, 0.5), OFFSET_RAD, SEED)
-                    .unwrap();
-            // With all of 22.3 rad/s2 and the reference's help joint 6 needs 0.055 s.
-            assert!(found.halved_s.iter().all(|t| (0.04..0.25).contains(t)), "{found:?}");
-            assert!((1e-5..0.05).contains(&found.late_max_rad), "{found:?}");
+    fn what_tune_designs_by_itself_is_no_slower_than_what_throw_takes() {
+        let arm = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/robots/arm.toml");
+        for (robot, period_ms) in [("powercube6", 3), ("powercube6", 17), ("pincher4", 3), (arm, 3)] {
+            let (work, file) = designed(&args(&format!("--robot {robot} --period {period_ms}")));
+            let of_robot = settings_of(&work.robot).unwrap();
+            let (shipped, _) = gains_for(&work.robot, 1_000 * period_ms).unwrap();
+            let sets: Vec<Named> = [("shipped", &shipped), ("default", &file)]
+                .map(|(name, file)| {
+                    let gains = InForce::of(&of_robot).with(file, crc32_of(&work.robot)).unwrap();
+                    Named { name: name.to_owned(), gains }
+                })
+                .into();
+            let throws = [Throw { name: "share".to_owned(), motion: of_share(&work.robot, 0.8) }];
+            let found = simulate(&work.robot, &of_robot, &sets, &throws);
+            console::line!("{}", text(&found));
+            for pair in found.chunks(2) {
+                let [shipped, default] = pair else { panic!("{pair:?}") };
+                assert!(default.failed.is_none() && shipped.failed.is_none(), "{pair:?}");
+                let slower = default.halved_s.iter().zip(&shipped.halved_s).any(|(d, s)| d > s);
+                assert!(!slower && default.late_max_mrad <= shipped.late_max_mrad, "{robot}: {pair:?}");
+            }
+            // With all of its acceleration and the reference's help joint 6 of powercube6 needs 0.055 s.
+            let beside = &found[1].halved_s;
+            assert!(beside.iter().all(|t| (0.02..0.15).contains(t)), "{robot}: {beside:?}");
         }
     }
 }

@@ -35,8 +35,6 @@ pub fn built_in_of(held: &Settings) -> Option<GainsFile> {
 /// Control periods for which there are gains, µs, shortest first.
 pub const PERIODS_US: [u32; 5] = [BUILT_IN[0].0, BUILT_IN[1].0, BUILT_IN[2].0, BUILT_IN[3].0, BUILT_IN[4].0];
 
-/// Initial errors that a design on the way recovers from, as those of the built-in gains, rad and rad/s.
-const INITIAL_ERROR: f64 = 0.02;
 /// Share of the acceleration for control that it sets aside for the motion.
 const REFERENCE_SHARE: f64 = 0.8;
 
@@ -117,11 +115,7 @@ pub fn gains_for(robot: &RobotModel, period_us: u32) -> Result<(GainsFile, Gains
         return Ok((gains, GainsFrom::BuiltIn));
     }
     let period_s = f64::from(period_us) * 1e-6;
-    let demand = Demand {
-        error_position_rad: INITIAL_ERROR,
-        error_velocity_rad_s: INITIAL_ERROR,
-        ..Demand::with_period(period_s)
-    };
+    let demand = Demand::with_period(period_s);
     let all = inputs(&machine, &ReferenceProfile::with_share(&machine, REFERENCE_SHARE), &demand)?;
     let mut joint = Vec::new();
     for input in &all {

@@ -98,6 +98,10 @@ pub fn usual_jitter(period_s: f64) -> f64 {
     (0.002 / period_s).clamp(0.1, 0.25)
 }
 
+/// Initial errors that a design recovers from unless others are asked for, rad and rad/s: the controller starts no plan farther
+/// from its start (`start_tolerance_rad`), and what is larger than needed costs bandwidth.
+pub const START_ERROR: f64 = 0.02;
+
 /// Timing and error set, the same for all joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Demand {
@@ -117,7 +121,7 @@ pub struct Demand {
 
 impl Demand {
     /// A command that acts at the latest with the next measurement and [`usual_jitter`] earlier, the
-    /// estimator usual at the period, errors of 0.1 rad and 0.1 rad/s (the paper's figures, section VI-B).
+    /// estimator usual at the period, errors of [`START_ERROR`].
     pub fn with_period(period_s: f64) -> Self {
         let jitter = usual_jitter(period_s);
         Self {
@@ -125,8 +129,8 @@ impl Demand {
             period_jitter: jitter,
             delay_s: ((1.0 - jitter) * period_s, period_s),
             estimator: Estimator::usual(period_s),
-            error_position_rad: 0.1,
-            error_velocity_rad_s: 0.1,
+            error_position_rad: START_ERROR,
+            error_velocity_rad_s: START_ERROR,
         }
     }
 }
@@ -178,6 +182,12 @@ mod tests {
         let a: Vec<f64> = machine.joints.iter().map(|j| j.acceleration_max_rad_s2).collect();
         assert_eq!(a, [10.4, 10.4, 10.4, 10.4, 16.6, 22.3]);
         assert_eq!(machine.joints[0].drive, DriveLag::POWERCUBE);
+    }
+
+    #[test]
+    fn initial_errors_are_those_at_which_the_controller_starts_a_plan() {
+        let settings = firmware::settings::Settings::powercube6();
+        assert!(settings.joints().all(|j| settings.joint.at(j).start_tolerance_rad == START_ERROR as f32));
     }
 
     #[test]

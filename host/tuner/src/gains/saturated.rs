@@ -27,8 +27,8 @@
 
 use super::certificate::{Region, SaturatedCertificate};
 use super::evidence::settling_s;
-use super::law::{certified_radius_rad, horizon_s};
 pub use super::law::{Family, Gains, Weights, row, scales, time_unit_s};
+use super::law::{certified_radius_rad, horizon_s};
 use super::problem::Problem;
 use super::region::{Ask, region};
 use crate::model::{STATES, StateMatrix};

@@ -330,7 +330,9 @@ fn smaller_errors_are_certified_too_and_with_gains_no_slower() {
         acceleration_max_rad_s2: 22.3,
         period_jitter: 0.25,
         delay_s: (0.00225, 0.003),
-        phases: [Some(0.46), None].map(|duration_s| PhaseInput { duration_s, reference_max_rad_s2: 0.0 }).into(),
+        phases: [Some(0.46), None]
+            .map(|duration_s| PhaseInput { duration_s, reference_max_rad_s2: 0.0 })
+            .into(),
         error_position_rad: error,
         error_velocity_rad_s: error,
         ..joint_1(0.003)

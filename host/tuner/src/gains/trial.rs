@@ -27,12 +27,10 @@ use robot_model::cubic::Cubic;
 use super::saturated::Gains;
 use crate::model::Estimator;
 
-/// Joints of the arms that the firmware has settings for.
-pub const JOINTS: usize = 6;
 /// From this period on replies may take as long as in the paper, µs.
 const LONG_PERIOD_US: u32 = 10_000;
 /// After this the start is over, s.
-const LATE_S: f64 = 0.35;
+pub const LATE_S: f64 = 0.35;
 /// Time for start-up, self-test of the watchdogs included.
 const START_UP: Duration = Duration::from_secs(5);
 /// Longest wait for the ball to land.
@@ -42,7 +40,7 @@ const FLIGHT: Duration = Duration::from_millis(600);
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrialMotion {
     /// Time, s; position, rad, and velocity, rad/s, of each joint.
-    pub knots: Vec<(f64, [(f64, f64); JOINTS])>,
+    pub knots: Vec<(f64, Vec<(f64, f64)>)>,
     /// When the gripper lets go, s.
     pub release_s: Option<f64>,
     /// Target of the ball, m.
@@ -60,6 +58,10 @@ impl TrialMotion {
         (cubic.position(t_s - t0), cubic.velocity(t_s - t0))
     }
 
+    fn joints(&self) -> usize {
+        self.knots.first().map_or(0, |knot| knot.1.len())
+    }
+
     fn file(&self, period_us: u32) -> Option<Vec<u8>> {
         let us = |t_s: f64| (t_s * 1e6).round() as u32;
         let knots: Vec<Knot> = self
@@ -67,14 +69,14 @@ impl TrialMotion {
             .iter()
             .map(|(t_s, states)| {
                 let mut state = PerJoint::default();
-                for (joint, (q, v)) in JointIndex::first(JOINTS).zip(states) {
+                for (joint, (q, v)) in JointIndex::first(states.len()).zip(states) {
                     state.set(joint, (*q as f32, *v as f32));
                 }
                 Knot { t_us: us(*t_s), state }
             })
             .collect();
         let events = PlanEvents::release(self.release_s.map(us));
-        let header = Header { joints: JOINTS as u8, period_us, events, ..Header::default() };
+        let header = Header { joints: self.joints() as u8, period_us, events, ..Header::default() };
         let mut out = vec![0; FILE_LEN_MAX];
         let len = trajectory_format::encode(&header, &knots, &mut out)?;
         out.truncate(len);
@@ -82,11 +84,11 @@ impl TrialMotion {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Trial {
-    /// From the order to run until the position error of each joint stays below half of the initial one, s (NaN
-    /// without initial error). The plan itself begins two periods after the order.
-    pub halved_s: [f64; JOINTS],
+    /// From the order to run until the position error of each joint stays below half of the initial one, s; empty
+    /// without initial error. The plan itself begins two periods after the order.
+    pub halved_s: Vec<f64>,
     /// Largest position error of any joint after 0.35 s, rad.
     pub late_max_rad: f64,
     /// Largest position and velocity error at the release, rad and rad/s.
@@ -113,16 +115,16 @@ impl Observer for Quiet {
     fn on_frame(&mut self, _: Instant, _: Option<usize>, _: &Frame) {}
 }
 
-/// Settings of the soft controller with these gains: built-in ones for everything else.
-pub fn settings(gains: &[Gains; JOINTS], period_s: f64, estimator: Estimator) -> Settings {
-    let mut settings = Settings::powercube6();
+/// Settings of the soft controller with these gains: those of the robot for everything else.
+pub fn settings(of_robot: &Settings, gains: &[Gains], period_s: f64, estimator: Estimator) -> Settings {
+    let mut settings = *of_robot;
     let period_us = (period_s * 1e6).round() as u32;
     (settings.cycle_period_us, settings.gains_period_us) = (period_us, period_us);
     (settings.estimator_alpha, settings.estimator_beta) = (estimator.alpha as f32, estimator.beta as f32);
     if period_us >= LONG_PERIOD_US {
         settings.reply_deadline_us = Settings::powercube6_paper().reply_deadline_us;
     }
-    for (joint, [k_pos, k_vel, k_last]) in JointIndex::first(JOINTS).zip(*gains) {
+    for (joint, &[k_pos, k_vel, k_last]) in JointIndex::first(gains.len()).zip(gains) {
         let joint = settings.joint.at_mut(joint);
         (joint.k_error_1_s2, joint.k_rate_1_s, joint.k_last) = (k_pos, k_vel, k_last);
         // Beside the path is where a trial starts.
@@ -220,7 +222,7 @@ pub fn run(
     let mut options = CellOptions::default();
     options.drive.starts_homed = true;
     options.gripper.jitter = Duration::ZERO;
-    options.start_q_rad = Some((0..JOINTS).map(|i| motion.at(i, 0.0).0 + offset_rad).collect());
+    options.start_q_rad = Some((0..motion.joints()).map(|i| motion.at(i, 0.0).0 + offset_rad).collect());
     let plant = Cell::new(robot, &options, seed).map_err(|e| cell(&e))?;
     let node = Solo::new("controller", Controller::new(RamStorage::new(), settings, Seed::FORESEEABLE));
     let world = World::new((plant, node), BusConfig::default(), seed, Vec::new()).map_err(|e| cell(&e))?;
@@ -230,7 +232,7 @@ pub fn run(
         .ok_or_else(|| TrialError::Controller("cannot hold a motion of so many points".to_owned()))?;
     let start = lab.start(&file, settings.cycle_period_us)?;
     let mut trial = Trial {
-        halved_s: [if offset_rad == 0.0 { f64::NAN } else { 0.0 }; JOINTS],
+        halved_s: vec![0.0; if offset_rad == 0.0 { 0 } else { motion.joints() }],
         late_max_rad: 0.0,
         release: (f64::NAN, f64::NAN),
         landing_m: None,
@@ -262,7 +264,7 @@ pub fn run(
 /// `lead_s` lies between the order to run and time 0 of the motion.
 fn observe(cell: &Cell, motion: &TrialMotion, (t_s, lead_s): (f64, f64), offset_rad: f64, trial: &mut Trial) {
     let (mut e_max, mut v_max) = (0.0f64, 0.0f64);
-    for i in 0..JOINTS {
+    for i in 0..motion.joints() {
         let (q, v) = motion.at(i, t_s);
         let e = (cell.plant().link_q_rad(i) - q).abs();
         (e_max, v_max) = (e_max.max(e), v_max.max((cell.plant().axis(i).v_rad_s - v).abs()));
@@ -286,11 +288,12 @@ mod tests {
     #[test]
     fn motion_is_watched_between_the_commands_of_a_long_period_too() {
         let upright = [0.1, -1.47, -1.47, 0.1, 0.1, 0.1];
-        let all = |way_rad: f64, v_rad_s: f64| upright.map(|q| (q + way_rad, v_rad_s));
+        let all = |way_rad: f64, v_rad_s: f64| upright.map(|q| (q + way_rad, v_rad_s)).to_vec();
         let knots = vec![(0.0, all(0.0, 0.0)), (0.6, all(0.12, 0.3)), (1.0, all(0.2, 0.0))];
         // The release lies between two commands.
         let motion = TrialMotion { knots, release_s: Some(0.6), target_m: None };
-        let settings = settings(&[[-185.5, -23.07, -0.4546]; JOINTS], 0.017, Estimator::PLAIN);
+        let gains = [[-185.5, -23.07, -0.4546]; 6];
+        let settings = settings(&Settings::powercube6(), &gains, 0.017, Estimator::PLAIN);
         let robot = RobotModel::load("powercube6").unwrap();
         let found = run(&robot, &settings, &motion, 0.05, 1).unwrap();
         assert!(found.release.0 > 1e-6 && found.release.0 < 5e-3, "{found:?}");
