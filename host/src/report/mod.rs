@@ -10,6 +10,7 @@
 //! | `frame` | head and foot of the page of a job |
 //! | [`run`] | HTML report of a recorded run against its plan |
 //! | [`identify`] | HTML report of an identification |
+//! | [`tune`] | HTML report of a gain design |
 //! | [`catch`] | HTML report of catching a disc |
 //! | [`ball_catch`] | HTML report of catching a ball |
 //! | [`live`] | page of the live view of a bus |
@@ -38,3 +39,4 @@ pub mod robot;
 pub mod run;
 pub mod scene;
 pub mod timeline;
+pub mod tune;

@@ -42,7 +42,7 @@ impl std::str::FromStr for Joints {
 /// Arguments of `cubectl tune`.
 #[derive(Clone, Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl tune --plan throw.json --out gains.toml --pictures pictures\n  cubectl tune --period 17 --joint 2 --design paper\n  cubectl tune --plan throw.json --apply --bus can0\n  cubectl tune --rollback gains-before.toml --bus can0\n  cubectl tune --compare a.toml b.toml --log throw1\n\n--apply keeps the gains from before in --backup; the controller takes gains only while nothing moves\nand nothing is armed."
+    after_help = "Examples:\n  cubectl tune --plan throw.json --out gains.toml --report gains.html\n  cubectl tune --period 17 --joint 2 --design paper\n  cubectl tune --plan throw.json --apply --bus can0\n  cubectl tune --rollback gains-before.toml --bus can0\n  cubectl tune --compare a.toml b.toml --log throw1\n\nThe exit code is 9 if the errors asked for cannot be certified; the gains are then for the largest that can be, and are not\napplied.\n--apply keeps the gains from before in --backup; the controller takes gains only while nothing moves\nand nothing is armed."
 )]
 pub struct Args {
     /// Bus of the controller; `--robot` names the robot model.
@@ -90,11 +90,11 @@ pub struct Args {
     /// Gains file to write.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Folder for one picture per joint (SVG); made if it is not there.
-    #[arg(long, value_name = "FOLDER")]
-    pub pictures: Option<PathBuf>,
+    /// Page with the answer, the loop and the certificate of each joint as pictures.
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
     /// Compare the gains of two files in the same throws instead of designing: those of --log and --plan, or a swing.
-    #[arg(long, num_args = 2, value_names = ["A", "B"], conflicts_with_all = ["apply", "out", "pictures", "rollback", "no_trial", "joint", "error"])]
+    #[arg(long, num_args = 2, value_names = ["A", "B"], conflicts_with_all = ["apply", "out", "report", "rollback", "no_trial", "joint", "error"])]
     pub compare: Vec<PathBuf>,
     /// Folder of a recorded throw to compare in, as often as there are throws: simulated with both, and as measured.
     #[arg(long, value_name = "FOLDER", requires = "compare")]
@@ -111,11 +111,11 @@ pub struct Args {
     /// Cyphal node-ID of the controller. Default: the one that is heard.
     #[arg(long, value_name = "NODE-ID", value_parser = crate::cmd::upload::node_id)]
     pub controller: Option<NodeId>,
-    /// Where --apply keeps the gains from before.
+    /// Where The exit code is 9 if the errors asked for cannot be certified; the gains are then for the largest that can be, and are not\napplied.\n--apply keeps the gains from before.
     #[arg(long, value_name = "FILE", default_value = "gains-before.toml")]
     pub backup: PathBuf,
     /// Put the gains of such a file back; nothing is designed.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["apply", "out", "pictures", "plan"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["apply", "out", "report", "plan"])]
     pub rollback: Option<PathBuf>,
 }
 

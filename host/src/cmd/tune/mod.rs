@@ -3,9 +3,9 @@
 mod apply;
 mod args;
 mod compare;
+mod shown;
 mod trial;
 
-use std::fmt::Write as _;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
@@ -31,7 +31,6 @@ use tuner::gains::gains_file::{FORMAT, GainsFile, GainsFileError};
 use tuner::gains::machine::{
     Demand, Machine, MachineError, ReferenceProfile, START_ERROR, inputs, usual_jitter,
 };
-use tuner::gains::picture;
 use tuner::gains::saturated::SaturatedError;
 use tuner::model::Estimator;
 
@@ -68,21 +67,13 @@ pub enum TuneError {
         /// From the system.
         cause: std::io::Error,
     },
-    /// Drawing.
-    #[error("cannot draw joint {joint}: {cause}")]
-    Picture {
-        /// Joint number.
-        joint: usize,
-        /// From the library.
-        cause: String,
-    },
 }
 
 impl From<TuneError> for ExpectedError {
     fn from(error: TuneError) -> Self {
         match error {
             TuneError::Write { .. } => Self::new(exit::OUTPUT, error.to_string()),
-            TuneError::File(_) | TuneError::Picture { .. } => Self::new(exit::BUG, error.to_string()),
+            TuneError::File(_) => Self::new(exit::BUG, error.to_string()),
             _ => Self::bad_input(&error),
         }
     }
@@ -108,7 +99,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let bar = if std::io::stderr().is_terminal() { ProgressBar::no_length() } else { ProgressBar::hidden() };
     let (work, tuned, short) = Work::new(args)?.design_nearest(args, &bar.with_message("designing"))?;
     if !args.json {
-        console::text!("{}", table(&work.machine.robot, &work.demand, &tuned));
+        console::text!("{}", shown::table(&work.machine.robot, &work.demand, &tuned));
     }
     let file = work.file(&tuned);
     write_files(args, &file, &tuned)?;
@@ -121,13 +112,19 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     };
     let tried = if args.no_trial { None } else { Some(work.try_out(before.as_ref(), &file)) };
     if args.json {
-        super::print_json(&json(&work, &tuned, tried.as_ref().and_then(|rows| rows.as_deref().ok())));
+        super::print_json(&shown::json(&work, &tuned, tried.as_ref().and_then(|rows| rows.as_deref().ok())));
     } else {
         match &tried {
             Some(Ok(rows)) => console::text!("\n{}", trial::text(rows)),
             Some(Err(why)) => console::line!("not tried on the simulated cell: {why}"),
             None => {}
         }
+    }
+    if let Some(path) = &args.report {
+        let rows = tried.and_then(Result::ok);
+        let html = shown::page(&work, &tuned, short.as_ref(), rows.as_deref());
+        std::fs::write(path, html).map_err(|cause| TuneError::Write { path: path.clone(), cause })?;
+        console::note!("wrote {}", path.display());
     }
     match (link, before) {
         (Some(mut link), Some((_, before))) if apply => {
@@ -147,9 +144,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 /// A word is refused (exit code 2 of the program), bad input, or a joint that cannot be tuned, with the binding condition.
 pub fn gains(words: &[String]) -> Result<GainsFile, ExpectedError> {
     let args: Args = super::words::parse("tune", words)?;
-    if args.apply || args.rollback.is_some() || args.out.is_some() || args.pictures.is_some() {
+    if args.apply || args.rollback.is_some() || args.out.is_some() || args.report.is_some() {
         return Err(ExpectedError::bad_input(
-            &"--apply, --rollback, --out and --pictures are for the program: run `cubectl tune`",
+            &"--apply, --rollback, --out and --report are for the program: run `cubectl tune`",
         ));
     }
     let work = Work::new(&args)?;
@@ -328,34 +325,7 @@ fn short_of(demand: &Demand, cause: &str) -> ExpectedError {
     )
 }
 
-/// The tables as JSON.
-fn json(work: &Work, tuned: &[Tuned], tried: Option<&[Row]>) -> serde_json::Value {
-    let joints = tuned.iter().map(|joint| {
-        serde_json::json!({
-            "number": joint.input.joint,
-            "k_pos_1_s2": joint.gains[0],
-            "k_vel_1_s": joint.gains[1],
-            "k_last": joint.gains[2],
-            "decay_1_s": joint.decay_1_s(),
-            "overshoot": joint.evidence.map(|seen| seen.overshoot),
-            "settles_s": joint.evidence.map(|seen| seen.settling_s),
-            "delay_margin_s": joint.figures.delay_margin_s,
-            "margin": joint.margin(),
-        })
-    });
-    serde_json::json!({
-        "robot": work.machine.robot,
-        "period_s": work.demand.period_s,
-        "period_jitter_ratio": work.demand.period_jitter,
-        "delay_s": work.demand.delay_s,
-        "error_position_rad": work.demand.error_position_rad,
-        "error_velocity_rad_s": work.demand.error_velocity_rad_s,
-        "joints": joints.collect::<Vec<_>>(),
-        "rows": tried,
-    })
-}
-
-/// Gains file and pictures.
+/// Gains file.
 fn write_files(args: &Args, file: &GainsFile, tuned: &[Tuned]) -> Result<(), TuneError> {
     if let Some(path) = &args.out {
         let toml = file.to_toml();
@@ -363,16 +333,6 @@ fn write_files(args: &Args, file: &GainsFile, tuned: &[Tuned]) -> Result<(), Tun
         GainsFile::from_toml(&toml, &file.robot)?;
         std::fs::write(path, toml).map_err(|cause| TuneError::Write { path: path.clone(), cause })?;
         console::note!("wrote {} ({} joints, certificates verified)", path.display(), tuned.len());
-    }
-    if let Some(folder) = &args.pictures {
-        std::fs::create_dir_all(folder).map_err(|cause| TuneError::Write { path: folder.clone(), cause })?;
-        for joint in tuned {
-            let number = joint.input.joint;
-            let svg = picture::svg(joint).map_err(|cause| TuneError::Picture { joint: number, cause })?;
-            let path = folder.join(format!("joint{number}.svg"));
-            std::fs::write(&path, svg).map_err(|cause| TuneError::Write { path: path.clone(), cause })?;
-            console::line!("wrote {}", path.display());
-        }
     }
     Ok(())
 }
@@ -435,55 +395,6 @@ fn roll_back(args: &Args, path: &Path) -> Result<(), ExpectedError> {
     Ok(link.session.finish()?)
 }
 
-/// Columns of the table of joints and what they mean.
-const COLUMNS: [(&str, &str); 8] = [
-    ("k_pos 1/s2", "gain on the position error, as the controller holds it"),
-    ("k_vel 1/s", "on its rate; k_last is on the last command"),
-    ("left rad/s2", "acceleration that the motion leaves to correct with: what is clipped to"),
-    ("decay 1/s", "proven: errors fall at least so fast, clipped or not, at every period and delay above"),
-    ("overshoot", "simulated from a pure position error, largest over periods and delays"),
-    ("settles s", "simulated until the worst initial error stays below 2 % of its size"),
-    ("more delay ms", "additional delay at which the loop becomes unstable"),
-    ("margin", "smallest proven eigenvalue of the certificate; above 0 it holds"),
-];
-
-/// Table for the terminal, with a line for each column.
-pub fn table(robot: &str, demand: &Demand, tuned: &[Tuned]) -> String {
-    let mut t = format!(
-        "{robot}, period {} ms +-{:.0} %, delay {:.2} to {:.2} ms, initial errors {} rad and {} rad/s\n",
-        demand.period_s * 1e3,
-        demand.period_jitter * 1e2,
-        demand.delay_s.0 * 1e3,
-        demand.delay_s.1 * 1e3,
-        demand.error_position_rad,
-        demand.error_velocity_rad_s
-    );
-    t += "joint  k_pos 1/s2  k_vel 1/s   k_last  left rad/s2  decay 1/s  overshoot  settles s  more delay ms   margin\n";
-    for joint in tuned {
-        let left = joint.problem.phases().iter().map(|p| p.u_max_rad_s2).fold(f64::INFINITY, f64::min);
-        let (overshoot, settling) = match &joint.evidence {
-            Some(e) => (format!("{:.1} %", 100.0 * e.overshoot), format!("{:.3}", e.settling_s)),
-            None => ("-".into(), "-".into()),
-        };
-        let _ = writeln!(
-            t,
-            "{:>5}  {:>10.2}  {:>9.3} {:>8.4} {:>12.2} {:>10.2} {:>10} {:>10} {:>14.1} {:>8.1e}",
-            joint.input.joint,
-            joint.gains[0],
-            joint.gains[1],
-            joint.gains[2],
-            left,
-            joint.decay_1_s(),
-            overshoot,
-            settling,
-            1e3 * joint.figures.delay_margin_s,
-            joint.margin()
-        );
-    }
-    trial::explain(&mut t, &COLUMNS);
-    t
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -514,7 +425,7 @@ mod tests {
         let (period_s, estimator) = (demand.period_s, demand.estimator);
         let joint = tuned.iter().map(Tuned::entry).collect();
         write_files(args, &GainsFile { format: FORMAT, robot, period_s, estimator, joint }, &tuned)?;
-        Ok(table(&work.machine.robot, &work.demand, &tuned))
+        Ok(shown::table(&work.machine.robot, &work.demand, &tuned))
     }
 
     #[test]
@@ -547,19 +458,16 @@ mod tests {
     }
 
     #[test]
-    fn one_joint_is_tuned_written_and_drawn() {
+    fn one_joint_is_tuned_and_written() {
         let folder = std::env::temp_dir().join(format!("cubectl-tune-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let out = folder.join("gains.toml");
         let mut args = args("--joint 1 --period 17 --design paper --reference-share 0.5");
-        // The folder for the pictures is made.
-        let pictures = folder.join("new").join("pictures");
-        (args.out, args.pictures) = (Some(out.clone()), Some(pictures.clone()));
+        args.out = Some(out.clone());
         let text = run_files(&args).unwrap();
         assert_eq!(text.lines().filter(|l| l.trim_start().starts_with("1 ")).count(), 1, "{text}");
         let file = GainsFile::from_toml(&std::fs::read_to_string(&out).unwrap(), "powercube6").unwrap();
         assert_eq!(file.joint.len(), 1);
-        assert!(std::fs::read_to_string(pictures.join("joint1.svg")).unwrap().starts_with("<svg"));
         args.out = Some(folder.join("missing").join("gains.toml"));
         assert_eq!(run_files(&args).unwrap_err().code, exit::OUTPUT);
         std::fs::remove_dir_all(&folder).unwrap();

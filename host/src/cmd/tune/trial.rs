@@ -8,6 +8,7 @@ use robot_model::RobotModel;
 use serde::Serialize;
 
 use super::apply::InForce;
+use crate::report::tune::Table;
 use operator::analysis::RunAnalysis;
 use planner::plan::file::PlanFile;
 use tuner::gains::gains_file::{GainsFile, JointGains};
@@ -222,37 +223,54 @@ pub(super) fn yardsticks(after: &InForce, file: &GainsFile) -> Vec<Named> {
         .collect()
 }
 
+/// The rows as a table.
+pub(super) fn table(rows: &[Row]) -> Table<'static> {
+    let head = [
+        "gains",
+        "throw",
+        "start",
+        "period ms",
+        "late mrad",
+        "release mrad",
+        "mrad/s",
+        "landing mm",
+        "halved s",
+    ];
+    let cell = |x: Option<f64>| x.map_or_else(|| "-".to_owned(), |x| format!("{x:.2}"));
+    let cells = |row: &Row| {
+        let halved: Vec<String> = row.halved_s.iter().map(|s| format!("{s:.3}")).collect();
+        let halved = if halved.is_empty() { "-".to_owned() } else { halved.join(" ") };
+        vec![
+            row.gains.clone(),
+            row.throw.clone(),
+            row.start.clone(),
+            format!("{:.1}", row.period_ms),
+            cell(row.late_max_mrad),
+            cell(row.release_mrad),
+            cell(row.release_mrad_s),
+            cell(row.landing_mm),
+            row.failed.clone().unwrap_or(halved),
+        ]
+    };
+    Table { head: head.into(), rows: rows.iter().map(cells).collect(), columns: &COLUMNS }
+}
+
 /// Table for the terminal, with a line for each column.
 pub(super) fn text(rows: &[Row]) -> String {
-    let width =
-        |of: fn(&Row) -> &str, least: usize| rows.iter().map(|row| of(row).len()).fold(least, usize::max);
-    let (gains, throw) = (width(|row| &row.gains, 5), width(|row| &row.throw, 5));
-    let mut t = format!(
-        "{:<gains$}  {:<throw$}  {:<15}  period ms  late mrad  release mrad    mrad/s  landing mm  halved s\n",
-        "gains", "throw", "start"
-    );
-    let cell = |x: Option<f64>| x.map_or_else(|| "-".to_owned(), |x| format!("{x:.2}"));
-    for row in rows {
-        let _ = write!(
-            t,
-            "{:<gains$}  {:<throw$}  {:<15}  {:>9.1}",
-            row.gains, row.throw, row.start, row.period_ms
-        );
-        let halved: Vec<String> = row.halved_s.iter().map(|s| format!("{s:.3}")).collect();
-        let _ = match &row.failed {
-            Some(why) => writeln!(t, "  {why}"),
-            None => writeln!(
-                t,
-                "  {:>9}  {:>12}  {:>8}  {:>10}  {}",
-                cell(row.late_max_mrad),
-                cell(row.release_mrad),
-                cell(row.release_mrad_s),
-                cell(row.landing_mm),
-                if halved.is_empty() { "-".to_owned() } else { halved.join(" ") }
-            ),
-        };
+    let Table { head, rows, columns } = table(rows);
+    let head: Vec<String> = head.into_iter().map(str::to_owned).collect();
+    let all: Vec<&Vec<String>> = std::iter::once(&head).chain(&rows).collect();
+    let width = |i: usize| all.iter().map(|row| row[i].chars().count()).max().unwrap_or(0);
+    let mut t = String::new();
+    for row in &all {
+        let cells = row.iter().enumerate().map(|(i, cell)| match i {
+            0..=2 => format!("{cell:<0$}", width(i)),
+            8 => cell.clone(),
+            _ => format!("{cell:>0$}", width(i)),
+        });
+        let _ = writeln!(t, "{}", cells.collect::<Vec<_>>().join("  "));
     }
-    explain(&mut t, &COLUMNS);
+    explain(&mut t, columns);
     t
 }
 

@@ -26,17 +26,27 @@ pub(super) fn linear_figures(problem: &Problem, gains: Gains) -> LinearFigures {
     LinearFigures { spectral_radius: radius, decay_1_s: -radius.ln() / period, delay_margin_s }
 }
 
-/// Smallest (phase margin / frequency) over the crossings |L| = 1 of the loop -K (zI - A)^-1 B.
-fn delay_margin(model: &Sampled, gains: Gains, period: f64) -> f64 {
+/// Loop gain -K (zI - A)^-1 B at `omega`, rad/s.
+fn loop_gain(model: &Sampled, gains: Gains, period: f64, omega: f64) -> Complex<f64> {
     let complex = |x: f64| Complex::new(x, 0.0);
     let (k, a, b) = (row(gains).map(complex), model.a.map(complex), model.b.map(complex));
-    let loop_gain = |omega: f64| -> Complex<f64> {
-        let z = Complex::from_polar(1.0, omega * period);
-        match (SMatrix::<Complex<f64>, STATES, STATES>::from_diagonal_element(z) - a).lu().solve(&b) {
-            Some(x) => -(k * x)[0],
-            None => complex(f64::INFINITY),
-        }
-    };
+    let z = Complex::from_polar(1.0, omega * period);
+    match (SMatrix::<Complex<f64>, STATES, STATES>::from_diagonal_element(z) - a).lu().solve(&b) {
+        Some(x) => -(k * x)[0],
+        None => complex(f64::INFINITY),
+    }
+}
+
+/// Sensitivity |1 / (1 + L)| and complementary sensitivity |L / (1 + L)| at a frequency.
+pub(super) fn sensitivity(model: &Sampled, gains: Gains, period: f64, hz: f64) -> (f64, f64) {
+    let l = loop_gain(model, gains, period, std::f64::consts::TAU * hz);
+    let s = (l + 1.0).norm().recip();
+    (s, s * l.norm())
+}
+
+/// Smallest (phase margin / frequency) over the crossings |L| = 1 of the loop.
+fn delay_margin(model: &Sampled, gains: Gains, period: f64) -> f64 {
+    let loop_gain = |omega: f64| loop_gain(model, gains, period, omega);
     let nyquist = std::f64::consts::PI / period;
     let points = 1000;
     // Logarithmic from a thousandth of Nyquist: crossings lie around the bandwidth.

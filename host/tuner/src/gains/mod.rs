@@ -14,13 +14,13 @@
 //! | `certificate` | what design B claims, and its check |
 //! | `evidence` | the saturated loop simulated from the certified region |
 //! | [`lqr`] | plain LQR, to compare with |
-//! | `margins` | eigenvalues and delay margin |
+//! | `margins` | eigenvalues, delay margin, sensitivity |
 //! | [`plant`], [`compare`] | joint with friction and encoder following a throw |
 //! | [`trial`] | gains on the simulated cell with the firmware's controller |
 //! | [`design`] | one joint, all of the above |
 //! | [`gains_file`] | `gains.toml`, proven again when read |
 //! | [`choose`] | gains for a robot at a period: built in, or designed on the way |
-//! | [`picture`] | region and trajectories as SVG |
+//! | [`picture`] | curves of a tuned joint to draw |
 //!
 //! What the certificate of design B covers: the firmware's law as it runs, that is its estimator with its weights, gains as
 //! the f32 it holds, the clip to what the reference leaves, the command that acts a delay later, the drive's position loop,

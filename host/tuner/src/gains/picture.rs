@@ -1,78 +1,146 @@
-//! Picture of a tuned joint: certified region with trajectories, and errors over time.
+//! What is drawn of a tuned joint: its answer to an error, its loop over the frequency, and its certificate.
 
 use super::design::{Proof, Tuned};
+use super::margins::sensitivity;
 use super::saturated::row;
 use crate::model::{StateVector, steady_state};
-use plotters::coord::Shift;
-use plotters::prelude::*;
 
-/// Size of the picture, px.
-const SIZE: (u32, u32) = (1100, 480);
-/// Trajectories drawn.
+/// Trajectories of the phase plane.
 const STARTS: usize = 12;
-const REGION: RGBColor = RGBColor(31, 119, 180);
-const CLIPPED: RGBColor = RGBColor(214, 39, 40);
-const INITIAL: RGBColor = RGBColor(127, 127, 127);
-const FREE: RGBColor = RGBColor(44, 160, 44);
+/// Points of a curve over the frequency.
+const FREQUENCIES: usize = 240;
+/// Bandwidths up to which the loop is drawn.
+const BANDWIDTHS: f64 = 8.0;
+/// Sides of an ellipse.
+const SIDES: usize = 120;
 
-/// A number on an axis; zero without a sign.
-fn label(x: &f64) -> String {
-    let text = format!("{x:.3}");
-    if text == "-0.000" { "0.000".to_owned() } else { text }
+/// Points (x, y).
+pub type Points = Vec<(f64, f64)>;
+
+/// Curves of a joint.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Curves {
+    /// Position error over time from the initial position error, s and rad: nominal, then at each corner of periods and delays.
+    pub answers: Vec<Points>,
+    /// |S| and |T| over the frequency, Hz: nominal, then at each corner.
+    pub loops: Vec<[Points; 2]>,
+    /// Largest |S| of all of them.
+    pub sensitivity_max: f64,
+    /// Boundary of the certified region, position error rad and velocity error rad/s.
+    pub region: Points,
+    /// Boundary of the initial errors.
+    pub initial: Points,
+    /// From that boundary, (position, velocity): stretches and whether the command is clipped on them.
+    pub stretches: Vec<(bool, Points)>,
+    /// sqrt(V) over time, s: largest from the boundary of the initial errors, at each corner; empty for the paper's design.
+    pub falls: Vec<Points>,
+    /// What is proven of it.
+    pub proven: Points,
 }
 
-/// A trajectory of the saturated loop: (time s, position rad, velocity rad/s, clipped).
-type Points = Vec<(f64, f64, f64, bool)>;
-
-/// SVG text; `Err` carries the drawing library's message.
-///
-/// # Errors
-/// If the drawing library refuses (it has no reason to).
-pub fn svg(tuned: &Tuned) -> Result<String, String> {
-    let mut text = String::new();
-    {
-        let area = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
-        area.fill(&WHITE).map_err(|e| e.to_string())?;
-        let (left, right) = area.split_horizontally(SIZE.0 as i32 / 2);
-        let runs: Vec<Points> = (0..STARTS).map(|i| run(tuned, i)).collect();
-        phase_plane(&left, tuned, &runs).map_err(|e| e.to_string())?;
-        over_time(&right, tuned, &runs).map_err(|e| e.to_string())?;
-        area.present().map_err(|e| e.to_string())?;
-    }
-    Ok(text)
-}
-
-/// From the `i`-th start on the boundary of the initial set, at the certified bound.
-fn run(tuned: &Tuned, i: usize) -> Points {
+/// Curves of `tuned`; periods and delays are those of the certificate.
+#[must_use]
+pub fn curves(tuned: &Tuned) -> Curves {
     let problem = &tuned.problem;
     let (e0, v0) = problem.error_set();
-    let (period, delay) = problem.grid(1)[0];
-    let model = problem.sampled(period, delay);
+    let horizon_s =
+        tuned.evidence.map_or(4.0 / tuned.figures.decay_1_s.max(0.5), |e| 1.2 * e.settling_s).clamp(0.1, 4.0);
+    let timings: Vec<(f64, f64)> = problem.grid(1).into_iter().chain(problem.corners()).collect();
+    let around = |i: usize| {
+        let (s, c) = (std::f64::consts::TAU * i as f64 / SIDES as f64).sin_cos();
+        (e0 * c, v0 * s)
+    };
+    let at = |start: (f64, f64), timing| run(tuned, steady_state(start.0, start.1), timing, horizon_s);
+    let answers = timings.iter().map(|&timing| {
+        let run = at((e0, 0.0), timing);
+        run.iter().enumerate().map(|(n, (x, _))| (n as f64 * timing.0, x[0])).collect()
+    });
+    let bandwidth_hz = f64::from(-tuned.gains[0]).max(0.0).sqrt() / std::f64::consts::TAU;
+    let top_hz = (BANDWIDTHS * bandwidth_hz).min(0.5 / problem.period().high);
+    let hz: Vec<f64> = (1..=FREQUENCIES).map(|i| top_hz * i as f64 / FREQUENCIES as f64).collect();
+    let loops: Vec<[Points; 2]> = timings
+        .iter()
+        .map(|&(period_s, delay_s)| {
+            let model = problem.sampled(period_s, delay_s);
+            let both: Vec<(f64, f64)> =
+                hz.iter().map(|hz| sensitivity(&model, tuned.gains, period_s, *hz)).collect();
+            let of = |pick: fn(&(f64, f64)) -> f64| hz.iter().copied().zip(both.iter().map(pick)).collect();
+            [of(|b| b.0), of(|b| b.1)]
+        })
+        .collect();
+    let sensitivity_max = loops.iter().flat_map(|[s, _]| s).map(|p| p.1).fold(0.0, f64::max);
+    let mut stretches: Vec<(bool, Points)> = Vec::new();
+    for i in 0..STARTS {
+        let states = at(around(i * SIDES / STARTS), timings[0]);
+        for piece in states.chunk_by(|a, b| a.1 == b.1) {
+            stretches.push((piece[0].1, piece.iter().map(|(x, _)| (x[0], x[1] + x[4])).collect()));
+        }
+    }
+    let (falls, proven) = certificate(tuned, &timings[1..], horizon_s, &around);
+    Curves {
+        answers: answers.collect(),
+        loops,
+        sensitivity_max,
+        region: region(tuned),
+        initial: (0..=SIDES).map(around).collect(),
+        stretches,
+        falls,
+        proven,
+    }
+}
+
+/// From `x` at the certified bound: states, and whether the command was clipped.
+fn run(
+    tuned: &Tuned,
+    mut x: StateVector,
+    (period, delay): (f64, f64),
+    horizon_s: f64,
+) -> Vec<(StateVector, bool)> {
+    let model = tuned.problem.sampled(period, delay);
     let k = row(tuned.gains);
-    let u_max = problem.phases()[0].u_max_rad_s2;
-    let angle = std::f64::consts::TAU * i as f64 / STARTS as f64;
-    let mut x: StateVector = steady_state(e0 * angle.cos(), v0 * angle.sin());
-    let steps = (horizon(tuned) / period).ceil() as usize;
+    let u_max = tuned.problem.phases()[0].u_max_rad_s2;
+    let steps = (horizon_s / period).ceil() as usize;
     (0..=steps)
-        .map(|n| {
+        .map(|_| {
             let wanted = (k * x)[0];
-            let point = (n as f64 * period, x[0], x[1] + x[4], wanted.abs() >= u_max);
+            let now = (x, wanted.abs() >= u_max);
             x = model.a * x + model.b * wanted.clamp(-u_max, u_max);
-            point
+            now
         })
         .collect()
 }
 
-/// Time shown, s: until the slowest start has settled.
-fn horizon(tuned: &Tuned) -> f64 {
-    tuned.evidence.map_or(4.0 / tuned.figures.decay_1_s.max(0.5), |e| 1.2 * e.settling_s).clamp(0.2, 4.0)
+/// sqrt(V) of the first phase: the largest from the initial errors at each timing, and the proven decay from its start.
+fn certificate(
+    tuned: &Tuned,
+    timings: &[(f64, f64)],
+    horizon_s: f64,
+    around: &dyn Fn(usize) -> (f64, f64),
+) -> (Vec<Points>, Points) {
+    let Proof::Saturated(certificate, _) = &tuned.proof else { return Default::default() };
+    let Some(region) = certificate.regions.first() else { return Default::default() };
+    let of_timing = |&timing: &(f64, f64)| {
+        let mut largest = Points::new();
+        // The loop is odd: half a circle.
+        for i in 0..SIDES / 2 {
+            let (e, v) = around(i);
+            for (n, (x, _)) in run(tuned, steady_state(e, v), timing, horizon_s).iter().enumerate() {
+                let root = region.value(x).sqrt();
+                match largest.get_mut(n) {
+                    Some(point) => point.1 = point.1.max(root),
+                    None => largest.push((n as f64 * timing.0, root)),
+                }
+            }
+        }
+        largest
+    };
+    let falls: Vec<Points> = timings.iter().map(of_timing).collect();
+    let proven = (0..=60).map(|i| horizon_s * f64::from(i) / 60.0);
+    (falls, proven.map(|t_s| (t_s, (-region.decay_1_s * t_s).exp())).collect())
 }
 
-type Area<'a, 'b> = DrawingArea<SVGBackend<'a>, Shift>;
-type Drawn<'a> = Result<(), DrawingAreaErrorKind<<SVGBackend<'a> as DrawingBackend>::ErrorType>>;
-
-/// Boundary of the projection of a region on (position, velocity), or of the paper's ellipsoid.
-fn boundary(tuned: &Tuned) -> Vec<(f64, f64)> {
+/// Boundary of the projection of the certified region on (position, velocity), or of the paper's ellipsoid.
+fn region(tuned: &Tuned) -> Points {
     let c = match &tuned.proof {
         Proof::Saturated(certificate, _) => {
             let Some(region) = certificate.regions.first() else { return Vec::new() };
@@ -93,103 +161,10 @@ fn boundary(tuned: &Tuned) -> Vec<(f64, f64)> {
     let l11 = c.0.max(0.0).sqrt();
     let l21 = c.1 / l11;
     let l22 = (c.2 - l21 * l21).max(0.0).sqrt();
-    (0..=180)
+    (0..=SIDES)
         .map(|i| {
-            let (s, k) = (std::f64::consts::TAU * f64::from(i) / 180.0).sin_cos();
+            let (s, k) = (std::f64::consts::TAU * i as f64 / SIDES as f64).sin_cos();
             (l11 * k, l21 * k + l22 * s)
         })
         .collect()
-}
-
-fn phase_plane<'a>(area: &Area<'a, '_>, tuned: &Tuned, runs: &[Points]) -> Drawn<'a> {
-    let ellipse = boundary(tuned);
-    let all = ellipse.iter().copied().chain(runs.iter().flatten().map(|p| (p.1, p.2)));
-    let (x, y) = all.fold((1e-9f64, 1e-9f64), |m, p| (m.0.max(p.0.abs()), m.1.max(p.1.abs())));
-    let mut chart = ChartBuilder::on(area)
-        .caption(
-            format!("joint {}: certified region and trajectories", tuned.input.joint),
-            ("sans-serif", 18),
-        )
-        .margin(12)
-        .x_label_area_size(40)
-        .y_label_area_size(55)
-        .build_cartesian_2d(-1.1 * x..1.1 * x, -1.1 * y..1.1 * y)?;
-    chart
-        .configure_mesh()
-        .x_desc("position error (rad)")
-        .y_desc("velocity error (rad/s)")
-        .light_line_style(WHITE)
-        .x_label_formatter(&label)
-        .y_label_formatter(&label)
-        .draw()?;
-    chart
-        .draw_series(LineSeries::new(ellipse, REGION.stroke_width(2)))?
-        .label("certified region")
-        .legend(|(x, y)| PathElement::new([(x, y), (x + 18, y)], REGION.stroke_width(2)));
-    let (e0, v0) = tuned.problem.error_set();
-    let initial = (0..=90).map(|i| {
-        let (s, k) = (std::f64::consts::TAU * f64::from(i) / 90.0).sin_cos();
-        (e0 * k, v0 * s)
-    });
-    chart
-        .draw_series(LineSeries::new(initial, INITIAL.stroke_width(2)))?
-        .label("initial errors")
-        .legend(|(x, y)| PathElement::new([(x, y), (x + 18, y)], INITIAL.stroke_width(2)));
-    for (clipped, colour, label) in
-        [(false, FREE, "command within bound"), (true, CLIPPED, "command clipped")]
-    {
-        let pieces = runs.iter().flat_map(|run| {
-            run.windows(2)
-                .filter(|w| w[0].3 == clipped)
-                .map(|w| PathElement::new([(w[0].1, w[0].2), (w[1].1, w[1].2)], colour.stroke_width(1)))
-                .collect::<Vec<_>>()
-        });
-        chart
-            .draw_series(pieces)?
-            .label(label)
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], colour.stroke_width(2)));
-    }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::UpperRight)
-        .background_style(WHITE.mix(0.85))
-        .border_style(BLACK.mix(0.3))
-        .draw()
-}
-
-fn over_time<'a>(area: &Area<'a, '_>, tuned: &Tuned, runs: &[Points]) -> Drawn<'a> {
-    let (e0, _) = tuned.problem.error_set();
-    let top = runs.iter().flatten().map(|p| p.1.abs()).fold(e0, f64::max) * 1.1;
-    let mut chart = ChartBuilder::on(area)
-        .caption(
-            format!(
-                "error over time (grey: half of it), K = [{:.1} 1/s², {:.2} 1/s, {:.3}]",
-                tuned.gains[0], tuned.gains[1], tuned.gains[2]
-            ),
-            ("sans-serif", 16),
-        )
-        .margin(12)
-        .x_label_area_size(40)
-        .y_label_area_size(60)
-        .build_cartesian_2d(0.0..horizon(tuned), -top..top)?;
-    chart
-        .configure_mesh()
-        .x_desc("time (s)")
-        .y_desc("position error (rad)")
-        .light_line_style(WHITE)
-        .x_label_formatter(&label)
-        .y_label_formatter(&label)
-        .draw()?;
-    for half in [-0.5 * e0, 0.5 * e0] {
-        let line = PathElement::new([(0.0, half), (horizon(tuned), half)], INITIAL.stroke_width(1));
-        chart.draw_series([line])?;
-    }
-    for run in runs {
-        chart.draw_series(LineSeries::new(run.iter().map(|p| (p.0, p.1)), FREE.mix(0.8)))?;
-        let clipped = run.windows(2).filter(|w| w[0].3);
-        chart.draw_series(
-            clipped.map(|w| PathElement::new([(w[0].0, w[0].1), (w[1].0, w[1].1)], CLIPPED.stroke_width(1))),
-        )?;
-    }
-    Ok(())
 }
