@@ -195,7 +195,8 @@ fn errors_that_cannot_be_certified_give_the_gains_for_the_nearest_that_can() {
     let gains = folder.file("g.toml");
     let words = ["tune", "--joint", "1", "--no-trial", "--reference-share", "0.99"];
     let backup = folder.file("before.toml");
-    let asked = ["--error", "0.5", "--out", &gains, "--apply", "--backup", &backup];
+    let page = folder.file("g.html");
+    let asked = ["--error", "0.5", "--out", &gains, "--report", &page, "--apply", "--backup", &backup];
     let tuned = cubectl(&[&words[..], &asked].concat());
     assert_eq!(code(&tuned), 9, "{}{}", out(&tuned), err(&tuned));
     let told = err(&tuned);
@@ -207,6 +208,10 @@ fn errors_that_cannot_be_certified_give_the_gains_for_the_nearest_that_can() {
     let advised: Vec<&str> = told.split("--error ").nth(1).unwrap().split([' ', ',']).take(2).collect();
     let again = cubectl(&[&words[..], &["--error"], &advised].concat());
     assert_eq!(code(&again), 0, "{advised:?}: {}", err(&again));
+    let page = std::fs::read_to_string(page).unwrap();
+    for shown in ["certified, for smaller errors", "Sensitivity |S|", "Certified region", "Lyapunov"] {
+        assert!(page.contains(shown), "{shown}");
+    }
     // And it is the nearest: a twentieth more cannot be certified.
     let more = (1.05 * nearest).to_string();
     assert_eq!(code(&cubectl(&[&words[..], &["--error", &more]].concat())), 9, "{more}");

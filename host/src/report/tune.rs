@@ -15,6 +15,9 @@ const CORNER: usize = 7;
 const PROVEN: usize = 2;
 const CLIPPED: usize = 1;
 
+/// What is to be seen in the pictures of a joint.
+const ABOUT: &str = "Blue: nominal period and delay. Grey: the corners of the certified periods and delays. Green: what is proven.";
+
 /// A table of the page: heading of each column, rows of cells, and a line for each column.
 pub struct Table<'a> {
     /// Headings.
@@ -50,20 +53,24 @@ pub fn html(
             None => groups.push(vec![joint]),
         }
     }
-    let drawn: Vec<(Vec<&Tuned>, Curves)> = groups
+    let mut drawn: Vec<(Vec<&Tuned>, Curves)> = groups
         .into_iter()
         .map(|group| (curves(group[0]), group))
         .map(|(curves, group)| (group, curves))
         .collect();
     tiles(&mut page, tuned, &drawn);
-    for (group, curves) in &drawn {
+    // The slowest joint is shown; the others are a click away.
+    let settles_s = |group: &[&Tuned]| group[0].evidence.map_or(0.0, |seen| seen.settling_s);
+    drawn.sort_by(|(a, _), (b, _)| settles_s(b).total_cmp(&settles_s(a)));
+    for (i, (group, curves)) in drawn.iter().enumerate() {
         let numbers: Vec<String> = group.iter().map(|joint| joint.input.joint.to_string()).collect();
-        let heading = if numbers.len() == 1 { "Joint" } else { "Joints" };
-        page.section(
-            &format!("{heading} {}", numbers.join(", ")),
-            "Thick blue: nominal period and delay. Grey: the corners of the certified periods and delays. Green: what is proven.",
-        );
-        page.charts(&charts(group[0], curves));
+        let heading = format!("Joint{} {}", if numbers.len() == 1 { "" } else { "s" }, numbers.join(", "));
+        if i == 0 {
+            page.section(&format!("{heading}, the slowest"), ABOUT);
+            page.charts(&charts(group[0], curves));
+        } else {
+            page.folded(&heading, &charts(group[0], curves));
+        }
     }
     for (heading, table) in tables {
         page.section(heading, "");
@@ -135,7 +142,7 @@ fn charts(joint: &Tuned, curves: &Curves) -> Vec<Chart> {
     ];
     let mut named = [false; 2];
     for (clipped, points) in &curves.stretches {
-        let (name, colour) = if *clipped { ("command clipped", CLIPPED) } else { ("not clipped", NOMINAL) };
+        let (name, colour) = if *clipped { ("clipped", CLIPPED) } else { ("not clipped", NOMINAL) };
         let name = if std::mem::replace(&mut named[usize::from(*clipped)], true) { "" } else { name };
         plane.push(Curve::line(name, colour, both(points)));
     }

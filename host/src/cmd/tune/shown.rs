@@ -105,13 +105,13 @@ fn cells(joint: &Tuned) -> [String; 10] {
 /// What was asked for.
 fn demanded(demand: &Demand) -> String {
     format!(
-        "period {} ms +-{:.0} %, delay {:.2} to {:.2} ms, initial errors {} rad and {:.4} rad/s",
+        "period {} ms +-{:.0} %, delay {:.2} to {:.2} ms, initial errors {} rad and {} rad/s",
         demand.period_s * 1e3,
         demand.period_jitter * 1e2,
         demand.delay_s.0 * 1e3,
         demand.delay_s.1 * 1e3,
         demand.error_position_rad,
-        demand.error_velocity_rad_s
+        (1e4 * demand.error_velocity_rad_s).round() / 1e4
     )
 }
 

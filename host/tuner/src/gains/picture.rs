@@ -72,8 +72,13 @@ pub fn curves(tuned: &Tuned) -> Curves {
     let mut stretches: Vec<(bool, Points)> = Vec::new();
     for i in 0..STARTS {
         let states = at(around(i * SIDES / STARTS), timings[0]);
+        let mut done = 0;
         for piece in states.chunk_by(|a, b| a.1 == b.1) {
-            stretches.push((piece[0].1, piece.iter().map(|(x, _)| (x[0], x[1] + x[4])).collect()));
+            // To where the next one begins.
+            let end = (done + piece.len() + 1).min(states.len());
+            let points = states[done..end].iter().map(|(x, _)| (x[0], x[1] + x[4]));
+            stretches.push((piece[0].1, points.collect()));
+            done += piece.len();
         }
     }
     let (falls, proven) = certificate(tuned, &timings[1..], horizon_s, &around);
@@ -167,4 +172,28 @@ fn region(tuned: &Tuned) -> Points {
             (l11 * k, l21 * k + l22 * s)
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::design::{Design, tune};
+    use super::super::problem::tests::joint_1;
+    use super::*;
+
+    #[test]
+    fn what_is_drawn_as_proven_bounds_what_is_simulated() {
+        let tuned = tune(&joint_1(0.017), Design::Saturated).unwrap();
+        let drawn = curves(&tuned);
+        assert_eq!(drawn.falls.len(), tuned.problem.corners().len());
+        for (t_s, root) in drawn.falls.iter().flatten() {
+            assert!(*root <= (-tuned.decay_1_s() * t_s).exp(), "{root} at {t_s} s");
+        }
+        // Neither sensitivity is below 1 everywhere, and far above the bandwidth the loop does nothing.
+        assert!((1.0..2.0).contains(&drawn.sensitivity_max), "{}", drawn.sensitivity_max);
+        let [_, from_reference] = &drawn.loops[0];
+        assert!((from_reference[0].1 - 1.0).abs() < 0.1, "{:?}", from_reference[0]);
+        // Every trajectory stays in the region: its largest position is larger than theirs.
+        let largest = |points: &Points| points.iter().map(|p| p.0.abs()).fold(0.0, f64::max);
+        assert!(drawn.stretches.iter().all(|(_, points)| largest(points) <= largest(&drawn.region)));
+    }
 }
