@@ -60,10 +60,18 @@ impl ExpectedError {
     /// The one object of a failure with `--json`: exit code, what happened, and the next steps.
     #[must_use]
     pub fn json(&self) -> serde_json::Value {
+        let (what, next) = self.parts();
+        let next: Vec<&str> = next.lines().collect();
+        serde_json::json!({ "code": self.code, "what": what, "next": next })
+    }
+
+    /// What happened, and the next steps, a line each.
+    #[must_use]
+    pub fn parts(&self) -> (String, String) {
         let (next, what): (Vec<&str>, Vec<&str>) =
             self.message.lines().partition(|line| line.starts_with(NEXT));
         let next: Vec<&str> = next.into_iter().filter_map(|line| line.strip_prefix(NEXT)).collect();
-        serde_json::json!({ "code": self.code, "what": what.join("\n"), "next": next })
+        (what.join("\n"), next.join("\n"))
     }
 
     /// Refused input.

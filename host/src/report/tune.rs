@@ -5,7 +5,7 @@ use tuner::gains::picture::{Curves, curves};
 use tuner::gains::problem::JointInput;
 
 use super::chart::{Chart, Curve, Pen};
-use super::page::{Page, Tone, cell};
+use super::page::{Answer, Page, Tone, cell};
 
 /// Largest sensitivity that counts as robust: a modulus margin of a half.
 const SENSITIVITY_GOOD: f64 = 2.0;
@@ -27,23 +27,28 @@ pub struct Table<'a> {
     pub columns: &'a [(&'a str, &'a str)],
 }
 
-/// The report; `under` says what was asked for, `short` what could not be certified.
+/// The report; `under` says what was asked for, `short` what could not be certified and what to do.
 #[must_use]
 pub fn html(
     robot: &str,
     under: &str,
-    short: Option<&str>,
+    short: Option<(&str, &str)>,
     tuned: &[Tuned],
     tables: &[(&str, Table<'_>)],
 ) -> String {
-    let pill = match short {
-        Some(_) => ("certified, for smaller errors", Tone::Warn),
-        None => ("certified", Tone::Good),
+    let decay_1_s = tuned.iter().map(Tuned::decay_1_s).fold(f64::INFINITY, f64::min);
+    let answer = match short {
+        Some((why, next)) => Answer::new("certified, for smaller errors", Tone::Warn, why, next),
+        None => Answer::new(
+            "certified",
+            Tone::Good,
+            format!(
+                "every error falls by at least {decay_1_s:.2} 1/s, clipped or not, at every period and delay above"
+            ),
+            "throw with them: `cubectl throw --gains FILE`, or give them to a controller: `cubectl tune --apply`",
+        ),
     };
-    let mut page = Page::new(&format!("Gains of {robot}"), under, Some(pill));
-    if let Some(short) = short {
-        page.note(short);
-    }
+    let mut page = Page::new(&format!("Gains of {robot}"), under, &answer);
     // Joints with the same data have the same gains.
     let data = |joint: &Tuned| JointInput { joint: 0, ..joint.input.clone() };
     let mut groups: Vec<Vec<&Tuned>> = Vec::new();
@@ -69,7 +74,8 @@ pub fn html(
             page.section(&format!("{heading}, the slowest"), ABOUT);
             page.charts(&charts(group[0], curves));
         } else {
-            page.folded(&heading, &charts(group[0], curves));
+            page.detail(&heading, ABOUT);
+            page.charts(&charts(group[0], curves));
         }
     }
     for (heading, table) in tables {

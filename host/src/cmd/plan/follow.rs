@@ -186,7 +186,9 @@ pub(crate) fn throw_for(setting: &Setting<'_>, search: &Search) -> Result<Found,
         });
         let next = match next {
             Some(p) => format!("the nearest target with a plan that was found is {},{},{}", p.x, p.y, p.z),
-            None => "choose a target closer to the arm: none was found on the way to it, nor lower".to_owned(),
+            None => {
+                "choose a target closer to the arm: none was found on the way to it, nor lower".to_owned()
+            }
         };
         ExpectedError::new(exit::NO_THROW, format!("{none}\n  next: {next}"))
     })
