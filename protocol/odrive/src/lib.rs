@@ -1,0 +1,110 @@
+//! CANSimple, the protocol of ODrive controllers, versions 0.5.6 and 0.6.x, both directions.
+//!
+//! # Map
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`order`] | [`Order`]: what a host sends to an axis |
+//! | [`report`] | [`Report`]: what an axis sends, by itself or when asked; [`Request`]: how it is asked |
+//!
+//! # On the wire
+//!
+//! * id = node << 5 | command, 11 bits; little-endian; floats are IEEE-754 binary32. The form with 29-bit ids is not read.
+//! * A request is a remote frame, or a data frame without data, on the id of its answer.
+//! * **Positions and speeds are turns of the encoder's shaft.** Gear, sign and offset are the host's.
+//! * A command with more data than it needs is read, one with less is none: programs pad to eight bytes or do not.
+//! * Both versions use the same ids for some different messages. Whoever reads must know the version ([`Version`]); 0.6 tells its own
+//!   ([`Report::Version`]), 0.5 does not answer that request.
+//!
+//! # Sources
+//!
+//! The maker's description; frames agree with the DBC files of `odrive-can` 2.1.0 (0.5.6 and 0.6.10). No real controller was at hand.
+
+#![warn(missing_docs)]
+#![cfg_attr(not(test), no_std)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::unreachable,
+        clippy::indexing_slicing
+    )
+)]
+
+pub mod order;
+pub mod report;
+
+pub use order::{AxisState, Clipped, ControlMode, InputMode, NotFinite, Order, Sdo};
+pub use report::{Errors, Heartbeat, Report, Request};
+
+use core::fmt;
+
+use protocol::{Frame, Id, StandardId};
+
+/// Which messages an axis understands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Version {
+    /// 0.5.x; tables are those of 0.5.6.
+    V05,
+    /// 0.6.x; tables are those of 0.6.10.
+    V06,
+}
+
+/// Number of an axis on its bus, 0 to 62. 63 means "none yet" in 0.6.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct NodeId(u8);
+
+impl NodeId {
+    /// `None` above 62.
+    pub const fn new(id: u8) -> Option<Self> {
+        if id < 63 { Some(Self(id)) } else { None }
+    }
+
+    /// The number.
+    pub const fn get(self) -> u8 {
+        self.0
+    }
+}
+
+impl fmt::Display for NodeId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.0)
+    }
+}
+
+/// Bits of the command in an id.
+const COMMAND_BITS: u16 = 5;
+
+fn id(node: NodeId, command: u8) -> Id {
+    Id::Standard(StandardId::from_low_bits(u16::from(node.get()) << COMMAND_BITS | u16::from(command & 0x1F)))
+}
+
+fn frame<const N: usize>(node: NodeId, command: u8, data: [u8; N]) -> Frame {
+    Frame::from_array(id(node, command), data)
+}
+
+/// Node and command of an 11-bit id.
+fn parts(frame: &Frame) -> Option<(NodeId, u8)> {
+    let Id::Standard(id) = frame.id() else { return None };
+    Some((NodeId::new((id.get() >> COMMAND_BITS) as u8)?, (id.get() & 0x1F) as u8))
+}
+
+/// `N` bytes from `at` on.
+fn bytes<const N: usize>(data: &[u8], at: usize) -> Option<[u8; N]> {
+    data.get(at..)?.first_chunk::<N>().copied()
+}
+
+fn f32_at(data: &[u8], at: usize) -> Option<f32> {
+    bytes(data, at).map(f32::from_le_bytes)
+}
+
+fn u32_at(data: &[u8], at: usize) -> Option<u32> {
+    bytes(data, at).map(u32::from_le_bytes)
+}
+
+/// Two groups of four bytes.
+const fn joined([a, b, c, d]: [u8; 4], [e, f, g, h]: [u8; 4]) -> [u8; 8] {
+    [a, b, c, d, e, f, g, h]
+}
