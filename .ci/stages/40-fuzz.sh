@@ -32,7 +32,8 @@ rsi_stream 300 6000 5000
 dtrack 1000 15000 1000
 vrpn 1000 15000 600
 mit 500 10000 13
-odrive 500 10000 13'
+odrive 500 10000 13
+canopen 500 10000 130'
 if [ -n "${FUZZ_LONG:-}" ]; then least=1000000000; else least=10000000; fi
 plan=$(awk -v long="${FUZZ_LONG:-}" '{ print $1, long ? $3 : $2, $4 }' <<<"$table")
 

@@ -1,0 +1,68 @@
+//! CANopen: CiA 301 as a master and its nodes speak it, and the drives of CiA 402.
+//!
+//! # Map
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`id`] | which frame an id stands for: [`Function`] and [`NodeId`] |
+//! | [`nmt`] | network management: commands, heartbeats |
+//! | [`emcy`] | emergencies with their codes |
+//! | [`sdo`] | service data: frames of both sides, abort codes |
+//! | [`client`] | [`client::Transfer`]: one read or write of an object, expedited or in segments |
+//! | [`pdo`] | process data: what is mapped, how it lies in a frame, how a map is set |
+//! | [`cia402`] | state machine, modes, control and status words of a drive |
+//!
+//! Little-endian throughout. Remote frames are not used: node guarding and requested PDOs are left to other programs.
+//!
+//! # Sources
+//!
+//! CiA 301 4.2.0 and CiA 402-2 as far as their contents are public; frames of `canopen` 2.4.1, a public master, as vectors. No real node was
+//! at hand.
+
+#![warn(missing_docs)]
+#![cfg_attr(not(test), no_std)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::unreachable,
+        clippy::indexing_slicing
+    )
+)]
+
+pub mod cia402;
+pub mod client;
+pub mod emcy;
+pub mod id;
+pub mod nmt;
+pub mod pdo;
+pub mod sdo;
+
+pub use id::{Function, NodeId};
+
+use core::fmt;
+
+/// An object of a node's dictionary.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Object {
+    /// Index.
+    pub index: u16,
+    /// Sub-index.
+    pub sub: u8,
+}
+
+impl Object {
+    /// An object by index and sub-index.
+    #[must_use]
+    pub const fn new(index: u16, sub: u8) -> Self {
+        Self { index, sub }
+    }
+}
+
+impl fmt::Display for Object {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:04X}:{:02X}", self.index, self.sub)
+    }
+}

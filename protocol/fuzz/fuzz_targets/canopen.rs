@@ -1,0 +1,52 @@
+//! Any frames on any ids: decoders return, what they understand is written to be understood the same, and a transfer ends in time
+//! whatever a node answers.
+#![no_main]
+
+use canopen_protocol::client::Transfer;
+use canopen_protocol::emcy::Emergency;
+use canopen_protocol::nmt::{Command, State};
+use canopen_protocol::pdo::{Entry, Map};
+use canopen_protocol::sdo::{Answer, Request};
+use canopen_protocol::{Function, NodeId, Object};
+use libfuzzer_sys::fuzz_target;
+use protocol::{Duration, Instant};
+use protocol_fuzz::Input;
+
+fuzz_target!(|bytes: &[u8]| {
+    let mut input = Input(bytes);
+    let (now, patience) = (Instant::ZERO, Duration::from_millis(50));
+    let (node, object) = (NodeId::new(3).expect("a node"), Object::new(0x1008, 0));
+    let mut read = Transfer::<16>::read(now, patience, node, object).0;
+    let mut write = Transfer::<16>::write(now, patience, node, object, &[7; 16]).expect("it fits").0;
+    let map = Map::new(&[Entry::new(0x6041, 0, 2), Entry::new(0x6064, 0, 4)]).expect("six bytes");
+    while !input.is_empty() {
+        let frame = input.frame();
+        if let Some((node, request)) = Request::decode(&frame) {
+            assert_eq!(Request::decode(&request.encode(node)), Some((node, request)));
+        }
+        if let Some((node, answer)) = Answer::decode(&frame) {
+            assert_eq!(Answer::decode(&answer.encode(node)), Some((node, answer)));
+        }
+        if let Some((command, to)) = Command::decode(&frame) {
+            assert_eq!(command.encode(to), frame);
+        }
+        if let Some((node, emergency)) = Emergency::decode(&frame) {
+            assert_eq!(emergency.encode(node).data(), &frame.data()[..8]);
+        }
+        if let Some((node, state)) = State::decode(&frame) {
+            assert_eq!(State::decode(&state.encode(node)), Some((node, state)));
+        }
+        if let Some(function) = Function::of_frame(&frame) {
+            assert_eq!(Function::of(function.id()), Some(function));
+        }
+        if let Some(values) = map.unpack(frame.data()) {
+            assert_eq!(map.pack(&values).get(), frame.data());
+        }
+        read.handle_frame(now, &frame);
+        write.handle_frame(now, &frame);
+    }
+    for transfer in [&mut read, &mut write] {
+        transfer.handle_timeout(now + patience);
+        assert!(transfer.outcome().is_some());
+    }
+});
