@@ -356,20 +356,23 @@ impl RobotModel {
         JointVec::from_fn(self.n(), |i| pick(&self.joints[i].limits))
     }
 
-    /// Largest torque that gravity asks of each joint, Nm, over a grid of poses: six angles of each of the joints 2 to 4 (of
-    /// all in between), the others at zero. The first joints carry the most, and the wrist's angles change little of it.
+    /// Largest torque that gravity asks of each joint, Nm, over a grid of poses: six angles of each of the first four joints, the others
+    /// at zero or as near to it as they go. The wrist's angles change little of it. The first axis need not be upright.
     #[must_use]
     pub fn holding_torques(&self) -> JointVec {
         let mut worst = JointVec::zeros(self.n());
-        let middle = self.n().min(4);
-        for number in 0..6_usize.pow(middle as u32 - 1) {
+        let moved = self.n().min(4);
+        for number in 0..6_usize.pow(moved as u32) {
             let mut rest = number;
-            let mut q = JointVec::zeros(self.n());
-            for k in 1..middle {
-                let limits = &self.joints()[k].limits;
-                q[k] = limits.q_min_rad + (rest % 6) as f64 / 5.0 * (limits.q_max_rad - limits.q_min_rad);
+            let q = JointVec::from_fn(self.n(), |k| {
+                let (low, high) = (self.joints[k].limits.q_min_rad, self.joints[k].limits.q_max_rad);
+                if k >= moved {
+                    return 0_f64.clamp(low, high);
+                }
+                let angle = low + (rest % 6) as f64 / 5.0 * (high - low);
                 rest /= 6;
-            }
+                angle
+            });
             worst = worst.sup(&self.gravity_torques(&q).abs());
         }
         worst

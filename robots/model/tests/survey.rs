@@ -73,6 +73,20 @@ fn values_in_a_wrong_unit_are_implausible_at_their_line() {
 }
 
 #[test]
+fn a_first_joint_that_does_not_hold_the_arm_up_is_named_where_its_axis_is_level() {
+    let upright = include_str!("../../../docs/robots/arm.toml");
+    let weak = upright.replacen("torque_max_nm = 150.0", "torque_max_nm = 20.0", 1);
+    let held = |text: &str| {
+        !of(text).iter().any(|f| f.key.starts_with("joint[0]") && f.what.contains("hold the arm up"))
+    };
+    assert!(held(&weak), "gravity does not turn an upright axis");
+    // The whole arm hangs from the axis where it is at zero, and stands out at a right angle.
+    let level = weak.replacen("rpy_deg = [0.0, 0.0, 0.0]", "rpy_deg = [0.0, 90.0, 0.0]", 1);
+    assert!(!held(&level));
+    assert!(held(&level.replacen("torque_max_nm = 20.0", "torque_max_nm = 150.0", 1)));
+}
+
+#[test]
 fn boxes_that_touch_at_zero_are_named() {
     let (text, line) = changed(&powercube6(), "link_distance_min = 2", "link_distance_min = 1");
     let found = of(&text);
