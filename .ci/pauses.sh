@@ -12,6 +12,11 @@ import os, signal, sys, time
 
 signal.signal(signal.SIGTERM, lambda *_: sys.exit(print(f"{worst_ms:.1f}")))
 os.sched_setaffinity(0, [int(sys.argv[1])])
+try:
+    # Above the programs under test (30), where they may have such a priority: only the machine holds this one up then.
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(31))
+except PermissionError:
+    pass
 worst_ms = 0.0
 while True:
     before = time.monotonic()

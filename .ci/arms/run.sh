@@ -3,6 +3,6 @@
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 . .ci/venv.sh arms .ci/arms/requirements.txt
-. .ci/debug-build.sh
+cargo build --quiet --release --locked
 robots=$(python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/cmeel.prefix/share/example-robot-data/robots
-python .ci/arms/arms.py target/debug/cubectl "$robots" target/arms "$@"
+python .ci/arms/arms.py target/release/cubectl "$robots" target/arms "$@"
