@@ -5,7 +5,7 @@
 export PATH=$PWD/target/debug:$PATH
 work=$PWD/target/tutorials
 # Folders of results that the pages name.
-rm -rf "$work" target/there target/square && mkdir -p "$work"
+rm -rf "$work" target/there target/square target/arm-first-throw target/arm-second-throw && mkdir -p "$work"
 count=0
 for page in docs/*.md docs/*/*.md firmware/boards/*.md; do
     [[ " ${pages_with_a_cell[*]} " != *" $page "* ]] || continue
