@@ -36,3 +36,12 @@ impl Interrupt {
         self.0.load(Ordering::SeqCst)
     }
 }
+
+/// An event, as a JSON line or as text.
+pub(super) fn say(json: bool, what: &str, text: &str) {
+    if json {
+        console::line!("{}", serde_json::json!({ "event": what, "text": text }));
+    } else {
+        console::note!("{what}: {text}");
+    }
+}

@@ -32,7 +32,7 @@ use robot_model::JointVec;
 use serde_json::json;
 
 use super::exit::{Code, Failure};
-use super::progress::Interrupt;
+use super::progress::{Interrupt, say};
 
 /// Both arms stand upright at the beginning, deg.
 const STANDING_DEG: [f64; 6] = [0.0, -90.0, -90.0, 0.0, 0.0, 0.0];
@@ -101,12 +101,12 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let mut arms = Vec::new();
     for (k, spec) in specs.into_iter().enumerate() {
         let door = Door::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error))?;
-        say(args, "serving", &format!("{} ({})", door.name(), ["thrower", "catcher"][k]));
+        say(args.json, "serving", &format!("{} ({})", door.name(), ["thrower", "catcher"][k]));
         arms.push(arm_bus(&court.arms[k], args.homed, court.seed + k as u64, door, clock, &over));
     }
-    say(args, "serving", &format!("tracker data to {data}"));
+    say(args.json, "serving", &format!("tracker data to {data}"));
     let urgent = Urgent::request(Role::Plant);
-    say(args, "real time", &urgent.granted().to_string());
+    say(args.json, "real time", &urgent.granted().to_string());
     let interrupt = Interrupt::listen();
     let until = args.duration_s.map_or(Instant::FAR_FUTURE, |s| Instant::ZERO + Duration::from_secs_f64(s));
     let mut live = Live::of(court);
@@ -132,12 +132,12 @@ fn run_in_step(args: &Args, court: CourtOptions, data: SocketAddr) -> Result<(),
         let BusSpec::Lockstep { clients, .. } = spec else { continue };
         let clock = Clock::manual();
         let door = Door::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error))?;
-        say(args, "serving", &format!("{} ({})", door.name(), ["thrower", "catcher"][k]));
+        say(args.json, "serving", &format!("{} ({})", door.name(), ["thrower", "catcher"][k]));
         let seed = court.seed + k as u64;
         let realtime = realtime_of(&court.arms[k], args.homed, seed, door, clock).map_err(failed)?;
         arms.push((realtime.in_lock_step(*clients), 0, VecDeque::new()));
     }
-    say(args, "lock step", &format!("tracker data at {data}"));
+    say(args.json, "lock step", &format!("tracker data at {data}"));
     let interrupt = Interrupt::listen();
     let until = args.duration_s.map_or(Instant::FAR_FUTURE, |s| Instant::ZERO + Duration::from_secs_f64(s));
     let mut live = Live::of(court);
@@ -374,14 +374,6 @@ fn words(event: &CourtEvent) -> String {
         CourtEvent::HitFloor => "the ball hits the floor".to_owned(),
         CourtEvent::Rests { arm } => format!("the ball rests in the cup of the {}", name(arm)),
         CourtEvent::FellOut { arm } => format!("the ball has left the cup of the {}", name(arm)),
-    }
-}
-
-fn say(args: &Args, what: &str, text: &str) {
-    if args.json {
-        console::line!("{}", json!({ "event": what, "text": text }));
-    } else {
-        console::note!("{what}: {text}");
     }
 }
 

@@ -13,7 +13,7 @@ use hil_sim::krc::{Krc, KrcEvent, KrcScenario};
 use protocol::Duration;
 
 use super::exit::{Code, Failure};
-use super::progress::Interrupt;
+use super::progress::{Interrupt, say};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
@@ -65,9 +65,13 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let interrupt = Interrupt::listen();
     let urgent = (mode == Mode::RealTime).then(|| Urgent::request(Role::Plant));
     let protocol = krc.config().protocol;
-    say(args, "serving", &format!("{pc} ({protocol:?}, robot {}, seed {})", scenario.robot, scenario.seed));
+    say(
+        args.json,
+        "serving",
+        &format!("{pc} ({protocol:?}, robot {}, seed {})", scenario.robot, scenario.seed),
+    );
     if let Some(urgent) = &urgent {
-        say(args, "real time", &urgent.granted().to_string());
+        say(args.json, "real time", &urgent.granted().to_string());
     }
     let written = RefCell::new(Ok(()));
     let mut observe = |event: &KrcEvent| {
@@ -78,7 +82,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             }
         }
         if !matches!(event, KrcEvent::Cycle(_) | KrcEvent::Refused { .. } | KrcEvent::Late { .. }) {
-            say(args, "event", &event.to_string());
+            say(args.json, "event", &event.to_string());
         }
     };
     let mut link = scenario.link();
@@ -112,14 +116,6 @@ fn client(args: &Args, scenario: &KrcScenario) -> Result<SocketAddr, Failure> {
     };
     let mut found = text.to_socket_addrs().map_err(|error| wrong(&error.to_string()))?;
     found.next().ok_or_else(|| wrong("no address"))
-}
-
-fn say(args: &Args, what: &str, text: &str) {
-    if args.json {
-        console::line!("{}", serde_json::json!({ "event": what, "text": text }));
-    } else {
-        console::note!("{what}: {text}");
-    }
 }
 
 fn report(args: &Args, krc: &Krc, served: &Served) -> Result<(), Failure> {

@@ -7,7 +7,7 @@ use mit_protocol::MotorId;
 use protocol::{Duration, Instant, StandardId};
 
 use super::exit::{Code, Failure};
-use super::progress::Interrupt;
+use super::progress::{Interrupt, say};
 
 /// Between two looks at Ctrl-C.
 const TURN: Duration = Duration::from_millis(100);
@@ -73,9 +73,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
     let interrupt = Interrupt::listen();
     for door in realtime.doors() {
-        say(args, "serving", door.name());
+        say(args.json, "serving", door.name());
     }
-    say(args, "real time", &Urgent::request(Role::Plant).granted().to_string());
+    say(args.json, "real time", &Urgent::request(Role::Plant).granted().to_string());
     while !interrupt.came() && end.is_none_or(|end| realtime.world().now() < end) {
         let until = realtime.world().now() + TURN;
         realtime.turn(end.map_or(until, |end| end.min(until)), &mut ()).map_err(|error| match error {
@@ -84,12 +84,4 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         })?;
     }
     Ok(())
-}
-
-fn say(args: &Args, what: &str, text: &str) {
-    if args.json {
-        console::line!("{}", serde_json::json!({ "event": what, "text": text }));
-    } else {
-        console::note!("{what}: {text}");
-    }
 }
