@@ -61,17 +61,15 @@ impl ExpectedError {
     #[must_use]
     pub fn json(&self) -> serde_json::Value {
         let (what, next) = self.parts();
-        let next: Vec<&str> = next.lines().collect();
         serde_json::json!({ "code": self.code, "what": what, "next": next })
     }
 
-    /// What happened, and the next steps, a line each.
+    /// What happened, and the next steps.
     #[must_use]
-    pub fn parts(&self) -> (String, String) {
+    pub fn parts(&self) -> (String, Vec<&str>) {
         let (next, what): (Vec<&str>, Vec<&str>) =
             self.message.lines().partition(|line| line.starts_with(NEXT));
-        let next: Vec<&str> = next.into_iter().filter_map(|line| line.strip_prefix(NEXT)).collect();
-        (what.join("\n"), next.join("\n"))
+        (what.join("\n"), next.into_iter().filter_map(|line| line.strip_prefix(NEXT)).collect())
     }
 
     /// Refused input.
