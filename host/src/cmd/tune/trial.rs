@@ -152,8 +152,8 @@ impl Row {
     }
 }
 
-/// Every set of gains in every throw on the simulated cell, from beside the start and from it. Settings of the robot for
-/// everything but the gains.
+/// Simulates every set of gains in every throw: once from beside the start, once from the start. All settings but the gains are
+/// those of the robot.
 pub(super) fn simulate(
     robot: &RobotModel,
     of_robot: &Settings,
@@ -334,10 +334,19 @@ mod tests {
                 let worse = period_ms == 3 && default.late_max_mrad > shipped.late_max_mrad;
                 assert!(!slower && !worse, "{robot}: {pair:?}");
             }
-            // With all of its acceleration and the reference's help joint 6 of powercube6 needs 0.055 s.
-            let beside = &found[1].halved_s;
-            assert!(begin == 2 || !beside.is_empty(), "{robot}");
-            assert!(beside.iter().all(|t| (0.02..0.15).contains(t)), "{robot}: {beside:?}");
+            if begin == 2 {
+                continue;
+            }
+            // With all of its acceleration and the reference's help joint 6 of powercube6 needs 0.055 s; the joints of the other arm
+            // have more.
+            let fastest_s = if robot == "powercube6" { 0.04 } else { 0.02 };
+            let Row { halved_s, late_max_mrad, .. } = &found[1];
+            assert!(!halved_s.is_empty(), "{robot}");
+            assert!(halved_s.iter().all(|t| (fastest_s..0.15).contains(t)), "{robot}: {halved_s:?}");
+            assert!(
+                late_max_mrad.is_some_and(|late| (0.01..50.0).contains(&late)),
+                "{robot}: {late_max_mrad:?}"
+            );
         }
     }
 }
