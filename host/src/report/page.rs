@@ -56,7 +56,7 @@ impl Answer {
     }
 }
 
-/// A page under construction. What answers is shown; its parts are folded.
+/// A page under construction. Its answer is always shown; its parts are folded.
 #[derive(Clone, Debug, Default)]
 pub struct Page {
     title: String,

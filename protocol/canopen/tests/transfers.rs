@@ -97,7 +97,7 @@ fn a_node_that_refuses_is_quoted() {
 }
 
 #[test]
-fn a_node_that_says_nothing_more_is_told_that_the_transfer_is_over() {
+fn a_transfer_without_an_answer_in_time_ends_with_an_abort_to_the_node() {
     let (mut read, _) = Transfer::<64>::read(at(0), PATIENCE, node(), NAME);
     let begins = frame("583 41 08 10 00 13 00 00 00");
     assert_eq!(read.handle_frame(at(10), &begins), Some(frame("603 60 00 00 00 00 00 00 00")));

@@ -8,7 +8,8 @@
 //!          id n          FF x 7, then FB clear fault, FC enable, FD disable, FE zero here
 //! ```
 //!
-//! The four bytes of the last line are set points of mode 1 as well: all fields at their ends. An encoder never makes them.
+//! The frames of the last line are also set points of mode 1 with all fields at their ends. The encoder never makes one of them from
+//! a set point.
 
 use core::fmt;
 
@@ -155,7 +156,7 @@ impl Command {
     /// What a motor with `ranges` understands, and which one is meant.
     ///
     /// # Errors
-    /// A frame for nobody, or a number that is none.
+    /// The frame is for no motor, or a number in it is not finite.
     pub fn decode(from: &Frame, ranges: &Ranges) -> Result<(MotorId, Self), CommandError> {
         let (id, data) = parts(from).ok_or(CommandError::NotForAMotor)?;
         let to = MotorId::new((id & 0xFF) as u8).ok_or(CommandError::NotForAMotor)?;

@@ -13,7 +13,7 @@
 //!
 //! * 11-bit ids, always eight data bytes. Commands go to the id of the motor (register 8), answers come on its master id
 //!   (register 7), requests for registers go to 0x7FF and name the motor in their data.
-//! * Exactly one answer per command, none without one, none to a set point of a mode that is not set.
+//! * A motor answers each command once. It sends nothing by itself, and nothing to a set point of a mode that is not in force.
 //! * Position, velocity, gains and torque are bit fields that span a range. **The range is a setting of the motor
 //!   (registers 21 to 23). A host that counts with another one is wrong by their ratio, and nothing on the wire shows it.**
 //! * A state and an answer of a register have the same id and length. [`RegisterAnswer::decode`] wants the request.

@@ -67,7 +67,7 @@ impl Status {
         }
     }
 
-    /// Neither of the two that are no fault.
+    /// True for every status but disabled and enabled.
     #[must_use]
     pub const fn is_fault(self) -> bool {
         !matches!(self, Self::Disabled | Self::Enabled)

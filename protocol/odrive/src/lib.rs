@@ -12,7 +12,7 @@
 //! * id = node << 5 | command, 11 bits; little-endian; floats are IEEE-754 binary32. The form with 29-bit ids is not read.
 //! * A request is a remote frame, or a data frame without data, on the id of its answer.
 //! * **Positions and speeds are turns of the encoder's shaft.** Gear, sign and offset are the host's.
-//! * A command with more data than it needs is read, one with less is none: programs pad to eight bytes or do not.
+//! * A command may have more data than it needs: some programs pad to eight bytes. One with less is ignored.
 //! * Both versions use the same ids for some different messages. Whoever reads must know the version ([`Version`]); 0.6 tells its own
 //!   ([`Report::Version`]), 0.5 does not answer that request.
 //!

@@ -8,7 +8,7 @@ use crate::{NodeId, Version, bytes, f32_at, frame, joined, parts, u32_at};
 /// Sent every 100 ms unless it is set otherwise. **Watch the state**: an axis may fall to idle without an error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Heartbeat {
-    /// Errors of the axis; 0: none. 0.5: 0x800 watchdog; 0.6: 0x1000000 watchdog, as in [`Errors::active`].
+    /// Error bits of the axis; 0 means no error. The watchdog is 0x800 in 0.5, and 0x1000000 in 0.6 as in [`Errors::active`].
     pub error: u32,
     /// State of the axis.
     pub state: AxisState,
@@ -126,7 +126,7 @@ const REQUESTS: [(Request, u8, bool); 8] = [
 ];
 
 impl Request {
-    /// As a frame without data: what programs send that have no remote frames.
+    /// The request as a data frame without data. Programs that cannot send remote frames send this.
     #[must_use]
     pub fn encode(self, node: NodeId) -> Frame {
         let command = REQUESTS.iter().find(|(own, ..)| *own == self).map_or(0, |(_, command, _)| *command);

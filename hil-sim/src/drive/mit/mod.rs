@@ -22,8 +22,8 @@
 //!
 //! # Choices where the sources are silent
 //!
-//! * A set point that comes while the motor is off is kept and acts from the enabling on, unless another one comes: what a host
-//!   must reckon with. Power-on and a change of the mode clear it.
+//! * A set point that arrives while the motor is off is kept. It acts as soon as the motor is enabled, unless another one arrives
+//!   first: the worst case for a host. Power-on and a change of the mode clear it.
 //! * `FE` sets the zero in every state.
 //! * A motor that is told to store while it is on does nothing.
 //! * Modes 2 to 4 lead a reference at the largest velocity behind a position loop that is critically damped at 30 rad/s for the

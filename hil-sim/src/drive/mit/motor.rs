@@ -39,7 +39,7 @@ pub struct MitMotor {
     /// Reference of modes 2 to 4, rad of the shaft as the motor counts.
     reference_rad: f64,
     commanded_at: Instant,
-    /// What the motor counts from, rad of the true shaft.
+    /// True angle of the shaft at which the motor reports 0, rad.
     origin_rad: f64,
     zero_rad: f64,
     axis: AxisState,
@@ -87,12 +87,12 @@ impl MitMotor {
         self.status
     }
 
-    /// Position as it counts, rad of the shaft.
+    /// Position as the motor reports it, rad of the shaft.
     pub fn shaft_rad(&self) -> f64 {
         self.axis.q_rad - self.origin_rad
     }
 
-    /// Takes its power away or gives it back. What was not stored is lost, and whole turns are.
+    /// Switches the power off or on. Registers that were not stored and the count of whole turns are lost.
     pub fn set_power(&mut self, on: bool) {
         self.powered = on;
         self.status = Status::Disabled;
@@ -186,7 +186,7 @@ impl MitMotor {
         StandardId::from_low_bits(self.ram.master as u16)
     }
 
-    /// Ranges by which it counts.
+    /// Ranges with which it reads and writes frames.
     fn ranges(&self) -> Ranges {
         let own = self.ram.ranges;
         let factor = self.faults.velocity_range_factor;

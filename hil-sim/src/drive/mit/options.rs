@@ -60,9 +60,9 @@ impl MitOptions {
 /// What is wrong with a motor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MitFaults {
-    /// Every so many answers one stays away; 0: none.
+    /// One answer in this many is not sent; 0: none is lost.
     pub answer_lost_every: u32,
-    /// The time-out is a number that nothing acts on.
+    /// The time-out can be set and read, and nothing happens when it is over.
     pub time_out_is_dead: bool,
     /// It counts velocities with a range this many times the one in its register; 0: as the register says.
     pub velocity_range_factor: f32,

@@ -167,7 +167,8 @@ pub(super) fn plan(args: &Args, arm: &Arm) -> Result<Followed, ExpectedError> {
 /// The throw to the target of a setting.
 ///
 /// # Errors
-/// A target that is none; no throw leads there. A target is named then for which the same search has found one.
+/// The target is not finite or not in metres, or no throw leads there. In the second case the error names a target to which the
+/// same search has found a throw.
 pub(crate) fn throw_for(setting: &Setting<'_>, search: &Search) -> Result<Found, ExpectedError> {
     let target = setting.target;
     if !target.iter().all(|v| v.is_finite()) {
@@ -194,7 +195,7 @@ pub(crate) fn throw_for(setting: &Setting<'_>, search: &Search) -> Result<Found,
     })
 }
 
-/// A target near that of the setting for which `search` finds a throw.
+/// A target near the one of `setting`; `search` finds a throw to it.
 fn nearest(search: &Search, setting: &Setting<'_>) -> Option<Vector3<f64>> {
     let floor_z_m = setting.arm.world().floor_z_m;
     let quick = coarse(search);
