@@ -35,13 +35,17 @@ throw() { # description, scheme, port, plan, cycle in ms
     echo "$5 $robot_status $status" >"$dir.ended"
 }
 judge() { # description
-    local dir=$out/$1 cycle_ms robot_status status word=thrown
+    local dir=$out/$1 cycle_ms robot_status status word=thrown paused
     read -r cycle_ms robot_status status <"$dir.ended"
     echo "--- $1; the client ended with $status; largest pause of this machine $pause_ms ms"
     cat "$dir.robot"
     [ $robot_status -eq 0 ] || { cat "$dir.throw"; return 1; }
+    paused=$(python3 -c "print('yes' if $pause_ms > $cycle_ms / 2 else 'no')")
     if ! grep -q ' 0 late answers, 0 refused, [0-9]* cycles held up' "$dir.robot"; then
-        python3 -c "import sys; sys.exit($pause_ms <= $cycle_ms / 2)" || { echo "late or refused answers"; cat "$dir.throw"; return 1; }
+        [ $paused = yes ] || { echo "late or refused answers"; cat "$dir.throw"; return 1; }
+        word='held up'
+    elif [ $status -ne 0 ] && [ $paused = yes ] && grep -q ' [1-9][0-9]* cycles held up' "$dir.robot"; then
+        # The robot itself stood still, and its client heard nothing for too long.
         word='held up'
     fi
     if grep -q 'bottle hit' "$dir.robot"; then
@@ -49,7 +53,12 @@ judge() { # description
     else
         cat "$dir.throw"
         [ "$word" = 'held up' ] || { echo "the bottle was not hit"; return 1; }
-        [ $status -eq 8 ] || { echo "the bottle was not hit, and the client did not end with 8"; return 1; }
+        # A ball that left the hand late misses; nobody watches it, and the client must say so.
+        if grep -q 'ball: in the hand' "$dir.robot" || [ $status -ne 0 ]; then
+            [ $status -eq 8 ] || { echo "nothing was thrown, or the arm stopped, and the client ended with $status"; return 1; }
+        else
+            grep -q '^thrown, not observed' "$dir.throw" || { echo "the bottle was missed, and the client says otherwise"; return 1; }
+        fi
     fi
     echo "$word" >"$dir.word"
 }
