@@ -1,13 +1,14 @@
 # Sourced by stages that judge programs by the clock, which a machine can hold up:
-#   watch_pauses   starts a process on each core that only sleeps
-#   end_pauses     ends them; $pause_ms is then the longest time for which one of them was held up
+#   watch_pauses   starts a process on each core that only sleeps, by the clock of "${slow[@]}"
+#   end_pauses     ends them; $pause_ms is then the longest time by that clock for which one of them was held up
 # The programs under test see neither.
+. .ci/slow.sh
 watch_pauses() {
     local core
     pause_files=$(mktemp -d)
     pause_watches=()
     for core in $(python3 -c 'import os; print(*os.sched_getaffinity(0))'); do
-        python3 - "$core" >"$pause_files/$core" <<'PY' &
+        "${slow[@]}" python3 - "$core" >"$pause_files/$core" <<'PY' &
 import os, signal, sys, time
 
 signal.signal(signal.SIGTERM, lambda *_: sys.exit(print(f"{worst_ms:.1f}")))

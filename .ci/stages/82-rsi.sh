@@ -1,5 +1,5 @@
-# The industrial robot in real time: `cubectl throw` leads the one that `cubectl sim` plays, by the clock of this machine. Both
-# generations, UDP and TCP, 12 ms and 4 ms. The observer is the simulated robot: it says whether the bottle was hit, how long
+# The industrial robot by the clock, ten times slower than real time (.ci/slow.sh): `cubectl throw` leads the one that `cubectl sim`
+# plays. Both generations, UDP and TCP, 12 ms and 4 ms, all at once. The observer is the simulated robot: it says whether the bottle was hit, how long
 # the answers took, how many were late, and how many of its cycles this machine held up. In lock step the same is tested by
 # host/tests/robot_link.rs, where nothing depends on the machine.
 #
@@ -23,11 +23,11 @@ plan fast 4
 throw() { # description, scheme, port, plan, cycle in ms
     local name=$1 place=$2://127.0.0.1:$3 dir=$out/$1 client robot_status=0 status=0
     # The client first: a robot counts telegrams that nobody answers.
-    "$cubectl" throw --robot kr16_2 --plan "$out/$4.json" --bus "rsi:$place" --rsi "robots/kr16_2/$name.toml" --yes \
+    "${slow[@]}" "$cubectl" throw --robot kr16_2 --plan "$out/$4.json" --bus "rsi:$place" --rsi "robots/kr16_2/$name.toml" --yes \
         --out "$dir" >"$dir.throw" 2>&1 </dev/null &
     client=$!
     wait_for $client says "$dir.throw" 'waiting for the robot' || { cat "$dir.throw"; return 1; }
-    "$cubectl" sim --robot kr16_2 --rsi "$place" --scenario "robots/kr16_2/$name.toml" --bottle 2.5,0,0.6 --runs 1 --for 120 \
+    "${slow[@]}" "$cubectl" sim --robot kr16_2 --rsi "$place" --scenario "robots/kr16_2/$name.toml" --bottle 2.5,0,0.6 --runs 1 --for 120 \
         >"$dir.robot" 2>&1 </dev/null || robot_status=$?
     # A robot that was refused never comes: its client would wait for it.
     [ $robot_status -eq 0 ] || kill -INT $client
@@ -55,29 +55,32 @@ judge() { # description
         [ "$word" = 'held up' ] || { echo "the bottle was not hit"; return 1; }
         # A ball that left the hand late misses; nobody watches it, and the client must say so.
         if grep -q 'ball: in the hand' "$dir.robot" || [ $status -ne 0 ]; then
-            [ $status -eq 8 ] || { echo "nothing was thrown, or the arm stopped, and the client ended with $status"; return 1; }
+            [[ $status =~ ^(8|13)$ ]] || { echo "nothing was thrown, or the arm stopped, and the client ended with $status"; return 1; }
         else
             grep -q '^thrown, not observed' "$dir.throw" || { echo "the bottle was missed, and the client says otherwise"; return 1; }
         fi
     fi
     echo "$word" >"$dir.word"
 }
-pair() { # two throws at the same time
-    local first status=0
-    watch_pauses
-    throw "${@:1:5}" &
-    first=$!
-    throw "${@:6:5}" || status=1
-    wait $first || status=1
-    end_pauses
-    [ $status -eq 0 ] || return 1
-    judge "$1" || status=1
-    judge "$6" || status=1
-    return $status
-}
 status=0
-pair kr_c2 udp 49261 slow 12 kr_c2_tcp tcp 49262 slow 12 || status=1
-pair kr_c4 udp 49263 fast 4 kr_c4_12ms udp 49264 slow 12 || status=1
+throws=()
+watch_pauses
+throw kr_c2 udp 49261 slow 12 &
+throws+=($!)
+throw kr_c2_tcp tcp 49262 slow 12 &
+throws+=($!)
+throw kr_c4 udp 49263 fast 4 &
+throws+=($!)
+throw kr_c4_12ms udp 49264 slow 12 &
+throws+=($!)
+for one in "${throws[@]}"; do
+    wait "$one" || status=1
+done
+end_pauses
+[ $status -eq 0 ]
+for name in kr_c2 kr_c2_tcp kr_c4 kr_c4_12ms; do
+    judge $name || status=1
+done
 [ $status -eq 0 ]
 grep -qx thrown "$out"/*.word || { echo "no throw could be judged: the machine held up each of them"; exit 1; }
 
