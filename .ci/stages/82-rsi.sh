@@ -27,6 +27,8 @@ throw() { # description, scheme, port, plan, cycle in ms
         --out "$dir" >"$dir.throw" 2>&1 </dev/null &
     client=$!
     wait_for $client says "$dir.throw" 'waiting for the robot' || { cat "$dir.throw"; return 1; }
+    # A robot that comes in the client's first cycle and a half may be in the middle of a run: the client would look at it for 24 cycles.
+    sleep 1
     "${slow[@]}" "$cubectl" sim --robot kr16_2 --rsi "$place" --scenario "robots/kr16_2/$name.toml" --bottle 2.5,0,0.6 --runs 1 --for 120 \
         >"$dir.robot" 2>&1 </dev/null || robot_status=$?
     # A robot that was refused never comes: its client would wait for it.
