@@ -12,7 +12,6 @@ use nalgebra::Vector3;
 use planner::follow::best::{BestOptions, HandFreedom};
 use planner::follow::landing;
 use planner::follow::limits::{Arm, LimitSource, Limits};
-use planner::follow::nearest::feasible_target;
 use planner::follow::paper::{self, Criterion, GridAxis, PaperOptions};
 use planner::follow::plan::FollowPlan;
 use planner::follow::search::Search;
@@ -88,16 +87,7 @@ fn heading() {
 }
 
 #[allow(clippy::too_many_arguments, reason = "the columns of a table, used here only")]
-fn row(
-    arm: &Arm,
-    source: LimitSource,
-    target: [f64; 3],
-    name: &str,
-    kind: &Search,
-    lag_s: f64,
-    quick: &Search,
-    led: Led,
-) {
+fn row(arm: &Arm, source: LimitSource, target: [f64; 3], name: &str, kind: &Search, lag_s: f64, led: Led) {
     let limits = Limits::of(arm, source);
     let commands = match led {
         Led::Yes => CommandRange::inside(&limits, PROGRAM_INSIDE_RAD),
@@ -116,12 +106,8 @@ fn row(
         Ok(found) => found,
         Err(none) => {
             println!("{place:<24} {name:<26} {none} ({took:.1} s)");
-            let floor = arm.world().floor_z_m;
-            let near =
-                feasible_target(&setting.target, floor, |target| quick.is_feasible(&searched.at(*target)));
-            match near {
-                Some(p) => println!("{:<51} nearest with a plan: {:.2}, {:.2}, {:.2}", "", p.x, p.y, p.z),
-                None => println!("{:<51} none nearby either", ""),
+            if let Some(p) = none.nearest {
+                println!("{:<51} nearest with a plan: {:.2}, {:.2}, {:.2}", "", p.x, p.y, p.z);
             }
             return;
         }
@@ -159,22 +145,19 @@ fn row(
 fn targets(shown: &[[f64; 2]], led: Led, forms: &Forms, starts: usize) {
     let arm = Arm::load("kr16_2").expect("built in");
     let source = LimitSource::ControllerModel;
-    let coarse = PaperOptions::covering(1.8, 0.675, 0.0, 0.9);
     let best = BestOptions { starts, ..BestOptions::default() };
-    let quick = Search::Best(BestOptions { starts: 16, kicks: 0, draws: 8000, ..BestOptions::default() });
     heading();
     for [x, z] in shown {
         let target = [*x, 0.0, *z];
         if let Forms::Both { resolution } = forms {
-            let grid = Search::Paper(coarse.clone());
             let paper = PaperOptions::covering(1.8, 0.675, 0.0, *resolution);
             let points =
                 PaperOptions { criterion: Criterion::Points, refinements: REFINEMENTS, ..paper.clone() };
-            row(&arm, source, target, "paper", &Search::Paper(paper), 0.0, &grid, led);
-            row(&arm, source, target, "paper, most points", &Search::Paper(points), 0.0, &grid, led);
+            row(&arm, source, target, "paper", &Search::Paper(paper), 0.0, led);
+            row(&arm, source, target, "paper, most points", &Search::Paper(points), 0.0, led);
         }
-        row(&arm, source, target, "best", &Search::Best(best.clone()), 0.0, &quick, led);
-        row(&arm, source, target, "best, lag 24 ms", &Search::Best(best.clone()), LAG_S, &quick, led);
+        row(&arm, source, target, "best", &Search::Best(best.clone()), 0.0, led);
+        row(&arm, source, target, "best, lag 24 ms", &Search::Best(best.clone()), LAG_S, led);
     }
 }
 
@@ -220,7 +203,6 @@ fn near_the_reference(starts: usize) {
     let source = LimitSource::ControllerModel;
     let target = [2.5, 0.0, 0.6];
     let best = BestOptions { hand: HandFreedom::Constant, starts, kicks: 18, ..BestOptions::default() };
-    let coarse = Search::Paper(PaperOptions::covering(1.8, 0.675, 0.0, 0.9));
     heading();
     for [places, fine, rolls] in [[72, 5, 36], [120, 7, 72], [180, 9, 96]] {
         let grid = PaperOptions {
@@ -234,9 +216,9 @@ fn near_the_reference(starts: usize) {
             ..PaperOptions::covering(1.8, 0.675, 0.0, 1.0)
         };
         let name = format!("paper, {} releases, refined", grid.size());
-        row(&arm, source, target, &name, &Search::Paper(grid), 0.0, &coarse, Led::No);
+        row(&arm, source, target, &name, &Search::Paper(grid), 0.0, Led::No);
     }
-    row(&arm, source, target, "constant hand, no grid", &Search::Best(best), 0.0, &coarse, Led::No);
+    row(&arm, source, target, "constant hand, no grid", &Search::Best(best), 0.0, Led::No);
 }
 
 /// Both forms on the arms that are no KR 16; with `only` for the targets at this x and z.
@@ -256,23 +238,12 @@ fn arms(starts: usize, only: Option<[f64; 2]>) {
         // Numerical inverse kinematics: a refinement would take many times as long as the grid.
         let refinements = if arm.name() == "ur5" { 0 } else { REFINEMENTS };
         let paper = PaperOptions { criterion: Criterion::Points, refinements, ..paper };
-        let coarse = PaperOptions { places: paper.places / 2, rolls: paper.rolls / 2, ..paper.clone() };
-        let (paper, coarse) = (Search::Paper(paper), Search::Paper(coarse));
+        let paper = Search::Paper(paper);
         let best = Search::Best(BestOptions { starts, kicks: 6, ..BestOptions::default() });
-        let quick = Search::Best(BestOptions { starts: 8, kicks: 0, draws: 8000, ..BestOptions::default() });
         for target in targets.into_iter().filter(|[x, _, z]| only.is_none_or(|only| only == [*x, *z])) {
             // The ramps of the paper start and end with a leap, which the jerk of a robot file forbids.
-            row(
-                &arm,
-                LimitSource::ControllerModel,
-                target,
-                "paper, most points",
-                &paper,
-                0.0,
-                &coarse,
-                Led::No,
-            );
-            row(&arm, LimitSource::RobotFile, target, "best", &best, 0.0, &quick, Led::No);
+            row(&arm, LimitSource::ControllerModel, target, "paper, most points", &paper, 0.0, Led::No);
+            row(&arm, LimitSource::RobotFile, target, "best", &best, 0.0, Led::No);
         }
     }
 }

@@ -108,13 +108,13 @@ impl<'m> Clear<'m> {
         places.into_iter().fold(f64::INFINITY, f64::min) - self.arm.world().floor_z_m
     }
 
-    /// Distance of the nearest pair of bodies, in m: arm, floor, and the ball or the fingers.
+    /// Distance of the nearest pair of bodies, in m, at most `most_m`: arm, floor, and the ball or the fingers.
     #[must_use]
-    pub fn distance_m(&mut self, frames: &Frames, held: bool) -> f64 {
+    pub(crate) fn distance_m(&mut self, frames: &Frames, held: bool, most_m: f64) -> f64 {
         if held {
-            self.held.clearance(frames).distance_m
+            self.held.distance_up_to(frames, most_m)
         } else {
-            self.empty.clearance(frames).distance_m.min(self.fingers_m(frames))
+            self.empty.distance_up_to(frames, most_m).min(self.fingers_m(frames))
         }
     }
 

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::clear::Contact;
@@ -164,6 +165,8 @@ pub struct Found {
 pub struct NotFound {
     /// What was searched.
     pub size: SearchSize,
+    /// The nearest target to which the same search finds a throw, as far as it looks for one: whole centimetres.
+    pub nearest: Option<Vector3<f64>>,
 }
 
 impl fmt::Display for NotFound {

@@ -5,7 +5,7 @@
 //!
 //! # Map
 //! An arrow goes from user to used. `plan` is what leaves this module; `verify` judges it by its steps alone; `landing`
-//! tells what the instant of the opening does to the landing; `nearest` names a target where there is a plan.
+//! says what the instant of the opening does to the landing.
 //!
 //! ```text
 //!  search           one of the two forms with its options
@@ -33,7 +33,6 @@ pub mod hand;
 pub mod landing;
 pub mod limits;
 pub mod motion;
-pub mod nearest;
 pub mod paper;
 pub mod parabola;
 pub mod plan;

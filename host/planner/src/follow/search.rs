@@ -28,15 +28,6 @@ impl Search {
         }
     }
 
-    /// Whether the target has a plan: ends at the first throw found.
-    #[must_use]
-    pub fn is_feasible(&self, setting: &Setting<'_>) -> bool {
-        match self {
-            Self::Paper(options) => paper::is_feasible(setting, options),
-            Self::Best(options) => best::is_feasible(setting, options),
-        }
-    }
-
     /// The form as it stands in the plan file.
     #[must_use]
     pub const fn form(&self) -> Form {

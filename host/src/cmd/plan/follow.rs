@@ -6,7 +6,6 @@ use nalgebra::Vector3;
 use planner::follow::best::{BestOptions, HandFreedom};
 use planner::follow::found::Found;
 use planner::follow::limits::{AXES, Arm, Axes, Limits};
-use planner::follow::nearest::feasible_target;
 use planner::follow::paper::{Criterion, PaperOptions, RampTiming};
 use planner::follow::plan::FollowPlan;
 use planner::follow::search::Search;
@@ -75,22 +74,6 @@ fn search_of(args: &Args, arm: &Arm) -> Search {
             g,
             ..BestOptions::default()
         }),
-    }
-}
-
-/// A coarse search, to find the nearest target that has a plan.
-fn coarse(search: &Search) -> Search {
-    match search {
-        Search::Paper(o) => {
-            let fewer = |count: usize| (count * 2).div_ceil(3).max(2);
-            let mut o = o.clone();
-            for axis in [&mut o.radius_m, &mut o.height_m, &mut o.beta_deg] {
-                axis.count = fewer(axis.count);
-            }
-            (o.places, o.rolls) = (fewer(o.places), fewer(o.rolls));
-            Search::Paper(o)
-        }
-        Search::Best(o) => Search::Best(BestOptions { starts: 4, kicks: 0, draws: 8000, ..o.clone() }),
     }
 }
 
@@ -182,27 +165,19 @@ pub(crate) fn throw_for(setting: &Setting<'_>, search: &Search) -> Result<Found,
     let setting = Setting { limits: spare, ..*setting };
     let found = while_working("looking for a throw", USUAL_SEARCH, |_| search.plan(&setting));
     found.map_err(|none| {
-        let next = while_working("looking for the nearest target with a plan", USUAL_SEARCH, |_| {
-            nearest(search, &setting)
-        });
-        let next = match next {
-            Some(p) => format!("the nearest target with a plan that was found is {},{},{}", p.x, p.y, p.z),
-            None => {
+        let next = match (none.nearest, search) {
+            (Some(p), _) => {
+                format!("the nearest target with a plan that was found is {},{},{}", p.x, p.y, p.z)
+            }
+            (None, Search::Paper(_)) => {
+                "search without the grid of the paper: leave out --form paper".to_owned()
+            }
+            (None, Search::Best(_)) => {
                 "choose a target closer to the arm: none was found on the way to it, nor lower".to_owned()
             }
         };
         ExpectedError::new(exit::NO_THROW, format!("{none}\n  next: {next}"))
     })
-}
-
-/// A target near the one of `setting`; `search` finds a throw to it.
-fn nearest(search: &Search, setting: &Setting<'_>) -> Option<Vector3<f64>> {
-    let floor_z_m = setting.arm.world().floor_z_m;
-    let quick = coarse(search);
-    let near = |search: &Search| {
-        feasible_target(&setting.target, floor_z_m, |target| search.is_feasible(&setting.at(*target)))
-    };
-    near(&quick).filter(|target| search.is_feasible(&setting.at(*target))).or_else(|| near(search))
 }
 
 /// Largest distance of the ball from the first joint, by the lengths of the links, in m.

@@ -115,7 +115,7 @@ impl<'m> CollisionChecker<'m> {
     ///
     /// Infinite distance if nothing is tested (a robot without boxes).
     pub fn clearance(&mut self, frames: &Frames) -> Clearance {
-        self.nearest_pair(frames).map_or_else(Clearance::none, |(pair, near)| Clearance {
+        self.nearest_pair(frames, f64::INFINITY).map_or_else(Clearance::none, |(pair, near)| Clearance {
             distance_m: near.distance_m,
             a: pair.a,
             b: pair.b,
@@ -127,7 +127,7 @@ impl<'m> CollisionChecker<'m> {
     /// The derivative is that of the nearest pair at its nearest points; where two pairs are equally near, or two
     /// features of a pair, it jumps.
     pub fn clearance_gradient(&mut self, frames: &Frames) -> (Clearance, JointVec) {
-        let Some((pair, near)) = self.nearest_pair(frames) else {
+        let Some((pair, near)) = self.nearest_pair(frames, f64::INFINITY) else {
             return (Clearance::none(), JointVec::zeros(self.model.n()));
         };
         let clearance = Clearance { distance_m: near.distance_m, a: pair.a, b: pair.b };
@@ -145,10 +145,15 @@ impl<'m> CollisionChecker<'m> {
         (clearance, gradient)
     }
 
-    fn nearest_pair(&mut self, frames: &Frames) -> Option<(Pair, Proximity)> {
+    /// Distance of the nearest pair, or `most_m` if that is less; cheaper than [`Self::clearance`] where nothing is near.
+    pub fn distance_up_to(&mut self, frames: &Frames, most_m: f64) -> f64 {
+        self.nearest_pair(frames, most_m).map_or(most_m, |(_, near)| near.distance_m)
+    }
+
+    /// The nearest pair, if it is nearer than `so_far`.
+    fn nearest_pair(&mut self, frames: &Frames, mut so_far: f64) -> Option<(Pair, Proximity)> {
         self.place(frames);
         let mut nearest: Option<(Pair, Proximity)> = None;
-        let mut so_far = f64::INFINITY;
         // Start with the pair of the nearest spheres: a small first distance rules most of the others out, by their
         // spheres first and by their separating axes second.
         let first = self.nearest_spheres();

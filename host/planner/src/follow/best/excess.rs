@@ -204,7 +204,8 @@ impl<'a> Excess<'a> {
         for (q, held) in tests {
             let frames = self.setting.arm.fk(&q);
             out.push(2.0 * (margins.floor_m + SPARE - self.clear.height_m(&frames)).max(0.0));
-            out.push(5.0 * (margins.boxes_m + SPARE - self.clear.distance_m(&frames, held)).max(0.0));
+            let wanted_m = margins.boxes_m + SPARE;
+            out.push(5.0 * (wanted_m - self.clear.distance_m(&frames, held, wanted_m)).max(0.0));
         }
         for k in 1..=BALL_TESTS {
             // Dense at first: there the ball is nearest to the hand.

@@ -4,6 +4,8 @@
 //! ```text
 //!  mod        starts in parallel, growth, kicks, the best of them
 //!   |   \
+//!   |    march      throws carried from nearer targets
+//!   |      v
 //!   |    seeds      releases to start from
 //!   v      v
 //!  least_squares    drives all excesses over limits to zero
@@ -19,6 +21,7 @@
 
 mod excess;
 mod least_squares;
+mod march;
 mod seeds;
 mod variables;
 
@@ -44,7 +47,7 @@ pub struct BestOptions {
     pub hand: HandFreedom,
     /// Releases that are drawn.
     pub draws: usize,
-    /// Releases that are optimised; up to six times as many if none of the first leads to a throw.
+    /// Releases that are optimised. If none leads to a throw, throws to nearer targets are carried outwards.
     pub starts: usize,
     /// Disturbed restarts of each of the best results.
     pub kicks: usize,
@@ -75,8 +78,6 @@ impl Default for BestOptions {
 
 /// Results that are disturbed and grown again.
 const KICKED: usize = 4;
-/// Further releases that are kept for the case that none of the first leads to a throw, in multiples of the starts.
-const RESERVE: usize = 5;
 /// Lag of the detour of a search without lag, s.
 const DETOUR_LAG_S: f64 = 0.024;
 /// First lengthening of a window, in points; halved at each failure.
@@ -100,18 +101,19 @@ impl Grown {
 /// Plans the throw with the longest window found.
 ///
 /// # Errors
-/// [`NotFound`] if no start leads to a feasible throw with one point.
+/// [`NotFound`] if no start leads to a feasible throw with one point, and none can be carried to the target.
 pub fn plan(setting: &Setting<'_>, options: &BestOptions) -> Result<Found, Box<NotFound>> {
-    let (seeds, mut counts) = seeds::draw(setting, options, options.starts * (1 + RESERVE));
-    let mut grown: Vec<Grown> = Vec::new();
-    // Targets at the edge of what is possible have few good starts: the reserve is only for them.
-    for some in seeds.chunks(options.starts.max(1)) {
-        let tried: Vec<Option<Grown>> =
-            some.par_iter().map(|seed| from_seed(setting, options, seed)).collect();
-        counts.add(Stage::Unsolved, tried.iter().filter(|g| g.is_none()).count() as u64);
-        grown.extend(tried.into_iter().flatten());
-        if !grown.is_empty() {
-            break;
+    let (seeds, mut counts) = seeds::draw(setting, options, options.starts);
+    let tried: Vec<Option<Grown>> = seeds.par_iter().map(|seed| from_seed(setting, options, seed)).collect();
+    counts.add(Stage::Unsolved, tried.iter().filter(|g| g.is_none()).count() as u64);
+    let mut grown: Vec<Grown> = tried.into_iter().flatten().collect();
+    if grown.is_empty() {
+        let releases = options.draws as u64;
+        match march::toward(setting, options) {
+            Ok(carried) => grown.push(carried),
+            Err(nearest) => {
+                return Err(Box::new(NotFound { size: SearchSize { releases, counts }, nearest }));
+            }
         }
     }
     counts.add(Stage::Feasible, grown.len() as u64);
@@ -129,17 +131,8 @@ pub fn plan(setting: &Setting<'_>, options: &BestOptions) -> Result<Found, Box<N
         .collect();
     let size = SearchSize { releases: options.draws as u64, counts };
     let best = kicked.into_iter().reduce(|a, b| if b.better_than(&a) { b } else { a });
-    best.and_then(|g| finished(setting, options, &g, size)).ok_or_else(|| Box::new(NotFound { size }))
-}
-
-/// Whether a start leads to a feasible throw: ends at the first.
-#[must_use]
-pub fn is_feasible(setting: &Setting<'_>, options: &BestOptions) -> bool {
-    let (seeds, _) = seeds::draw(setting, options, options.starts * (1 + RESERVE));
-    seeds.par_iter().any(|seed| {
-        let scenes = Scenes::new();
-        shortest(&mut Excess::new(setting, options.hand, &scenes), options, seed).is_some()
-    })
+    best.and_then(|g| finished(setting, options, &g, size))
+        .ok_or_else(|| Box::new(NotFound { size, nearest: None }))
 }
 
 fn from_seed(setting: &Setting<'_>, options: &BestOptions, seed: &Seed) -> Option<Grown> {

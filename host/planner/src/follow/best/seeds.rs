@@ -68,7 +68,7 @@ fn draw_some(
     let mut excess = Excess::new(setting, options.hand, &scenes);
     let (mut seeds, mut counts) = (Vec::new(), StageCounts::default());
     let reach = Reach::new(setting.arm);
-    let base = setting.arm.fk(&Axes::zeros(AXES)).origin(0);
+    let base = base(setting);
     let reach_m = reach_m(setting);
     let floor_z_m = setting.arm.world().floor_z_m;
     for number in numbers {
@@ -108,8 +108,13 @@ fn draw_some(
     (seeds, counts)
 }
 
+/// Where the first joint is, m.
+pub(super) fn base(setting: &Setting<'_>) -> Vector3<f64> {
+    setting.arm.fk(&Axes::zeros(AXES)).origin(0)
+}
+
 /// Largest distance of the ball from the first joint, by the lengths of the links, in m.
-fn reach_m(setting: &Setting<'_>) -> f64 {
+pub(super) fn reach_m(setting: &Setting<'_>) -> f64 {
     let arm = setting.arm;
     let links: f64 = arm.joints().iter().skip(1).map(|j| j.x_pj.pos.norm()).sum();
     links + (*arm.end_effector() * arm.gripper().x_eb).pos.norm()

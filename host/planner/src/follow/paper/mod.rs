@@ -153,22 +153,8 @@ pub fn plan(setting: &Setting<'_>, options: &PaperOptions) -> Result<Found, Box<
     let size = SearchSize { releases, counts };
     match best {
         Some(found) => Ok(search.finished(&found, size)),
-        None => Err(Box::new(NotFound { size })),
+        None => Err(Box::new(NotFound { size, nearest: None })),
     }
-}
-
-/// Whether the grid, without its refinements, holds a feasible release: ends at the first.
-#[must_use]
-pub fn is_feasible(setting: &Setting<'_>, options: &PaperOptions) -> bool {
-    let search = Search::new(setting, options);
-    let lines = search.places_rad().into_par_iter().flat_map_iter(|place_rad| {
-        options.radius_m.values().flat_map(move |radius_m| search.on_line(place_rad, radius_m))
-    });
-    lines.any(|(at, flight)| {
-        let scenes = Scenes::new();
-        let mut trial = Trial::new(setting, &scenes);
-        flight.is_some_and(|flight| search.rolled(at).any(|at| search.release(&at, &flight, &mut trial)))
-    })
 }
 
 /// What one task of the search has found so far.
