@@ -5,8 +5,11 @@ use std::fmt::Write as _;
 use super::chart::{Chart, escape};
 
 const STYLE: &str = include_str!("assets/style.css");
+const DARK: &str = include_str!("assets/dark.css");
+const PAPER_STYLE: &str = include_str!("assets/paper.css");
 pub(super) const SCENE: &str = include_str!("assets/scene.js");
 const CHARTS: &str = include_str!("assets/charts.js");
+const PAPER: &str = include_str!("assets/paper.js");
 
 /// How something is meant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -166,13 +169,12 @@ impl Page {
     #[must_use]
     pub fn finish(mut self) -> String {
         self.end_part();
-        let scripts = match self.scene {
-            // The charts listen first, then the scene tells the time.
-            Some(data) => format!("<script>{CHARTS}</script><script>const scene={data};{SCENE}</script>"),
-            None => format!("<script>{CHARTS}</script>"),
-        };
+        // The charts listen first, then the scene sends the time.
+        let scene = self
+            .scene
+            .map_or_else(String::new, |data| format!("<script>const scene={data};{SCENE}</script>"));
         let body = format!(
-            "<body><main>{}<footer>Made by cubectl {}. Everything is inside this file: it needs no network.</footer></main>{scripts}",
+            "<body><main>{}<footer>Made by cubectl {}. Everything is inside this file: it needs no network.</footer></main><script>{CHARTS}{PAPER}</script>{scene}",
             self.body,
             env!("CARGO_PKG_VERSION")
         );
@@ -183,7 +185,7 @@ impl Page {
 /// A whole document; `body` begins with its tag.
 pub(super) fn document(title: &str, body: &str) -> String {
     format!(
-        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\"><title>{}</title><style>{STYLE}</style></head>{body}</body></html>\n",
+        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\"><title>{}</title><style>{STYLE}</style><style id=\"dark\" media=\"(prefers-color-scheme:dark)\">{DARK}</style><style id=\"paper\" media=\"print\">{PAPER_STYLE}</style></head>{body}</body></html>\n",
         escape(title)
     )
 }
@@ -237,9 +239,8 @@ mod tests {
     /// Colour of a name in the style sheet, light or dark.
     fn colour(name: &str, is_dark: bool) -> [f64; 3] {
         let key = format!("--{name}:#");
-        let values = STYLE.split(&key).skip(1);
-        let hex =
-            values.map(|rest| &rest[..rest.find([';', '}']).unwrap()]).nth(usize::from(is_dark)).unwrap();
+        let rest = if is_dark { DARK } else { STYLE }.split(&key).nth(1).unwrap();
+        let hex = &rest[..rest.find([';', '}']).unwrap()];
         let wide = if hex.len() == 3 { hex.chars().flat_map(|c| [c, c]).collect() } else { hex.to_owned() };
         [0, 2, 4].map(|i| f64::from(u8::from_str_radix(&wide[i..i + 2], 16).unwrap()) / 255.0)
     }

@@ -28,7 +28,7 @@
     const zoom = view.zoom; view.zoom = 1; scale = 1; shift = [0, 0];
     const q = extent.map(project), x = q.map(p => p[0]), y = q.map(p => p[1]);
     const w = Math.max(...x) - Math.min(...x), h = Math.max(...y) - Math.min(...y);
-    scale = Math.min((width - Math.min(150, 0.3 * width)) / w, (height - 70) / h);
+    scale = Math.min((width - Math.min(150, 0.3 * width)) / w, (height - Math.min(70, 0.2 * height)) / h);
     shift = [scale * ((Math.max(...x) + Math.min(...x)) / 2 - width / 2), scale * ((Math.max(...y) + Math.min(...y)) / 2 - height / 2)];
     view.zoom = zoom;
   }
@@ -103,7 +103,7 @@
     line([[p[0], p[1] - 0.09, tz], [p[0], p[1] + 0.09, tz]], css('--ink'), 1.5);
   }
   function draw() {
-    const ratio = devicePixelRatio || 1; width = canvas.clientWidth; height = canvas.clientHeight;
+    const ratio = Math.max(2, devicePixelRatio); width = canvas.clientWidth; height = canvas.clientHeight;
     canvas.width = width * ratio; canvas.height = height * ratio; ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
     ctx.clearRect(0, 0, width, height); fit();
     const z = scene.floor, a = Math.floor(Math.min(lo[0], lo[1], -0.6) * 2) / 2, b = Math.ceil(Math.max(hi[0], hi[1], 0.6) * 2) / 2;
