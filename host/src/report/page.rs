@@ -78,8 +78,8 @@ impl Page {
             escape(title),
             escape(under),
             escape(&answer.verdict),
-            escape(&answer.why),
-            escape(&answer.next)
+            marked(&answer.why),
+            marked(&answer.next)
         );
         Self { title: title.to_owned(), body, ..Self::default() }
     }
@@ -93,7 +93,7 @@ impl Page {
                 "<div class=\"tile\"><b class=\"{}\">{}<small>{unit}</small></b><span>{}</span></div>",
                 tone.class(),
                 escape(value),
-                escape(what)
+                escape(what).replace(" %", "\u{a0}%")
             );
         }
         self.body += "</div>";
@@ -162,7 +162,7 @@ impl Page {
 
     /// Small print.
     pub fn note(&mut self, text: &str) {
-        let _ = write!(self.body, "<p class=\"note\">{}</p>", escape(text));
+        let _ = write!(self.body, "<p class=\"note\">{}</p>", marked(text));
     }
 
     /// The whole file.
@@ -191,7 +191,13 @@ pub(super) fn document(title: &str, body: &str) -> String {
 }
 
 fn sentence(text: &str) -> String {
-    if text.is_empty() { String::new() } else { format!("<p>{}</p>", escape(text)) }
+    if text.is_empty() { String::new() } else { format!("<p>{}</p>", marked(text)) }
+}
+
+/// Text for HTML; what stands between backticks is code.
+fn marked(text: &str) -> String {
+    let part = |(k, part)| if k % 2 == 1 { format!("<code>{part}</code>") } else { str::to_owned(part) };
+    escape(text).split('`').enumerate().map(part).collect()
 }
 
 /// Table as HTML; the first column is text, cells have a tone.
@@ -251,6 +257,15 @@ mod tests {
         let luminance = |[r, g, b]: [f64; 3]| 0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b);
         let (a, b) = (luminance(one), luminance(other));
         (a.max(b) + 0.05) / (a.min(b) + 0.05)
+    }
+
+    #[test]
+    fn what_stands_between_backticks_is_code() {
+        assert_eq!(
+            marked("a < b: `throw --plan`, `c`"),
+            "a &lt; b: <code>throw --plan</code>, <code>c</code>"
+        );
+        assert_eq!(marked("none"), "none");
     }
 
     #[test]

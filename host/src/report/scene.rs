@@ -64,10 +64,12 @@ pub fn data(arm: &RobotModel, plan: Option<&PlanFile>, motion: &SceneMotion<'_>)
         if t_s <= motion.to_s {
             hand.push(held);
         }
-        let ball = motion.flight.and_then(|flight| flight.ball_at(t_s)).unwrap_or(held);
+        // A motion that throws nothing has no ball.
+        let ball = plan.map(|_| motion.flight.and_then(|flight| flight.ball_at(t_s)).unwrap_or(held));
+        let ball = ball.map_or("null".to_owned(), |ball| point(&ball));
         let links: Vec<String> = frames.x_w.iter().map(link).collect();
         let links = links.join(",");
-        steps.push(format!("{{\"t\":{t_s:.4},\"ball\":{},\"links\":[{links}]}}", point(&ball)));
+        steps.push(format!("{{\"t\":{t_s:.4},\"ball\":{ball},\"links\":[{links}]}}"));
     }
     let boxes = arm.collision().boxes().iter().map(|b| body(b.link, &b.x_lb, &b.half_m));
     // Obstacles stand in the world like the base.

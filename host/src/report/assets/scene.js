@@ -54,7 +54,7 @@
     let i = scene.steps.findIndex(s => s.t >= t); if (i < 0) i = scene.steps.length - 1;
     if (i === 0) return scene.steps[0];
     const a = scene.steps[i - 1], b = scene.steps[i], k = (t - a.t) / (b.t - a.t || 1), mix = (x, y) => x.map((v, n) => v + k * (y[n] - v));
-    return {t, ball: mix(a.ball, b.ball), normal: a.normal && mix(a.normal, b.normal), links: a.links.map((l, n) => mix(l, b.links[n]))};
+    return {t, ball: a.ball && mix(a.ball, b.ball), normal: a.normal && mix(a.normal, b.normal), links: a.links.map((l, n) => mix(l, b.links[n]))};
   }
   const faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]];
   function shade(hex, light) {
