@@ -11,7 +11,7 @@ use robot_model::Pose;
 use serde_json::Value;
 
 use super::chart::{Chart, Curve, Pen};
-use super::follow::{JITTER_S, PHASES, opening_chart, path_charts, releases, sensitivities};
+use super::follow::{JITTER_S, PHASES, opening_chart, path, path_charts, releases, sensitivities};
 use super::frame::{cause, foot, head, told_outcome, tone};
 use super::motion::Row;
 use super::page::{Answer, Tone, cell};
@@ -66,7 +66,7 @@ impl RobotRun<'_> {
         let (outcome, text) =
             told_outcome(self.summary).unwrap_or((Outcome::NotThrown, "no outcome is recorded".to_owned()));
         let [x, y, z] = plan.target_m;
-        let flown = self.flown();
+        let (flown, planned) = (self.flown(), path(self.arm, plan));
         let (title, robot) = (format!("Throw to ({x:.3}, {y:.3}, {z:.3}) m over RSI"), &plan.robot);
         let (why, next) = cause(Some(self.summary)).unwrap_or_else(|| self.reasons());
         let answer = Answer::new(text, tone(outcome), why, next);
@@ -76,12 +76,12 @@ impl RobotRun<'_> {
             "The throw",
             "Arm, hand and ball by the actual axes; the bottle stands at the target (paper, figure 9). Blue: way of the hand.",
         );
-        page.scene(self.scene(flown.as_ref()), "");
+        page.scene(self.scene(flown.as_ref(), &planned), "");
         page.part(
             "Path in space",
             "Centre of the ball in the three phases of the plan and its flight (paper, figure 7), over the actual path.",
         );
-        page.charts(&self.paths());
+        page.charts(&self.paths(&planned));
         page.part(
             "Landing",
             "Where the ball comes down at the height of the target, and what the opening time does to it.",
@@ -264,7 +264,7 @@ impl RobotRun<'_> {
         costs.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(ms, _)| ms)
     }
 
-    fn scene(&self, flown: Option<&Flown>) -> String {
+    fn scene(&self, flown: Option<&Flown>, planned: &[Vector3<f64>]) -> String {
         let arm = self.arm;
         let (from_s, end_s) = (0.0, self.end_s());
         let last_s = flown.map_or(end_s, |flown| end_s.max(flown.release_s + flown.flight_s)) + 0.05;
@@ -306,8 +306,6 @@ impl RobotRun<'_> {
             let time = |i: u32| flown.flight_s * f64::from(i) / f64::from(FLIGHT_STEPS);
             (0..=FLIGHT_STEPS).map(|i| flown.flight.position(time(i))).collect()
         });
-        let planned: Vec<Vector3<f64>> =
-            self.plan.steps.iter().map(|s| arm.ball(&arm.fk(&Axes::from(s.q_rad))).pos).collect();
         let ring: Vec<Vector3<f64>> =
             circle(radius_m).into_iter().map(|(x, y)| target + Vector3::new(x, y, 0.0)).collect();
         format!(
@@ -319,7 +317,7 @@ impl RobotRun<'_> {
             flown.map_or("null".to_owned(), |flown| flown.release_s.to_string()),
             point(&target),
             list(&hand),
-            list(&planned),
+            list(planned),
             list(&flight),
             list(&ring),
             boxes.join(","),
@@ -327,13 +325,13 @@ impl RobotRun<'_> {
         )
     }
 
-    fn paths(&self) -> Vec<Chart> {
+    fn paths(&self, planned: &[Vector3<f64>]) -> Vec<Chart> {
         let actual: Vec<Vector3<f64>> = self
             .shown()
             .map(|(_, row)| self.arm.ball(&self.arm.fk(&Axes::from(row.actual_deg.map(f64::to_radians)))).pos)
             .collect();
         let views: [View; 2] = [|p| (p.x, p.z), |p| (p.x, p.y)];
-        let mut charts = path_charts(self.arm, self.plan);
+        let mut charts = path_charts(self.plan, planned);
         for (chart, view) in charts.iter_mut().zip(views) {
             // Under the plan, which it covers nearly everywhere.
             chart.curves.insert(0, Curve::line("actual", ACTUAL, actual.iter().map(view).collect()));
