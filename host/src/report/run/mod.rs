@@ -321,10 +321,9 @@ impl RunReport<'_> {
             .collect();
         scene::data(
             self.arm,
-            plan,
+            plan.map(scene::Goal::from).as_ref(),
             &scene::SceneMotion {
                 q_at: &|t_s| self.q_at(t_s),
-                from_s: 0.0,
                 to_s: end_s,
                 flight: thrown.map(|release| scene::Flight {
                     release_s: release.t_s,
