@@ -6,6 +6,7 @@ use super::chart::{Chart, escape};
 
 const STYLE: &str = include_str!("assets/style.css");
 const DARK: &str = include_str!("assets/dark.css");
+const NARROW: &str = include_str!("assets/narrow.css");
 const PAPER_STYLE: &str = include_str!("assets/paper.css");
 pub(super) const SCENE: &str = include_str!("assets/scene.js");
 const CHARTS: &str = include_str!("assets/charts.js");
@@ -185,7 +186,7 @@ impl Page {
 /// A whole document; `body` begins with its tag.
 pub(super) fn document(title: &str, body: &str) -> String {
     format!(
-        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\"><title>{}</title><style>{STYLE}</style><style id=\"dark\" media=\"(prefers-color-scheme:dark)\">{DARK}</style><style id=\"paper\" media=\"print\">{PAPER_STYLE}</style></head>{body}</body></html>\n",
+        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\"><title>{}</title><style>{STYLE}</style><style id=\"dark\" media=\"(prefers-color-scheme:dark)\">{DARK}</style><style id=\"narrow\" media=\"(max-width:640px)\">{NARROW}</style><style id=\"paper\" media=\"print\">{PAPER_STYLE}</style></head>{body}</body></html>\n",
         escape(title)
     )
 }

@@ -92,12 +92,13 @@ def look(page, name, file, folder):
 
 
 def paper(page, name, folder):
-    """From a dark screen: the outcome and the letters of the picture in space are dark on white."""
-    page.show(1280, 1000, dark=True)
-    data = base64.b64decode(page.order("Page.printToPDF", paperWidth=8.27, paperHeight=11.69)["data"])
-    (folder / f"{name}.pdf").write_bytes(data)
-    filled = [ends(sheet) for sheet in pypdfium2.PdfDocument(io.BytesIO(data))]
-    assert len(filled) == 1 or len(filled) <= 4 and min(filled) > 0.5, (name, filled)
+    """From a dark desktop or phone: filled alike, and the outcome and the letters of the picture in space are dark on white."""
+    for width, height in [(1280, 1000), (390, 844)]:
+        page.show(width, height, dark=True)
+        data = base64.b64decode(page.order("Page.printToPDF", paperWidth=8.27, paperHeight=11.69)["data"])
+        (folder / f"{name}.pdf").write_bytes(data)
+        filled = [ends(sheet) for sheet in pypdfium2.PdfDocument(io.BytesIO(data))]
+        assert len(filled) == 1 or len(filled) <= 4 and min(filled) > 0.5, (name, width, filled)
     assert page.value(INK_ON_PAPER) == "#16181d", (name, "letters of the picture in space")
     page.show(1280, 1000, dark=False)
     page.order("Emulation.setEmulatedMedia", media="print")

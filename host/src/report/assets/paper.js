@@ -1,13 +1,14 @@
 // Paper shows the parts that belong on it, folded or not, in light colours. It takes at most four sheets, filled alike: a page becomes
 // smaller where that saves a sheet, and sheets begin where least of each is left empty.
 (() => {
-  const main = document.querySelector('main'), [dark, paper] = ['dark', 'paper'].map(id => document.getElementById(id));
+  const main = document.querySelector('main'), [dark, narrow, paper] = ['dark', 'narrow', 'paper'].map(id => document.getElementById(id));
   // A4 less its margins; the browser may set a page a little higher than it is computed here.
   const WIDTH_MM = 192, HEIGHT_MM = 279 - 6, SHEETS_MAX = 4, ZOOM_SMALL = 0.86, ZOOM_MIN = 0.5, ZOOM_STEP = 0.02;
   let opened = [], begins = [];
   function lay(isPaper, zoom) {
     opened.forEach(part => { part.open = isPaper; });
-    [dark.media, paper.media, main.style.width] = isPaper ? ['not all', 'all', `${WIDTH_MM}mm`] : ['(prefers-color-scheme:dark)', 'print', ''];
+    dark.disabled = narrow.disabled = isPaper;
+    [paper.media, main.style.width] = isPaper ? ['all', `${WIDTH_MM}mm`] : ['print', ''];
     main.style.zoom = zoom;
     begins.forEach(part => { part.style.breakBefore = isPaper ? 'page' : ''; });
     dispatchEvent(new Event('resize'));
@@ -46,5 +47,5 @@
     begins = of(zoom).slice(1);
     lay(true, zoom);
   });
-  addEventListener('afterprint', () => lay(false, ''));
+  addEventListener('afterprint', () => { lay(false, ''); begins = []; });
 })();
