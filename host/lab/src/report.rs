@@ -8,12 +8,16 @@ use crate::rally::exchange::{Exchange, Rally};
 
 /// Page of a rally: its exchanges, and the last one in full.
 pub(crate) fn rally(rally: &Rally, pair: &Pair, last: &Exchange, jerk: bool) -> String {
-    let tone = if last.outcome.caught { Tone::Good } else { Tone::Warn };
-    let text = format!("{} catches in a row", rally.length());
-    let ended = answer(&last.outcome);
-    let why = format!("the last exchange: {}; {}", ended.verdict, ended.why);
-    let mut page =
-        Page::new("Rally", &subtitle(pair, &last.outcome), &Answer::new(text, tone, why, ended.next));
+    let text = format!("{} of {} balls caught", rally.length(), rally.exchanges.len());
+    let again = "play another rally: `--seed`, `--trouble`; `--study` counts over many throws";
+    let ball = answer(&last.outcome, again);
+    let answer = match rally.end.not_thrown() {
+        Some([why, next]) => Answer::new(text, Tone::Warn, why, next),
+        None => {
+            Answer::new(text, ball.tone, format!("the last ball: {}; {}", ball.verdict, ball.why), ball.next)
+        }
+    };
+    let mut page = Page::new("Rally", &subtitle(pair, &last.outcome), &answer);
     let rows: Vec<Vec<(String, Tone)>> = rally
         .exchanges
         .iter()
@@ -25,6 +29,11 @@ pub(crate) fn rally(rally: &Rally, pair: &Pair, last: &Exchange, jerk: bool) -> 
             };
             vec![
                 cell((k + 1).to_string()),
+                if outcome.caught {
+                    ("caught".to_owned(), Tone::Good)
+                } else {
+                    ("not caught".to_owned(), Tone::Bad)
+                },
                 cell((exchange.thrower + 1).to_string()),
                 cell(format!("{:.2}", exchange.aimed.flight_s)),
                 cell(outcome.choice.as_ref().map_or("–", |c| mode_text(c.mode))),
@@ -32,11 +41,6 @@ pub(crate) fn rally(rally: &Rally, pair: &Pair, last: &Exchange, jerk: bool) -> 
                 cell(number(predicted_mm(outcome), 1)),
                 cell(number(outcome.crossing.map(|c| c.miss_m * 1e3), 1)),
                 cell(number(outcome.crossing.map(|c| c.speed_m_s), 2)),
-                if outcome.caught {
-                    ("caught".to_owned(), Tone::Good)
-                } else {
-                    ("not caught".to_owned(), Tone::Bad)
-                },
             ]
         })
         .collect();
@@ -47,6 +51,7 @@ pub(crate) fn rally(rally: &Rally, pair: &Pair, last: &Exchange, jerk: bool) -> 
     page.table(
         &[
             "throw",
+            "ball",
             "arm",
             "flight s",
             "hand",
@@ -54,7 +59,6 @@ pub(crate) fn rally(rally: &Rally, pair: &Pair, last: &Exchange, jerk: bool) -> 
             "predicted miss mm",
             "actual miss mm",
             "against the hand m/s",
-            "ball",
         ],
         &rows,
     );

@@ -13,6 +13,7 @@ use super::scene;
 
 const BALL: usize = 1;
 const CUP: usize = 0;
+const AGAIN: &str = "throw it otherwise (`--ball`), or try another seed";
 /// The picture shows so much above the last joint, m.
 const HAND_M: f64 = 0.2;
 
@@ -34,7 +35,7 @@ pub fn decision_word(decision: &Decision) -> String {
 /// Page of one catch.
 #[must_use]
 pub fn one(pair: &Pair, outcome: &Outcome, jerk: bool) -> String {
-    let mut page = Page::new("Catching a ball", &subtitle(pair, outcome), &answer(outcome));
+    let mut page = Page::new("Catching a ball", &subtitle(pair, outcome), &answer(outcome, AGAIN));
     body(&mut page, pair, outcome, jerk);
     page.finish()
 }
@@ -63,15 +64,14 @@ pub fn subtitle(pair: &Pair, outcome: &Outcome) -> String {
     )
 }
 
-/// Whether the ball was caught, why, and what to do.
+/// Whether the ball was caught, why, and what to do; `again`: how to throw another ball.
 #[must_use]
-pub fn answer(outcome: &Outcome) -> Answer {
+pub fn answer(outcome: &Outcome, again: &str) -> Answer {
     let missed = outcome.crossing.map(|c| {
         let (miss_mm, speed_m_s) = (c.miss_m * 1e3, c.speed_m_s);
         format!("at the mouth the ball was {miss_mm:.1} mm off the axis of the cup, at {speed_m_s:.2} m/s against it")
     });
     let seen = missed.unwrap_or_else(|| "the ball did not reach the mouth of the cup".to_owned());
-    let again = "throw it otherwise (`--ball`), or try another seed";
     match (outcome.caught, outcome.reported) {
         (true, _) => Answer::new("caught: the ball rests in the cup", Tone::Good, seen, again),
         (_, CatchOutcome::Declined(why)) => Answer::new("declined", Tone::Warn, why.to_string(), again),
@@ -79,7 +79,7 @@ pub fn answer(outcome: &Outcome) -> Answer {
             Answer::new("nothing thrown", Tone::Warn, "the tracker saw no ball fly", again)
         }
         (_, CatchOutcome::Halted) => {
-            let next = "`cubectl status` shows the fault and what to do";
+            let next = "`cubectl doctor` shows the fault and what to do";
             Answer::new("the arm stopped because of a fault", Tone::Bad, seen, next)
         }
         _ => Answer::new("not caught", Tone::Bad, seen, "see Decisions for when the forecast was off"),

@@ -274,6 +274,7 @@ impl Chart {
             top + 0.5 * h,
             escape(&self.y_label)
         );
+        self.draw_curves(&f, &mut o);
         for (mark, class, below) in [(&self.mark, "m", 11.0), (&self.fault, "m fault", 24.0)] {
             if let Some((at, name)) = mark.as_ref().filter(|(at, _)| (x.0..=x.1).contains(at)) {
                 let sx = f.sx(*at);
@@ -281,14 +282,13 @@ impl Chart {
                 let (tx, anchor) = if sx > left + 0.8 * w { (sx - 4.0, "end") } else { (sx + 4.0, "start") };
                 let _ = write!(
                     o,
-                    "<path class=\"{class}\" d=\"M{sx:.1} {top}V{:.1}\"/><text x=\"{tx:.1}\" y=\"{:.1}\" text-anchor=\"{anchor}\">{}</text>",
+                    "<path class=\"{class}\" d=\"M{sx:.1} {top}V{:.1}\"/><text x=\"{tx:.1}\" y=\"{:.1}\" class=\"e\" text-anchor=\"{anchor}\">{}</text>",
                     top + h,
                     top + below,
                     escape(name)
                 );
             }
         }
-        self.draw_curves(&f, &mut o);
         o + "</svg>"
     }
 

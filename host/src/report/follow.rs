@@ -131,15 +131,13 @@ pub fn html(arm: &Arm, plan: &FollowPlan, limits: &Limits, verdict: &Report) -> 
         (format!("{:.1}", without.rms_m * 1e3), "mm", "the same without following".into(), Tone::Plain),
     ]);
     page.section(
-        "Path in space",
-        "Centre of the ball in the three phases, and its flight (paper, figure 7).",
+        "Path in space and opening time",
+        "Centre of the ball in the three phases, and its flight (paper, figure 7). Landing error: if the gripper opens earlier or later \
+         than planned, with and without following.",
     );
-    page.charts(&path_charts(arm, plan));
-    page.part(
-        "Opening time",
-        "Where the ball lands if the gripper opens earlier or later than planned, with and without following.",
-    );
-    page.charts(&[opening_chart(arm, plan, &releases)]);
+    let mut charts = path_charts(plan, &path(arm, plan));
+    charts.push(opening_chart(arm, plan, &releases));
+    page.charts(&charts);
     page.part(
         "Set points per axis",
         "Angle, speed and acceleration as commanded (paper, figure 8); speed and acceleration by finite differences.",
@@ -165,9 +163,13 @@ fn of_phase<T>(plan: &FollowPlan, phase: Phase, point: impl Fn(usize) -> T) -> V
         .collect()
 }
 
-pub(super) fn path_charts(arm: &Arm, plan: &FollowPlan) -> Vec<Chart> {
-    let ball: Vec<Vector3<f64>> =
-        plan.steps.iter().map(|s| arm.ball(&arm.fk(&Axes::from(s.q_rad))).pos).collect();
+/// Centre of the held ball at each step.
+pub(super) fn path(arm: &Arm, plan: &FollowPlan) -> Vec<Vector3<f64>> {
+    plan.steps.iter().map(|s| arm.ball(&arm.fk(&Axes::from(s.q_rad))).pos).collect()
+}
+
+/// From the side and from above; `ball`: its path().
+pub(super) fn path_charts(plan: &FollowPlan, ball: &[Vector3<f64>]) -> Vec<Chart> {
     let flight = plan.parabola();
     let end_s = flight.time_to(&plan.aim());
     let flown: Vec<Vector3<f64>> = (0..=60).map(|k| flight.position(f64::from(k) / 60.0 * end_s)).collect();
@@ -241,10 +243,11 @@ fn axis_charts(plan: &FollowPlan, limits: &Limits, axis: usize) -> Vec<Chart> {
         }
         Chart {
             title,
-            x_label: "s".to_owned(),
+            x_label: "time of the plan in s".to_owned(),
             y_label: unit.to_owned(),
             curves,
             mark: Some((plan.release_time_s, "release".to_owned())),
+            is_time: true,
             ..Chart::default()
         }
     };

@@ -11,17 +11,13 @@ use robot_model::Pose;
 use serde_json::Value;
 
 use super::chart::{Chart, Curve, Pen};
-use super::follow::{JITTER_S, PHASES, opening_chart, path_charts, releases, sensitivities};
+use super::follow::{JITTER_S, PHASES, opening_chart, path, path_charts, releases, sensitivities};
 use super::frame::{cause, foot, head, told_outcome, tone};
 use super::motion::Row;
 use super::page::{Answer, Tone, cell};
-use super::scene::{body, link, list, point};
+use super::scene;
 use operator::job::Outcome;
 
-/// Steps of the animation.
-const STEPS: u32 = 110;
-/// Points of a flight.
-const FLIGHT_STEPS: u32 = 40;
 /// Half height of the bottle, m.
 const BOTTLE_HALF_M: f64 = 0.12;
 /// The robot is shown for so long before the plan begins and after it ends, s.
@@ -66,7 +62,7 @@ impl RobotRun<'_> {
         let (outcome, text) =
             told_outcome(self.summary).unwrap_or((Outcome::NotThrown, "no outcome is recorded".to_owned()));
         let [x, y, z] = plan.target_m;
-        let flown = self.flown();
+        let (flown, planned) = (self.flown(), path(self.arm, plan));
         let (title, robot) = (format!("Throw to ({x:.3}, {y:.3}, {z:.3}) m over RSI"), &plan.robot);
         let (why, next) = cause(Some(self.summary)).unwrap_or_else(|| self.reasons());
         let answer = Answer::new(text, tone(outcome), why, next);
@@ -76,12 +72,12 @@ impl RobotRun<'_> {
             "The throw",
             "Arm, hand and ball by the actual axes; the bottle stands at the target (paper, figure 9). Blue: way of the hand.",
         );
-        page.scene(self.scene(flown.as_ref()), "");
+        page.scene(self.scene(flown.as_ref(), planned.clone()), "");
         page.part(
             "Path in space",
             "Centre of the ball in the three phases of the plan and its flight (paper, figure 7), over the actual path.",
         );
-        page.charts(&self.paths());
+        page.charts(&self.paths(&planned));
         page.part(
             "Landing",
             "Where the ball comes down at the height of the target, and what the opening time does to it.",
@@ -264,76 +260,38 @@ impl RobotRun<'_> {
         costs.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(ms, _)| ms)
     }
 
-    fn scene(&self, flown: Option<&Flown>) -> String {
-        let arm = self.arm;
-        let (from_s, end_s) = (0.0, self.end_s());
-        let last_s = flown.map_or(end_s, |flown| end_s.max(flown.release_s + flown.flight_s)) + 0.05;
-        let mut times: Vec<f64> =
-            (0..=STEPS).map(|i| from_s + (last_s - from_s) * f64::from(i) / f64::from(STEPS)).collect();
-        times.extend(flown.iter().flat_map(|flown| [flown.release_s, flown.release_s + flown.flight_s]));
-        times.sort_by(f64::total_cmp);
-        let (mut steps, mut hand, mut top) = (Vec::new(), Vec::new(), 0.0_f64);
-        for t_s in times {
-            let Some((q, _)) = self.at(t_s) else { continue };
-            let frames = arm.fk(&q);
-            let held = arm.ball(&frames).pos;
-            if t_s <= end_s {
-                hand.push(held);
-            }
-            top = frames.x_w.iter().map(|x| x.pos.z).fold(top.max(held.z), f64::max);
-            let ball = flown
-                .filter(|flown| t_s > flown.release_s)
-                .map_or(held, |flown| flown.flight.position((t_s - flown.release_s).min(flown.flight_s)));
-            let links: Vec<String> = frames.x_w.iter().map(link).collect();
-            steps.push(format!(
-                "{{\"t\":{t_s:.4},\"ball\":{},\"links\":[{}]}}",
-                point(&ball),
-                links.join(",")
-            ));
-        }
-        let target = Vector3::from(self.plan.target_m);
-        let radius_m = self.number("/tolerance_m").unwrap_or(0.035);
-        let half = Vector3::new(radius_m, radius_m, BOTTLE_HALF_M);
-        let bottle = body(0, &Pose::translation(target.x, target.y, target.z), &half);
-        let boxes: Vec<String> = arm
-            .collision()
-            .boxes()
-            .iter()
-            .map(|b| body(b.link, &b.x_lb, &b.half_m))
-            .chain([bottle])
-            .collect();
-        let flight: Vec<Vector3<f64>> = flown.map_or_else(Vec::new, |flown| {
-            let time = |i: u32| flown.flight_s * f64::from(i) / f64::from(FLIGHT_STEPS);
-            (0..=FLIGHT_STEPS).map(|i| flown.flight.position(time(i))).collect()
-        });
-        let planned: Vec<Vector3<f64>> =
-            self.plan.steps.iter().map(|s| arm.ball(&arm.fk(&Axes::from(s.q_rad))).pos).collect();
-        let ring: Vec<Vector3<f64>> =
-            circle(radius_m).into_iter().map(|(x, y)| target + Vector3::new(x, y, 0.0)).collect();
-        format!(
-            "{{\"floor\":{},\"top\":{:.3},\"radius\":{},\"last\":{},\"release\":{},\"target\":{},\"hand\":{},\"planned\":{},\"flight\":{},\"ellipse\":{},\"boxes\":[{}],\"steps\":[{}]}}",
-            arm.world().floor_z_m,
-            top + 0.06,
-            arm.gripper().ball_radius_m,
-            arm.joints().len(),
-            flown.map_or("null".to_owned(), |flown| flown.release_s.to_string()),
-            point(&target),
-            list(&hand),
-            list(&planned),
-            list(&flight),
-            list(&ring),
-            boxes.join(","),
-            steps.join(",")
-        )
+    /// Actual angles at a time; before the first cycle those of the first, later than the last those of the last.
+    fn q_at(&self, t_s: f64) -> Axes {
+        let nearest = self.rows.iter().rfind(|row| row.t_s <= t_s).or(self.rows.first());
+        let still = || nearest.map_or(Axes::zeros(AXES), |row| row.actual_deg.map(f64::to_radians).into());
+        self.at(t_s).map_or_else(still, |(q, _)| q)
     }
 
-    fn paths(&self) -> Vec<Chart> {
+    fn scene(&self, flown: Option<&Flown>, planned: Vec<Vector3<f64>>) -> String {
+        let target_m = Vector3::from(self.plan.target_m);
+        let radius_m = self.number("/tolerance_m").unwrap_or(0.035);
+        let half_m = Vector3::new(radius_m, radius_m, BOTTLE_HALF_M);
+        let bottle = scene::body(0, &Pose::translation(target_m.x, target_m.y, target_m.z), &half_m);
+        let ring = circle(radius_m).into_iter().map(|(x, y)| target_m + Vector3::new(x, y, 0.0));
+        let goal = scene::Goal { target_m, spread: ring.collect(), rim: None, bodies: vec![bottle] };
+        let ball_after = |s: f64| flown.map_or(target_m, |flown| flown.flight.position(s));
+        let flight = flown.map(|flown| scene::Flight {
+            release_s: flown.release_s,
+            ball_after: &ball_after,
+            flight_s: flown.flight_s,
+        });
+        let q_at = |t_s: f64| self.q_at(t_s);
+        let (to_s, planned) = (self.end_s(), Some(planned));
+        scene::data(self.arm, Some(&goal), &scene::SceneMotion { q_at: &q_at, to_s, flight, planned })
+    }
+
+    fn paths(&self, planned: &[Vector3<f64>]) -> Vec<Chart> {
         let actual: Vec<Vector3<f64>> = self
             .shown()
             .map(|(_, row)| self.arm.ball(&self.arm.fk(&Axes::from(row.actual_deg.map(f64::to_radians)))).pos)
             .collect();
         let views: [View; 2] = [|p| (p.x, p.z), |p| (p.x, p.y)];
-        let mut charts = path_charts(self.arm, self.plan);
+        let mut charts = path_charts(self.plan, planned);
         for (chart, view) in charts.iter_mut().zip(views) {
             // Under the plan, which it covers nearly everywhere.
             chart.curves.insert(0, Curve::line("actual", ACTUAL, actual.iter().map(view).collect()));

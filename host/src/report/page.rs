@@ -5,8 +5,12 @@ use std::fmt::Write as _;
 use super::chart::{Chart, escape};
 
 const STYLE: &str = include_str!("assets/style.css");
+const DARK: &str = include_str!("assets/dark.css");
+const NARROW: &str = include_str!("assets/narrow.css");
+const PAPER_STYLE: &str = include_str!("assets/paper.css");
 pub(super) const SCENE: &str = include_str!("assets/scene.js");
 const CHARTS: &str = include_str!("assets/charts.js");
+const PAPER: &str = include_str!("assets/paper.js");
 
 /// How something is meant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -75,8 +79,8 @@ impl Page {
             escape(title),
             escape(under),
             escape(&answer.verdict),
-            escape(&answer.why),
-            escape(&answer.next)
+            marked(&answer.why),
+            marked(&answer.next)
         );
         Self { title: title.to_owned(), body, ..Self::default() }
     }
@@ -90,7 +94,7 @@ impl Page {
                 "<div class=\"tile\"><b class=\"{}\">{}<small>{unit}</small></b><span>{}</span></div>",
                 tone.class(),
                 escape(value),
-                escape(what)
+                escape(what).replace(" %", "\u{a0}%")
             );
         }
         self.body += "</div>";
@@ -159,20 +163,19 @@ impl Page {
 
     /// Small print.
     pub fn note(&mut self, text: &str) {
-        let _ = write!(self.body, "<p class=\"note\">{}</p>", escape(text));
+        let _ = write!(self.body, "<p class=\"note\">{}</p>", marked(text));
     }
 
     /// The whole file.
     #[must_use]
     pub fn finish(mut self) -> String {
         self.end_part();
-        let scripts = match self.scene {
-            // The charts listen first, then the scene tells the time.
-            Some(data) => format!("<script>{CHARTS}</script><script>const scene={data};{SCENE}</script>"),
-            None => format!("<script>{CHARTS}</script>"),
-        };
+        // The charts listen first, then the scene sends the time.
+        let scene = self
+            .scene
+            .map_or_else(String::new, |data| format!("<script>const scene={data};{SCENE}</script>"));
         let body = format!(
-            "<body><main>{}<footer>Made by cubectl {}. Everything is inside this file: it needs no network.</footer></main>{scripts}",
+            "<body><main>{}<footer>Made by cubectl {}. Everything is inside this file: it needs no network.</footer></main><script>{CHARTS}{PAPER}</script>{scene}",
             self.body,
             env!("CARGO_PKG_VERSION")
         );
@@ -183,13 +186,19 @@ impl Page {
 /// A whole document; `body` begins with its tag.
 pub(super) fn document(title: &str, body: &str) -> String {
     format!(
-        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\"><title>{}</title><style>{STYLE}</style></head>{body}</body></html>\n",
+        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\"><title>{}</title><style>{STYLE}</style><style id=\"dark\" media=\"(prefers-color-scheme:dark)\">{DARK}</style><style id=\"narrow\" media=\"(max-width:640px)\">{NARROW}</style><style id=\"paper\" media=\"print\">{PAPER_STYLE}</style></head>{body}</body></html>\n",
         escape(title)
     )
 }
 
 fn sentence(text: &str) -> String {
-    if text.is_empty() { String::new() } else { format!("<p>{}</p>", escape(text)) }
+    if text.is_empty() { String::new() } else { format!("<p>{}</p>", marked(text)) }
+}
+
+/// Text for HTML; what stands between backticks is code.
+fn marked(text: &str) -> String {
+    let part = |(k, part)| if k % 2 == 1 { format!("<code>{part}</code>") } else { str::to_owned(part) };
+    escape(text).split('`').enumerate().map(part).collect()
 }
 
 /// Table as HTML; the first column is text, cells have a tone.
@@ -237,9 +246,8 @@ mod tests {
     /// Colour of a name in the style sheet, light or dark.
     fn colour(name: &str, is_dark: bool) -> [f64; 3] {
         let key = format!("--{name}:#");
-        let values = STYLE.split(&key).skip(1);
-        let hex =
-            values.map(|rest| &rest[..rest.find([';', '}']).unwrap()]).nth(usize::from(is_dark)).unwrap();
+        let rest = if is_dark { DARK } else { STYLE }.split(&key).nth(1).unwrap();
+        let hex = &rest[..rest.find([';', '}']).unwrap()];
         let wide = if hex.len() == 3 { hex.chars().flat_map(|c| [c, c]).collect() } else { hex.to_owned() };
         [0, 2, 4].map(|i| f64::from(u8::from_str_radix(&wide[i..i + 2], 16).unwrap()) / 255.0)
     }
@@ -250,6 +258,15 @@ mod tests {
         let luminance = |[r, g, b]: [f64; 3]| 0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b);
         let (a, b) = (luminance(one), luminance(other));
         (a.max(b) + 0.05) / (a.min(b) + 0.05)
+    }
+
+    #[test]
+    fn what_stands_between_backticks_is_code() {
+        assert_eq!(
+            marked("a < b: `throw --plan`, `c`"),
+            "a &lt; b: <code>throw --plan</code>, <code>c</code>"
+        );
+        assert_eq!(marked("none"), "none");
     }
 
     #[test]

@@ -347,10 +347,9 @@ fn space(arm: &RobotModel, plan: &PlanFile) -> String {
     let ball_after = |s: f64| model.as_ref().map_or(p0, |flight| flight.fly(&p0, &v0, s).p);
     scene::data(
         arm,
-        Some(plan),
+        Some(&plan.into()),
         &scene::SceneMotion {
             q_at: &|t_s| motion::at(plan, t_s).q,
-            from_s: 0.0,
             to_s: plan.end_time_s,
             flight: Some(scene::Flight {
                 release_s: plan.release_time_s,

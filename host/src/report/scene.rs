@@ -15,8 +15,6 @@ const FLIGHT_STEPS: u32 = 40;
 pub struct SceneMotion<'a> {
     /// Joint angles at a time of the plan, rad.
     pub q_at: &'a dyn Fn(f64) -> JointVec,
-    /// Begin of the animation, s.
-    pub from_s: f64,
     /// When the arm stands, s.
     pub to_s: f64,
     /// Flight of the ball; `None`: it stays in the hand.
@@ -47,11 +45,34 @@ impl Flight<'_> {
     }
 }
 
-/// The data as a JavaScript object.
+/// Where the ball is to come down.
+pub struct Goal {
+    pub target_m: Vector3<f64>,
+    /// Where it may come down about the target.
+    pub spread: Vec<Vector3<f64>>,
+    /// Of the opening that it is to pass.
+    pub rim: Option<Vec<Vector3<f64>>>,
+    /// Bodies of the world besides the base.
+    pub bodies: Vec<String>,
+}
+
+impl From<&PlanFile> for Goal {
+    fn from(plan: &PlanFile) -> Self {
+        let obstacles = plan.obstacles.iter().map(|o| body(0, &o.pose(), &Vector3::from(o.half_m)));
+        Self {
+            target_m: Vector3::from(plan.meeting_m()),
+            spread: ellipse_in_space(plan),
+            rim: rim(plan),
+            bodies: obstacles.collect(),
+        }
+    }
+}
+
+/// The data as a JavaScript object; a motion without a goal has no ball.
 #[must_use]
-pub fn data(arm: &RobotModel, plan: Option<&PlanFile>, motion: &SceneMotion<'_>) -> String {
+pub fn data(arm: &RobotModel, goal: Option<&Goal>, motion: &SceneMotion<'_>) -> String {
     let last_s = motion.flight.map_or(motion.to_s, |flight| motion.to_s.max(flight.landing_s())) + 0.05;
-    let time = |i: u32| motion.from_s + (last_s - motion.from_s) * f64::from(i) / f64::from(STEPS);
+    let time = |i: u32| last_s * f64::from(i) / f64::from(STEPS);
     // The release and the landing are points of the animation, whatever its steps.
     let mut times: Vec<f64> = (0..=STEPS).map(time).collect();
     times.extend(motion.flight.iter().flat_map(|flight| [flight.release_s, flight.landing_s()]));
@@ -64,16 +85,14 @@ pub fn data(arm: &RobotModel, plan: Option<&PlanFile>, motion: &SceneMotion<'_>)
         if t_s <= motion.to_s {
             hand.push(held);
         }
-        let ball = motion.flight.and_then(|flight| flight.ball_at(t_s)).unwrap_or(held);
+        let ball = goal.map(|_| motion.flight.and_then(|flight| flight.ball_at(t_s)).unwrap_or(held));
+        let ball = ball.map_or("null".to_owned(), |ball| point(&ball));
         let links: Vec<String> = frames.x_w.iter().map(link).collect();
         let links = links.join(",");
-        steps.push(format!("{{\"t\":{t_s:.4},\"ball\":{},\"links\":[{links}]}}", point(&ball)));
+        steps.push(format!("{{\"t\":{t_s:.4},\"ball\":{ball},\"links\":[{links}]}}"));
     }
     let boxes = arm.collision().boxes().iter().map(|b| body(b.link, &b.x_lb, &b.half_m));
-    // Obstacles stand in the world like the base.
-    let obstacles =
-        plan.iter().flat_map(|plan| &plan.obstacles).map(|o| body(0, &o.pose(), &Vector3::from(o.half_m)));
-    let boxes: Vec<String> = boxes.chain(obstacles).collect();
+    let boxes: Vec<String> = boxes.chain(goal.iter().flat_map(|goal| goal.bodies.clone())).collect();
     let flown = motion.flight.map_or_else(Vec::new, |flight| {
         let time = |i: u32| flight.flight_s * f64::from(i) / f64::from(FLIGHT_STEPS);
         (0..=FLIGHT_STEPS).map(|i| (flight.ball_after)(time(i))).collect()
@@ -87,11 +106,11 @@ pub fn data(arm: &RobotModel, plan: Option<&PlanFile>, motion: &SceneMotion<'_>)
         arm.world().floor_z_m,
         arm.gripper().ball_radius_m,
         arm.joints().len(),
-        plan.map_or("null".to_owned(), |plan| point(&Vector3::from(plan.meeting_m()))),
+        goal.map_or("null".to_owned(), |goal| point(&goal.target_m)),
         list(&hand),
         list(&flown),
-        plan.map_or("null".to_owned(), |plan| list(&ellipse_in_space(plan))),
-        plan.and_then(rim).map_or("null".to_owned(), |points| list(&points)),
+        goal.map_or("null".to_owned(), |goal| list(&goal.spread)),
+        goal.and_then(|goal| goal.rim.as_ref()).map_or("null".to_owned(), |points| list(points)),
         boxes.join(","),
         steps.join(",")
     )
@@ -117,9 +136,8 @@ pub(super) fn body(link: usize, x_lb: &Pose, half_m: &Vector3<f64>) -> String {
 
 /// Height of the highest joint over the motion, m.
 fn steps_top(arm: &RobotModel, motion: &SceneMotion<'_>) -> f64 {
-    let span = motion.to_s - motion.from_s;
     let heights = (0..=20).flat_map(|i| {
-        let frames = arm.fk(&(motion.q_at)(motion.from_s + span * f64::from(i) / 20.0));
+        let frames = arm.fk(&(motion.q_at)(motion.to_s * f64::from(i) / 20.0));
         frames.x_w.iter().map(|x| x.pos.z).collect::<Vec<_>>()
     });
     heights.fold(0.0, f64::max) + 0.06

@@ -4,7 +4,7 @@
 
 The first screen of a desktop and of a phone says whether, why and what next. With all parts folded a report is at most 2500 px high
 on a desktop and 4000 px on a phone. Text that is no heading and no figure has one size, and all text a contrast of 4.5. On paper it has
-at most four pages; none but the last is half empty.
+at most four pages, in light colours from a dark screen too, and if more than one none of them is half empty.
 """
 
 import base64
@@ -18,6 +18,7 @@ import pypdfium2
 
 from browser import Page
 
+SCENARIOS = pathlib.Path(__file__).parents[3] / "hil-sim" / "scenarios"
 SCREENS = [("desktop", 1280, 800, False, 2500), ("dark", 1280, 800, True, 2500), ("phone", 390, 844, False, 4000)]
 ANSWER = "[...document.querySelectorAll('.answer > *')].map(part => part.textContent)"
 ANSWER_ENDS = "document.querySelector('.answer').getBoundingClientRect().bottom + scrollY"
@@ -37,15 +38,21 @@ TEXTS = """(() => {
   }
   return found; })()"""
 
+INK_ON_PAPER = """(() => { dispatchEvent(new Event('beforeprint'));
+  const ink = getComputedStyle(document.documentElement).getPropertyValue('--ink').trim();
+  dispatchEvent(new Event('afterprint')); return ink; })()"""
+
 
 def reports(cubectl, folder):
     """A report of each kind, by its name."""
-    def run(*words, codes=(0,)):
-        done = subprocess.run([cubectl, *words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    def run(*words, codes=(0,), program=cubectl):
+        done = subprocess.run([program, *words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         assert done.returncode in codes, (words, done.stderr)
 
     at = lambda name: str(folder / name)
     run("throw", "--target", "1.0,1.0,-1.0", "--seed", "6", "--out", at("throw"))
+    # A joint does not answer.
+    run("throw", "--target", "1.0,1.0,-1.0", "--scenario", str(SCENARIOS / "silent_joint.toml"), "--out", at("fault"), codes=(13,))
     run("move", "--by", "1=0.5", "--home", "--out", at("move"))
     # The arm is not where this plan begins.
     run("run", at("throw/plan.json"), "--home", "--out", at("refused"), codes=(8,))
@@ -53,9 +60,13 @@ def reports(cubectl, folder):
     run("catch", "--robot", "powercube6", "--ball", "2.2,0.1,0.4,-2.6,-0.1,3.0", "--report", at("ball.html"))
     run("catch", "--robot", "pincher4", "--disc", "flat", "--report", at("disc.html"))
     run("identify", "--joint", "2", "--home", "--report", at("identify.html"))
-    for name in ["throw", "move", "refused"]:
+    run("plan", "throw", "--robot", "kr16_2", "--target", "2.5,0,0.54", "--starts", "2", "--out", at("follow.json"), "--report", at("follow.html"))
+    run("throw", "--robot", "kr16_2", "--plan", at("follow.json"), "--out", at("industrial"))
+    run("tune", "--plan", at("throw/plan.json"), "--out", at("gains.toml"), "--report", at("tune.html"))
+    run("rally", "--throws", "1", "--report", at("rally.html"), program=pathlib.Path(cubectl).with_name("cubelab"))
+    for name in ["throw", "fault", "move", "refused", "industrial"]:
         yield name, folder / name / "report.html"
-    for name in ["plan", "ball", "disc", "identify"]:
+    for name in ["plan", "ball", "disc", "identify", "follow", "tune", "rally"]:
         yield name, folder / f"{name}.html"
 
 
@@ -81,12 +92,15 @@ def look(page, name, file, folder):
 
 
 def paper(page, name, folder):
-    """On paper the outcome is dark on white."""
+    """From a dark desktop or phone: filled alike, and the outcome and the letters of the picture in space are dark on white."""
+    for width, height in [(1280, 1000), (390, 844)]:
+        page.show(width, height, dark=True)
+        data = base64.b64decode(page.order("Page.printToPDF", paperWidth=8.27, paperHeight=11.69)["data"])
+        (folder / f"{name}.pdf").write_bytes(data)
+        filled = [ends(sheet) for sheet in pypdfium2.PdfDocument(io.BytesIO(data))]
+        assert len(filled) == 1 or len(filled) <= 4 and min(filled) > 0.5, (name, width, filled)
+    assert page.value(INK_ON_PAPER) == "#16181d", (name, "letters of the picture in space")
     page.show(1280, 1000, dark=False)
-    data = base64.b64decode(page.order("Page.printToPDF", paperWidth=8.27, paperHeight=11.69)["data"])
-    (folder / f"{name}.pdf").write_bytes(data)
-    filled = [ends(sheet) for sheet in pypdfium2.PdfDocument(io.BytesIO(data))]
-    assert len(filled) <= 4 and min(filled[:-1], default=1) > 0.5, (name, filled)
     page.order("Emulation.setEmulatedMedia", media="print")
     outcome = page.value("(pill => pill.color + ' ' + pill.backgroundColor)(getComputedStyle(document.querySelector('.pill')))")
     page.order("Emulation.setEmulatedMedia", media="")

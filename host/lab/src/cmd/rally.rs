@@ -87,17 +87,10 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             console::line!("report: {}", file.display());
         }
     }
-    match (rally.end, rally.exchanges.last()) {
-        (RallyEnd::Complete, _) => Ok(()),
-        (RallyEnd::NotCaught, Some(last)) => ended(&last.outcome),
-        (RallyEnd::NoThrow, _) => Err(ExpectedError::new(
-            exit::NO_THROW,
-            "no throw was found that the other arm catches\n  next: set the arms of the court 2 to 3 m apart, or another --seed",
-        )),
-        (RallyEnd::NoTransit | RallyEnd::NotCaught, _) => Err(ExpectedError::new(
-            exit::NO_THROW,
-            "an arm found no way to its next pose without contact\n  next: another --seed",
-        )),
+    match (rally.end.not_thrown(), rally.exchanges.last()) {
+        (Some([why, next]), _) => Err(ExpectedError::new(exit::NO_THROW, format!("{why}\n  next: {next}"))),
+        (None, Some(last)) if rally.end == RallyEnd::NotCaught => ended(&last.outcome),
+        (None, _) => Ok(()),
     }
 }
 

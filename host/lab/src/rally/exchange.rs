@@ -57,6 +57,22 @@ pub struct Rally {
     pub end: RallyEnd,
 }
 
+impl RallyEnd {
+    /// Why no ball was thrown any more, and what to do; `None` if the last ball ended the rally.
+    pub const fn not_thrown(self) -> Option<[&'static str; 2]> {
+        match self {
+            Self::Complete | Self::NotCaught => None,
+            Self::NoThrow => Some([
+                "no throw was found that the other arm catches",
+                "set the arms of the court 2 to 3 m apart, or another --seed",
+            ]),
+            Self::NoTransit => {
+                Some(["an arm found no way to its next pose without contact", "another --seed"])
+            }
+        }
+    }
+}
+
 impl Rally {
     pub fn length(&self) -> usize {
         self.exchanges.iter().filter(|exchange| exchange.outcome.caught).count()

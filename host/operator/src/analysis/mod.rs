@@ -93,7 +93,7 @@ pub enum AnalysisError {
     Empty,
     /// No run in it.
     #[error(
-        "no run of a plan is in the log: no controller tells that it follows one\n  next: record from before the run is \
+        "no run of a plan is in the log: no controller reports that it follows one\n  next: record from before the run is \
          ordered until it has ended"
     )]
     NoRun,

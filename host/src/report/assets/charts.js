@@ -55,9 +55,3 @@
   });
   addEventListener('plan-time', e => charts.forEach(c => c.show(e.detail, c.svg.matches(':hover'))));
 })();
-// Paper shows the parts that belong on it, whether they are folded or not.
-(() => {
-  let opened = [];
-  addEventListener('beforeprint', () => { opened = [...document.querySelectorAll('details.part:not([open])')]; opened.forEach(part => { part.open = true; }); });
-  addEventListener('afterprint', () => opened.forEach(part => { part.open = false; }));
-})();

@@ -28,7 +28,7 @@
     const zoom = view.zoom; view.zoom = 1; scale = 1; shift = [0, 0];
     const q = extent.map(project), x = q.map(p => p[0]), y = q.map(p => p[1]);
     const w = Math.max(...x) - Math.min(...x), h = Math.max(...y) - Math.min(...y);
-    scale = Math.min((width - Math.min(150, 0.3 * width)) / w, (height - 70) / h);
+    scale = Math.min((width - Math.min(150, 0.3 * width)) / w, (height - Math.min(70, 0.2 * height)) / h);
     shift = [scale * ((Math.max(...x) + Math.min(...x)) / 2 - width / 2), scale * ((Math.max(...y) + Math.min(...y)) / 2 - height / 2)];
     view.zoom = zoom;
   }
@@ -54,7 +54,7 @@
     let i = scene.steps.findIndex(s => s.t >= t); if (i < 0) i = scene.steps.length - 1;
     if (i === 0) return scene.steps[0];
     const a = scene.steps[i - 1], b = scene.steps[i], k = (t - a.t) / (b.t - a.t || 1), mix = (x, y) => x.map((v, n) => v + k * (y[n] - v));
-    return {t, ball: mix(a.ball, b.ball), normal: a.normal && mix(a.normal, b.normal), links: a.links.map((l, n) => mix(l, b.links[n]))};
+    return {t, ball: a.ball && mix(a.ball, b.ball), normal: a.normal && mix(a.normal, b.normal), links: a.links.map((l, n) => mix(l, b.links[n]))};
   }
   const faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]];
   function shade(hex, light) {
@@ -103,7 +103,7 @@
     line([[p[0], p[1] - 0.09, tz], [p[0], p[1] + 0.09, tz]], css('--ink'), 1.5);
   }
   function draw() {
-    const ratio = devicePixelRatio || 1; width = canvas.clientWidth; height = canvas.clientHeight;
+    const ratio = Math.max(2, devicePixelRatio); width = canvas.clientWidth; height = canvas.clientHeight;
     canvas.width = width * ratio; canvas.height = height * ratio; ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
     ctx.clearRect(0, 0, width, height); fit();
     const z = scene.floor, a = Math.floor(Math.min(lo[0], lo[1], -0.6) * 2) / 2, b = Math.ceil(Math.max(hi[0], hi[1], 0.6) * 2) / 2;

@@ -13,6 +13,7 @@ mod tracking;
 use std::fmt::Write as _;
 
 pub use early::EarlyReport;
+use hand::HandPath;
 use nalgebra::Vector3;
 pub use ran::Ran;
 use serde_json::Value;
@@ -48,7 +49,8 @@ impl RunReport<'_> {
         let release = ran.release_s().map_or_else(String::new, |s| format!(", release at {s:.3} s"));
         let more = format!("plan {:.3} s{release}", ran.end_s());
         let mut page = head(&ran.title(), &ran.robot.name, self.summary, Some(more), &self.answer());
-        page.tiles(&self.tiles());
+        let hand = HandPath::of(self);
+        page.tiles(&self.tiles(&hand));
         if let Some(fault) = &self.analysis.fault {
             self.fault(&mut page, fault);
         }
@@ -63,7 +65,7 @@ impl RunReport<'_> {
         );
         let beside = match &ran.throw {
             Some(plan) => landing::chart(plan, &self.landing_marks(plan)),
-            None => self.hand_seen_flat(),
+            None => hand.seen_flat(),
         };
         page.scene(self.space(), &format!("<figure class=\"card\">{}</figure>", beside.svg()));
         self.tracking(&mut page);
@@ -189,7 +191,7 @@ impl RunReport<'_> {
         told.or_else(|| Some(default_tolerance_m(self.arm, self.ran.throw.as_ref()?))).unwrap_or(0.0)
     }
 
-    fn tiles(&self) -> Vec<(String, &'static str, String, Tone)> {
+    fn tiles(&self, hand: &HandPath) -> Vec<(String, &'static str, String, Tone)> {
         let a = self.analysis;
         let mut tiles = Vec::new();
         if let Some(m) = self.landing_error_m() {
@@ -204,7 +206,7 @@ impl RunReport<'_> {
         }
         if self.ran.throw.is_none() {
             let what = "largest distance of the hand from its plan".to_owned();
-            tiles.push((format!("{:.2}", 1e3 * self.hand_error_m()), "mm", what, Tone::Plain));
+            tiles.push((format!("{:.2}", 1e3 * hand.error_m()), "mm", what, Tone::Plain));
         }
         let bounded = |value: f64, bound: f64| if value <= bound { Tone::Good } else { Tone::Bad };
         let q = self.largest_error_rad();
@@ -319,10 +321,9 @@ impl RunReport<'_> {
             .collect();
         scene::data(
             self.arm,
-            plan,
+            plan.map(scene::Goal::from).as_ref(),
             &scene::SceneMotion {
                 q_at: &|t_s| self.q_at(t_s),
-                from_s: 0.0,
                 to_s: end_s,
                 flight: thrown.map(|release| scene::Flight {
                     release_s: release.t_s,
