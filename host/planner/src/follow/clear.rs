@@ -226,7 +226,7 @@ mod tests {
             let (q2, q3, q5) = (0.6 * u(0.618), 1.6 * u(0.414), 1.5 * u(0.732));
             let frames = arm.fk(&Axes::from([0.0, q2, q3, 0.0, q5, 0.0]));
             let low_m = arm.ball(&frames).pos.z - arm.gripper().ball_radius_m;
-            assert!(clear.distance_m(&frames, false) <= low_m);
+            assert!(clear.distance_m(&frames, false, f64::INFINITY) <= low_m);
             boxes_alone_are_clear +=
                 u32::from(low_m < 0.0 && clear.empty.clearance(&frames).distance_m > 0.0);
         }
