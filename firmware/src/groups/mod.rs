@@ -3,3 +3,4 @@
 
 pub mod powercube;
 pub mod rsi;
+mod shape;
