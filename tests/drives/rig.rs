@@ -179,20 +179,31 @@ impl Rig {
         fault
     }
 
-    /// Answers of a motor reach the controller so much later for some milliseconds in each 60.
-    pub(crate) fn delay_answers(&mut self, index: usize, by: Duration, length: Duration) {
+    fn wire(&mut self, kind: WireFault, filter: IdFilter, length: Duration, every: Option<Duration>) {
         let fault = Fault {
-            label: "late".to_owned(),
-            kind: FaultKind::Wire(WireFault::Delay(by)),
+            label: "wire".to_owned(),
+            kind: FaultKind::Wire(kind),
             target: Target::Bus,
-            filter: Some(IdFilter { id: Id::Standard(master(index)), mask: 0x7FF }),
+            filter: Some(filter),
             start: self.now(),
             at: None,
             length: Some(length),
-            every: Some(Duration::from_millis(60)),
+            every,
             probability: 1.0,
         };
         self.world.add_fault(fault).unwrap();
+    }
+
+    /// Answers of a motor reach the controller so much later for some milliseconds in each 60.
+    pub(crate) fn delay_answers(&mut self, index: usize, by: Duration, length: Duration) {
+        let filter = IdFilter { id: Id::Standard(master(index)), mask: 0x7FF };
+        self.wire(WireFault::Delay(by), filter, length, Some(Duration::from_millis(60)));
+    }
+
+    /// No command reaches a motor.
+    pub(crate) fn cut_commands(&mut self, length: Duration) {
+        let filter = IdFilter { id: Id::Standard(StandardId::ZERO), mask: 0x7F8 };
+        self.wire(WireFault::Drop, filter, length, None);
     }
 
     pub(crate) fn stop_now(&mut self) {

@@ -7,7 +7,7 @@ use firmware::state::StateKind;
 use mit_protocol::{Command, State, Status};
 use protocol::{Duration, Instant};
 
-use crate::rig::{JOINTS, PERIOD_US, Rig, joint, master, quintic_file, ranges, settings};
+use crate::rig::{JOINTS, PERIOD_US, Rig, TIME_OUT_US, joint, master, quintic_file, ranges, settings};
 
 const PERIOD: Duration = Duration::from_micros(PERIOD_US);
 
@@ -86,6 +86,23 @@ fn a_motor_that_reports_no_torque_stops_all_with_its_cause() {
         assert!(!rig.commands(i, from).iter().any(|(_, command)| is_power(command)), "joint {i}");
         assert!(rig.controller().group().is_homed(joint(i)));
     }
+}
+
+#[test]
+fn motors_without_commands_stop_by_themselves_and_nothing_acts_when_the_bus_is_back() {
+    let mut rig = Rig::moving();
+    rig.cut_commands(Duration::from_millis(300));
+    rig.run_us(u64::from(TIME_OUT_US) + PERIOD_US + 1_000);
+    assert!((0..JOINTS).all(|i| rig.motor(i, |motor| motor.status()) == Status::LinkLost));
+    rig.run_to(1_000, StateKind::Fault);
+    assert_eq!(rig.fault().unwrap().cause, Cause::DriveSilent);
+    rig.run_us(600_000);
+    let back = rig.now();
+    rig.run_us(500_000);
+    assert!((0..JOINTS).all(|i| rig.set_points(i, back).is_empty()));
+    assert!((0..JOINTS).all(|i| rig.motor(i, |motor| motor.status()) == Status::LinkLost));
+    rig.clear();
+    rig.run_to(500, StateKind::Idle);
 }
 
 #[test]
