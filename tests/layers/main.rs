@@ -16,7 +16,7 @@ const PACKAGES: &[&[&str]] = &[
         "robot-model",
     ],
     &["firmware", "hil-sim"],
-    &["board-example", "planner", "sequences", "tuner"],
+    &["board-example", "drives", "planner", "sequences", "tuner"],
     &["operator"],
     &["host"],
     &["lab"],

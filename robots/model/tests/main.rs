@@ -7,6 +7,7 @@ mod ik_numeric;
 mod inverse_kinematics;
 mod jacobian;
 mod kr16_2;
+mod openarm7;
 mod padded;
 mod pincher4;
 mod powercube6_vectors;

@@ -29,7 +29,6 @@
 //! | `grid` | when the cycle of a telegram began, and how many have passed |
 //! | `doubt` | which correction is in force after a break |
 //! | `model` | where the axes should be |
-//! | `shape` | the next set point of an axis |
 //! | `motion` | what all axes do in a mode |
 //! | `events` | what waits to be reported |
 
@@ -40,7 +39,6 @@ mod link;
 mod model;
 mod motion;
 pub mod packet;
-mod shape;
 
 use protocol::{Duration, Instant, JointIndex};
 

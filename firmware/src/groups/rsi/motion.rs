@@ -3,7 +3,7 @@
 use protocol::{Duration, Instant, JointIndex};
 
 use super::packet::Options;
-use super::shape::Axis;
+use crate::groups::shape::Axis;
 use crate::joints::{PerJoint, at_least, at_most, clamp};
 use crate::reach::{SoftLimits, reachable};
 use crate::settings::{JointSettings, Settings};

@@ -233,6 +233,7 @@ impl MitMotor {
             transistors_c: (ROOM_C + (self.rotor_c - ROOM_C) * TRANSISTORS_SHARE) as u8,
             rotor_c: self.rotor_c as u8,
         };
+        self.first = self.first.filter(|_| self.faults.answers_are_stale);
         let first = *self.first.get_or_insert(state);
         let state = if self.faults.answers_are_stale { first } else { state };
         self.answer(now, state.encode(self.master(), &self.ranges()));

@@ -66,6 +66,6 @@ pub struct MitFaults {
     pub time_out_is_dead: bool,
     /// It counts velocities with a range this many times the one in its register; 0: as the register says.
     pub velocity_range_factor: f32,
-    /// Answers hold the state of the first one.
+    /// Answers hold the state of the last one before.
     pub answers_are_stale: bool,
 }

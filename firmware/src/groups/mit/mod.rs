@@ -1,0 +1,434 @@
+//! Motors that speak MIT frames (Damiao) on one CAN bus: the group is the clock, each motor gets one command per period and gives one answer.
+//!
+//! The motor gives `kp (p - q) + kd (v - q̇) + t` and holds it until the next command. The group leads a set point (q_c, v_c) of each
+//! joint from the accelerations of the law, and sends p = q_c, v = v_c with the gains of [`Motor`]. The seam has no torque: t is 0, so
+//! the load costs a distance of load / kp between set point and joint, which the law closes while tracking.
+//!
+//! # Stops
+//!
+//! These arms have no brakes: a motor without torque lets its joint fall. So [`Command::Halt`] leads each joint to rest along a ramp of its
+//! own, beginning with the next period, and then holds it. Only a motor that reports a fault or does not answer is
+//! switched off. [`Command::Abandon`] stops feeding those. A motor that answers has taken its halt, and goes on being held;
+//! if the controller dies, its time-out takes the torque.
+//!
+//! # Answers
+//!
+//! An answer holds no number of its command. It counts if it comes on the master id of the motor, with its id in the first byte, after the
+//! command can have been on the bus, once per command and before the next period. The first one after a missed one may be late: it shows that
+//! the motor lives and is no measurement. An answer is stale if it stays the same bit by bit while the
+//! set point moves, torn if the joint cannot have got there. It shows the joint when the command came: at the joint's place in the burst.
+//!
+//! # Map
+//!
+//! | file | is |
+//! |---|---|
+//! | [`options`] | motors, gains, ids |
+//! | `finding` | from silence to torque: registers compared, time-out proven |
+//! | `drive` | a motor as the group knows it |
+//! | `motion` | what the set points do in a mode, and the commands of a period |
+
+mod drive;
+mod finding;
+mod motion;
+pub mod options;
+
+use heapless::Deque;
+use mit_protocol::{RegisterAnswer, RegisterRequest, State};
+use protocol::{Duration, Frame, Id, Instant, JointIndex};
+
+use self::drive::{Drive, Worth};
+pub use self::finding::Mismatch;
+use self::finding::{STEP_PERIODS, Step};
+use self::motion::Mode;
+pub use self::options::{Motor, Options, OptionsError};
+use crate::fault::{Cause, Fault, Refusal};
+use crate::group::{
+    Command, DriveGroup, GroupCounters, GroupEvent, InForce, Law, Measured, PositionSample, Profile,
+    Readings, SetPoint, Standing, Taken,
+};
+use crate::joints::{PerJoint, at_least, clamp};
+use crate::settings::{JointSettings, Settings};
+use crate::span;
+
+/// From the order to run to the start of the plan.
+const LEAD_PERIODS: u64 = 2;
+/// Age of a position that says something of rest, in periods.
+const AGE_PERIODS: u64 = 4;
+/// From the end of a ramp to the rest of the joint behind its gains: a joint at 25 rad/s leaves 2 % of its distance by then.
+const SETTLING: Duration = Duration::from_millis(160);
+/// Speed below which a set point stands, rad/s.
+const STANDS_RAD_S: f32 = 1e-3;
+/// See the [module](self).
+#[derive(Debug)]
+pub struct Mit {
+    options: Options,
+    drives: PerJoint<Drive>,
+    mode: Mode,
+    end_rad: PerJoint<Option<f32>>,
+    events: Deque<GroupEvent, 32>,
+    out: Deque<Frame, 16>,
+    due: Instant,
+    /// Beginning of the period.
+    at: Instant,
+    /// The commands of the period are still to be made.
+    is_begun: bool,
+    is_odd: bool,
+    abandoned: bool,
+    mismatch: Option<(JointIndex, Mismatch)>,
+    counters: GroupCounters,
+}
+
+impl Default for Mit {
+    /// Without motors: nothing is found.
+    fn default() -> Self {
+        Self::new(Options::default())
+    }
+}
+
+impl Mit {
+    /// For these motors; the first one moves joint 0.
+    pub fn new(options: Options) -> Self {
+        Self {
+            options,
+            drives: PerJoint::default(),
+            mode: Mode::Finding { reset: false },
+            end_rad: PerJoint::default(),
+            events: Deque::new(),
+            out: Deque::new(),
+            due: Instant::ZERO,
+            at: Instant::ZERO,
+            is_begun: false,
+            is_odd: false,
+            abandoned: false,
+            mismatch: None,
+            counters: GroupCounters::default(),
+        }
+    }
+
+    /// The register for which the last search was refused with [`Cause::DriveSettingsDiffer`].
+    pub const fn mismatch(&self) -> Option<&(JointIndex, Mismatch)> {
+        self.mismatch.as_ref()
+    }
+
+    fn push(&mut self, event: GroupEvent) {
+        // There is room: a call makes at most two events per joint, and a few of the group.
+        let _ = self.events.push_back(event);
+    }
+
+    fn fail(&mut self, joint: JointIndex, cause: Cause) {
+        self.push(GroupEvent::Trouble(Fault::at(cause, joint)));
+    }
+
+    const fn is_finding(&self) -> bool {
+        matches!(self.mode, Mode::Finding { .. })
+    }
+
+    /// When the command of a joint is on the bus at the earliest, if `more` frames follow it.
+    fn after_command(&self, joint: JointIndex, more: u64) -> Instant {
+        self.at + self.options.frame * (self.drives.at(joint).place + more)
+    }
+
+    /// Counts the answers that did not come.
+    fn count_missed(&mut self, settings: &Settings) -> bool {
+        let mut any = false;
+        for joint in settings.joints() {
+            let drive = self.drives.at_mut(joint);
+            drive.is_doubtful = core::mem::take(&mut drive.awaited);
+            drive.may_follow = false;
+            if drive.is_doubtful {
+                drive.missed_in_row = drive.missed_in_row.saturating_add(1);
+                let in_row = drive.missed_in_row;
+                any = true;
+                if drive.is_held() {
+                    self.push(GroupEvent::Missed(joint, in_row));
+                }
+            }
+        }
+        any
+    }
+
+    /// Events of modes that end by themselves.
+    fn proceed(&mut self, now: Instant, settings: &Settings) {
+        let all_rest = settings.joints().all(|joint| self.is_at_rest(now, settings, joint));
+        match self.mode {
+            Mode::Finding { .. } => {
+                for joint in settings.joints() {
+                    let drive = self.drives.at_mut(joint);
+                    drive.periods = drive.periods.saturating_add(1);
+                    let waits = matches!(drive.step, Step::Held | Step::Silence { .. });
+                    if !waits && drive.periods > STEP_PERIODS {
+                        let trouble = drive.state.and_then(|state| finding::cause(state.status));
+                        let answers = drive.missed_in_row == 0;
+                        self.refuse(joint, trouble.filter(|_| answers).unwrap_or(Cause::DriveMissing));
+                        return;
+                    }
+                }
+                if all_rest && settings.joints().all(|joint| self.drives.at(joint).is_held()) {
+                    self.mode = Mode::Standing;
+                    self.push(GroupEvent::Found);
+                }
+            }
+            Mode::Jogging { joint, qd_rad_s, until, released: false } if until <= now || qd_rad_s == 0.0 => {
+                self.mode = Mode::Jogging { joint, qd_rad_s, until, released: true };
+                self.push(GroupEvent::JogReleased);
+            }
+            Mode::Jogging { released: true, .. } if all_rest => {
+                self.mode = Mode::Standing;
+                self.push(GroupEvent::JogEnded);
+            }
+            _ => {}
+        }
+    }
+}
+
+impl DriveGroup for Mit {
+    type Packet = Frame;
+
+    fn handle_packet(&mut self, now: Instant, settings: &Settings, frame: &Frame) {
+        let Id::Standard(id) = frame.id() else { return };
+        let Some(joint) =
+            self.options.joint_on(id).filter(|joint| settings.joints().any(|own| own == *joint))
+        else {
+            if self.options.ids().any(|own| own == id) {
+                self.counters.foreign = self.counters.foreign.saturating_add(1);
+            }
+            return;
+        };
+        self.counters.bits = self.counters.bits.wrapping_add(frame.nominal_bits());
+        let Some(motor) = self.options.motor(joint).copied() else { return };
+        // The command and its answer, at least.
+        let is_early = now < self.after_command(joint, 1);
+        let at = self.after_command(joint, 0);
+        let drive = self.drives.at_mut(joint);
+        if is_early || !(drive.awaited || drive.may_follow) {
+            return;
+        }
+        if drive.is_held() && core::mem::take(&mut drive.is_doubtful) {
+            (drive.awaited, drive.may_follow, drive.missed_in_row) = (false, true, 0);
+            return;
+        }
+        drive.may_follow = false;
+        if let Some(asked @ (RegisterRequest::Read(_) | RegisterRequest::Write(..))) = drive.asked {
+            if let Some(answer) = RegisterAnswer::decode(frame, motor.id, motor.master, &asked) {
+                (drive.awaited, drive.missed_in_row) = (false, 0);
+                self.take_register(settings, joint, &motor, answer);
+            }
+            return;
+        }
+        let Some(state) = State::decode(frame, motor.id, motor.master, &motor.ranges) else { return };
+        (drive.awaited, drive.missed_in_row) = (false, 0);
+        match drive.take(state, at, settings.joint.at(joint), frame) {
+            Worth::Measured => {}
+            Worth::Frozen => return self.fail(joint, Cause::PositionFrozen),
+            Worth::Implausible(again) => return self.push(GroupEvent::Implausible(joint, again)),
+        }
+        if !drive.is_held() {
+            self.take_search_state(now, settings, joint, &state);
+            return;
+        }
+        let in_force =
+            (self.mode == Mode::Tracking).then_some(InForce { u_rad_s2: drive.u_rad_s2, in_time: true });
+        let trouble = drive.trouble(self.options.hot_c);
+        if finding::cause(state.status).is_some() {
+            drive.go_to(Step::Off);
+        }
+        if let Some(sample) = drive.sample {
+            self.push(GroupEvent::Measured(Measured { joint, sample, in_force, trouble }));
+        }
+        if let Some(cause) = trouble.filter(|_| self.is_finding()) {
+            self.refuse(joint, cause);
+        }
+    }
+
+    fn handle_timeout(&mut self, now: Instant, settings: &Settings) {
+        if now < self.due {
+            return;
+        }
+        let period = settings.cycle_period();
+        let late = if self.at == Instant::ZERO { Duration::ZERO } else { now.saturating_since(self.due) };
+        let overrun = self.count_missed(settings) || late >= period;
+        // A period that came late is not made up for: two bursts at once say nothing more.
+        self.due = if late >= period { now } else { now.saturating_sub(late) } + period;
+        (self.at, self.is_begun, self.is_odd) = (now, true, !self.is_odd);
+        self.proceed(now, settings);
+        self.push(GroupEvent::Cycle { late, overrun });
+    }
+
+    fn poll_event(&mut self, _: Instant, _: &Settings) -> Option<GroupEvent> {
+        self.events.pop_front()
+    }
+
+    fn flush(&mut self, now: Instant, settings: &Settings) {
+        if !core::mem::take(&mut self.is_begun) {
+            return;
+        }
+        self.send_burst(now, settings);
+    }
+
+    fn poll_packet(&mut self) -> Option<Frame> {
+        self.out.pop_front()
+    }
+
+    fn poll_timeout(&self, _: Instant, _: &Settings) -> Option<Instant> {
+        Some(self.due)
+    }
+
+    fn command(&mut self, now: Instant, settings: &Settings, command: Command) {
+        match command {
+            Command::Find { reset } => {
+                (self.mode, self.abandoned, self.mismatch) = (Mode::Finding { reset }, false, None);
+                for joint in settings.joints() {
+                    let drive = self.drives.at_mut(joint);
+                    drive.find(settings.reply_missed_max);
+                    drive.periods = 0;
+                }
+            }
+            Command::Reset | Command::Stand { .. }
+                if self.mode == Mode::Halted && command != Command::Reset => {}
+            Command::Reset | Command::Stand { .. } => self.mode = Mode::Standing,
+            Command::Abandon => (self.mode, self.abandoned) = (Mode::Halted, true),
+            Command::Home(joint) => {
+                let is_homed = self.drives.at_mut(joint).home(settings.joint.at(joint));
+                if is_homed {
+                    self.push(GroupEvent::Homed(joint));
+                } else {
+                    self.fail(joint, Cause::HomingFailed);
+                }
+            }
+            _ if self.mode == Mode::Halted => {}
+            Command::Jog { joint, qd_rad_s, until } => {
+                let until = if qd_rad_s == 0.0 { now } else { until };
+                self.mode = Mode::Jogging { joint, qd_rad_s, until, released: false };
+                self.drives.at_mut(joint).rest.forget();
+            }
+            Command::Track => {
+                self.mode = Mode::Tracking;
+                settings.joints().for_each(|joint| self.drives.at_mut(joint).u_rad_s2 = 0.0);
+            }
+            Command::MoveTo { joint, q_rad } => {
+                if self.mode != Mode::Moving {
+                    (self.mode, self.end_rad) = (Mode::Moving, PerJoint::default());
+                }
+                let drive = self.drives.at_mut(joint);
+                // Ordered again after each answer that is missed.
+                if self.end_rad.get(joint).is_none() {
+                    drive.load_rad = drive.sample.map_or(0.0, |sample| drive.set.q_rad - sample.q_rad);
+                    drive.rest.forget();
+                }
+                self.end_rad.set(joint, Some(q_rad));
+            }
+            Command::Halt => self.mode = Mode::Halted,
+            Command::HaltJoint(joint) => self.drives.at_mut(joint).go_to(Step::Off),
+        }
+    }
+
+    fn brake(&mut self, now: Instant, settings: &Settings) -> Instant {
+        let mut longest_s = 0.0;
+        for joint in settings.joints() {
+            let a_rad_s2 = self.braking_rad_s2(settings.joint.at(joint));
+            longest_s = at_least(self.drives.at(joint).set.v_rad_s.abs() / a_rad_s2, longest_s);
+        }
+        if !matches!(self.mode, Mode::Jogging { .. } | Mode::Halted) {
+            self.mode = Mode::Braking;
+        } else if let Mode::Jogging { released, .. } = &mut self.mode {
+            *released = true;
+        }
+        now + span::of_seconds(longest_s) + settings.cycle_period() * 2 + SETTLING
+    }
+
+    fn set_point(&mut self, settings: &Settings, joint: JointIndex, set_point: &SetPoint) -> Taken {
+        let (range_rad_s, limits) = match self.options.motor(joint) {
+            Some(motor) => (motor.ranges.v_max_rad_s(), *settings.joint.at(joint)),
+            None => return Taken::default(),
+        };
+        let limits = JointSettings { v_max_rad_s: clamp(limits.v_max_rad_s, 0.0, range_rad_s), ..limits };
+        let drive = self.drives.at_mut(joint);
+        drive.is_given = true;
+        drive.accelerate(&limits, set_point.acts_at, set_point.qdd_rad_s2, set_point.period_s);
+        drive.u_rad_s2 = drive.qdd_rad_s2 - set_point.qdd_reference_rad_s2;
+        Taken { position_limited: drive.position_limited }
+    }
+
+    fn acts_at(&self, joint: JointIndex) -> Instant {
+        self.after_command(joint, 0)
+    }
+
+    fn observe(&mut self, _: JointIndex, _: f32, _: f32) {}
+
+    fn set_gripper(&mut self, _: &Settings, _: bool) -> bool {
+        false
+    }
+
+    fn cancel_gripper(&mut self) {}
+
+    fn profile(&self, settings: &Settings) -> Profile {
+        let period = settings.cycle_period();
+        // The velocity of the set point is fed forward: positions do not lag behind a steady motion.
+        Profile { law: Law::Feedback, period, lag: Duration::ZERO, lead: period * LEAD_PERIODS }
+    }
+
+    fn check_group(&self, _: Instant, _: &Settings) -> Result<(), Refusal> {
+        let fit = !self.is_finding() && self.mode != Mode::Halted;
+        if fit { Ok(()) } else { Err(Refusal::of(Cause::DriveNotReady)) }
+    }
+
+    fn check_drive(&self, now: Instant, settings: &Settings, joint: JointIndex) -> Result<(), Refusal> {
+        if !self.is_homed(joint) {
+            return Err(Refusal::at(Cause::NotHomed, joint));
+        }
+        let is_sound = self.standing(joint, true).trouble.is_none() && self.drives.at(joint).is_held();
+        let fit = is_sound && self.is_at_rest(now, settings, joint);
+        if fit { Ok(()) } else { Err(Refusal::at(Cause::DriveNotReady, joint)) }
+    }
+
+    fn position(&self, joint: JointIndex) -> Option<PositionSample> {
+        self.drives.at(joint).sample
+    }
+
+    fn is_homed(&self, joint: JointIndex) -> bool {
+        self.drives.at(joint).is_homed
+    }
+
+    fn is_at_rest(&self, now: Instant, settings: &Settings, joint: JointIndex) -> bool {
+        let drive = self.drives.at(joint);
+        drive.set.v_rad_s.abs() <= STANDS_RAD_S
+            && drive.rest.since(now, settings.cycle_period() * AGE_PERIODS).is_some()
+    }
+
+    fn is_moving(&self, now: Instant, settings: &Settings, joint: JointIndex) -> bool {
+        self.drives.at(joint).rest.is_moving(now, settings.cycle_period() * AGE_PERIODS)
+    }
+
+    fn standing(&self, joint: JointIndex, _: bool) -> Standing {
+        let drive = self.drives.at(joint);
+        let trouble = drive.trouble(self.options.hot_c);
+        Standing { trouble, reports_motion: false, yields: !drive.is_held() }
+    }
+
+    fn readings(&self, joint: JointIndex) -> Readings {
+        let drive = self.drives.at(joint);
+        let status = drive.state.map(|state| state.status.code());
+        Readings {
+            qdd_command_rad_s2: drive.qdd_rad_s2,
+            position_limited: drive.position_limited,
+            error: drive.trouble(self.options.hot_c).is_some(),
+            halted: self.mode == Mode::Halted,
+            missed_in_row: drive.missed_in_row,
+            state: status.map(u32::from),
+            short_state: status.unwrap_or(0),
+            ..Readings::default()
+        }
+    }
+
+    fn counters(&self) -> GroupCounters {
+        self.counters
+    }
+
+    fn is_keeping_time(&self) -> bool {
+        self.mode == Mode::Tracking
+    }
+
+    fn is_cycle_done(&self, settings: &Settings) -> bool {
+        settings.joints().all(|joint| !self.drives.at(joint).awaited)
+    }
+}

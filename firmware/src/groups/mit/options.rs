@@ -1,0 +1,147 @@
+//! What the group must know of its motors, and the ids that it uses on the bus.
+
+use core::fmt;
+
+use heapless::Vec;
+use mit_protocol::{KD_MAX_NM_S_RAD, KP_MAX_NM_RAD, MotorId, REGISTER_ID, Ranges};
+use protocol::{Duration, JOINTS_MAX, JointIndex, StandardId};
+
+/// The motor of a joint. Direction, offset and limits are those of [`crate::settings::JointSettings`]; angles are of the shaft, so there is
+/// no gear.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motor {
+    /// Id to which it listens (register 8).
+    pub id: MotorId,
+    /// Id on which it answers (register 7), of no other node.
+    pub master: StandardId,
+    /// What its fields stand for (registers 21 to 23).
+    pub ranges: Ranges,
+    /// Position gain, N·m/rad.
+    pub kp_nm_rad: f32,
+    /// Velocity gain, N·m·s/rad.
+    pub kd_nm_s_rad: f32,
+}
+
+/// Why a group cannot be made of these motors.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OptionsError {
+    /// No motor, or more than [`JOINTS_MAX`].
+    Count,
+    /// Two motors, or a motor and the requests for registers, use one id.
+    Overlap {
+        /// The id.
+        id: StandardId,
+        /// The second joint that uses it.
+        joint: JointIndex,
+    },
+    /// A gain is outside its field, or the position gain is zero.
+    Gain(JointIndex),
+}
+
+impl fmt::Display for OptionsError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Count => write!(f, "a group has 1 to {JOINTS_MAX} motors"),
+            Self::Overlap { id, joint } => write!(
+                f,
+                "id {:#05x} of joint {joint} is used twice: give each motor an id and a master id of its own (registers 8 and 7)",
+                id.get()
+            ),
+            Self::Gain(joint) => write!(
+                f,
+                "a gain of joint {joint} does not fit: kp above 0 up to {KP_MAX_NM_RAD} N·m/rad, kd 0 to {KD_MAX_NM_S_RAD} N·m·s/rad"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for OptionsError {}
+
+/// Shortest frame of eight bytes on classical CAN at 1 Mbit/s.
+pub const CLASSICAL_FRAME: Duration = Duration::from_micros(111);
+
+/// Motors of one bus, base first.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Options {
+    motors: Vec<Motor, JOINTS_MAX>,
+    /// Shortest time of a frame on the bus.
+    pub frame: Duration,
+    /// Temperature of transistors or rotor that stops the group, °C.
+    pub hot_c: u8,
+}
+
+impl Options {
+    /// Motors at 1 Mbit/s.
+    ///
+    /// # Errors
+    /// See [`OptionsError`].
+    pub fn new(motors: &[Motor]) -> Result<Self, OptionsError> {
+        let all = Vec::from_slice(motors).map_err(|_| OptionsError::Count)?;
+        let options = Self { motors: all, frame: CLASSICAL_FRAME, hot_c: 90 };
+        if options.motors.is_empty() {
+            return Err(OptionsError::Count);
+        }
+        for (joint, motor) in JointIndex::first(JOINTS_MAX).zip(motors) {
+            for id in [StandardId::from_low_bits(motor.id.get().into()), motor.master] {
+                if options.ids().filter(|used| *used == id).count() > 1 {
+                    return Err(OptionsError::Overlap { id, joint });
+                }
+            }
+            let fits = motor.kp_nm_rad > 0.0
+                && motor.kp_nm_rad <= KP_MAX_NM_RAD
+                && (0.0..=KD_MAX_NM_S_RAD).contains(&motor.kd_nm_s_rad);
+            if !fits {
+                return Err(OptionsError::Gain(joint));
+            }
+        }
+        Ok(options)
+    }
+
+    /// Every id on which the group or one of its motors sends. No other node of the bus may use one of them.
+    pub fn ids(&self) -> impl Iterator<Item = StandardId> + '_ {
+        let own = |motor: &Motor| [StandardId::from_low_bits(motor.id.get().into()), motor.master];
+        self.motors.iter().flat_map(own).chain([StandardId::from_low_bits(REGISTER_ID)])
+    }
+
+    pub(super) fn motor(&self, joint: JointIndex) -> Option<&Motor> {
+        self.motors.get(joint.get())
+    }
+
+    pub(super) fn joint_on(&self, master: StandardId) -> Option<JointIndex> {
+        let index = self.motors.iter().position(|motor| motor.master == master)?;
+        JointIndex::new(index).ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn motor(id: u8, master: u16) -> Motor {
+        Motor {
+            id: MotorId::new(id).unwrap(),
+            master: StandardId::new(master).unwrap(),
+            ranges: Ranges::new(12.5, 45.0, 54.0).unwrap(),
+            kp_nm_rad: 50.0,
+            kd_nm_s_rad: 5.0,
+        }
+    }
+
+    #[test]
+    fn ids_that_overlap_are_refused_with_id_and_joint() {
+        assert!(Options::new(&[motor(1, 0x11), motor(2, 0x12)]).is_ok());
+        let overlap = |motors: &[Motor]| match Options::new(motors) {
+            Err(OptionsError::Overlap { id, joint }) => (id.get(), joint.get()),
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(overlap(&[motor(1, 0x11), motor(1, 0x12)]), (1, 0));
+        assert_eq!(overlap(&[motor(1, 0x11), motor(2, 0x11)]), (0x11, 0));
+        assert_eq!(overlap(&[motor(1, 0x11), motor(2, 1)]), (1, 0), "motor 1 obeys the answers of motor 2");
+        assert_eq!(overlap(&[motor(1, 0x11), motor(2, 0x7FF)]), (0x7FF, 1));
+        assert_eq!(Options::new(&[]), Err(OptionsError::Count));
+        assert_eq!(Options::new(&[motor(1, 0x11); 9]), Err(OptionsError::Count));
+        let joint = JointIndex::new(0).unwrap();
+        let refused = Options::new(&[Motor { kd_nm_s_rad: 5.1, ..motor(1, 0x11) }]);
+        assert_eq!(refused, Err(OptionsError::Gain(joint)));
+    }
+}

@@ -1,0 +1,7 @@
+//! Groups of drives behind the controller, against simulated drives that were written from the protocol alone. Virtual time.
+
+mod find;
+mod rig;
+mod slow;
+mod stops;
+mod track;

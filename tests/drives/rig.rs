@@ -1,0 +1,304 @@
+//! Seven motors of an OpenArm, each with an inertia of its own, and the controller, on one bus of 1 Mbit/s.
+
+use firmware::Controller;
+use firmware::authority::{Peer, Seed};
+use firmware::events::PlanEvents;
+use firmware::fault::Fault as Latched;
+use firmware::groups::mit::{Mit, Motor, Options};
+use firmware::joints::PerJoint;
+use firmware::orders::{Done, Order};
+use firmware::settings::Settings;
+use firmware::spline::{Knot, Spline};
+use firmware::state::StateKind;
+use firmware::store::{FileName, RamStorage};
+use firmware::trajectory_format::{self, FILE_LEN_MAX, Header};
+use hil_sim::bus::BusConfig;
+use hil_sim::drive::mit::{MitBench, MitMotor, MitOptions};
+use hil_sim::fault::{Fault, FaultKind, IdFilter, Target, WireFault};
+use hil_sim::participants::Solo;
+use hil_sim::world::{Observer, World};
+use mit_protocol::{Command, Mit as SetPoint, MotorId, Ranges};
+use protocol::cyphal::crc::Crc64;
+use protocol::{Duration, Frame, Id, Instant, JointIndex, StandardId};
+
+pub(crate) const JOINTS: usize = 7;
+pub(crate) const PERIOD_US: u64 = 3_000;
+pub(crate) const TIME_OUT_US: u32 = 15_000;
+pub(crate) const KP_NM_RAD: f32 = 100.0;
+pub(crate) const KD_NM_S_RAD: f32 = 5.0;
+/// At each shaft. With the gains above: 32 rad/s, damping 0.79.
+const INERTIA_KG_M2: f64 = 0.1;
+pub(crate) const TYPES: [&str; JOINTS] = ["8009", "8009", "4340", "4340", "4310", "4310", "4310"];
+const HOST: Peer = Peer::new(42);
+
+type C = Controller<RamStorage, Spline, Mit>;
+
+pub(crate) fn joint(index: usize) -> JointIndex {
+    JointIndex::new(index).unwrap()
+}
+
+pub(crate) fn id(index: usize) -> MotorId {
+    MotorId::new(index as u8 + 1).unwrap()
+}
+
+pub(crate) fn master(index: usize) -> StandardId {
+    StandardId::new(0x11 + index as u16).unwrap()
+}
+
+pub(crate) fn ranges(index: usize) -> Ranges {
+    MitOptions::of(TYPES[index], id(index), master(index)).unwrap().motor.ranges
+}
+
+pub(crate) fn motors() -> [Motor; JOINTS] {
+    core::array::from_fn(|i| Motor {
+        id: id(i),
+        master: master(i),
+        ranges: ranges(i),
+        kp_nm_rad: KP_NM_RAD,
+        kd_nm_s_rad: KD_NM_S_RAD,
+    })
+}
+
+/// Gains of the arm of PowerCubes: the set points are as fast as its ramps.
+pub(crate) fn settings() -> Settings {
+    let mut settings = Settings::powercube6();
+    settings.joints = JOINTS as u32;
+    settings.watchdog_timeout_us = TIME_OUT_US;
+    settings.watchdog_refresh_us = 5_000;
+    for joint in JointIndex::first(JOINTS) {
+        let limits = settings.joint.at_mut(joint);
+        (limits.q_min_rad, limits.q_max_rad) = (-2.0, 2.0);
+    }
+    settings.gains_certificate_crc32 = firmware::registers::certificate_crc32(&settings);
+    settings
+}
+
+/// Frames on the bus and when each ended.
+#[derive(Default)]
+struct Log(Vec<(Instant, Frame)>);
+
+impl Observer for Log {
+    fn on_frame(&mut self, at: Instant, _: Option<usize>, frame: &Frame) {
+        self.0.push((at, *frame));
+    }
+}
+
+pub(crate) struct Rig {
+    world: World<(MitBench, Solo<C>)>,
+    log: Log,
+    /// Angle of each shaft at each step of 1 ms.
+    pub(crate) track: Vec<(Instant, [f64; JOINTS])>,
+}
+
+impl Rig {
+    /// Motors that stand at `zero_rad` with changed options.
+    pub(crate) fn with(settings: &Settings, change: impl Fn(usize, &mut MitOptions)) -> Self {
+        assert_eq!(settings.check(), Ok(()), "a controller would take others");
+        let options: [MitOptions; JOINTS] = core::array::from_fn(|i| {
+            let mut options = MitOptions::of(TYPES[i], id(i), master(i)).unwrap();
+            change(i, &mut options);
+            options
+        });
+        let group = Mit::new(Options::new(&motors()).unwrap());
+        let controller =
+            Controller::with_group(RamStorage::new(), Spline::empty(), group, settings, Seed::FORESEEABLE);
+        let bench = MitBench::new(&options, INERTIA_KG_M2);
+        let node = Solo::new("controller", controller);
+        let world = World::new((bench, node), BusConfig::default(), 1, Vec::new()).unwrap();
+        Self { world, log: Log::default(), track: Vec::new() }
+    }
+
+    pub(crate) fn new() -> Self {
+        Self::with(&settings(), |_, _| {})
+    }
+
+    pub(crate) fn now(&self) -> Instant {
+        self.world.now()
+    }
+
+    pub(crate) fn controller(&self) -> &Controller<RamStorage, Spline, Mit> {
+        &self.world.participants().1.node
+    }
+
+    pub(crate) fn kind(&self) -> StateKind {
+        self.controller().state().kind()
+    }
+
+    pub(crate) fn fault(&self) -> Option<Latched> {
+        self.controller().state().fault()
+    }
+
+    pub(crate) fn motor<R>(&mut self, index: usize, act: impl FnOnce(&mut MitMotor) -> R) -> R {
+        self.world.with_participants(|all, _| act(&mut all.0.motors_mut()[index])).unwrap()
+    }
+
+    pub(crate) fn shafts(&mut self) -> [f64; JOINTS] {
+        core::array::from_fn(|i| self.motor(i, |motor| motor.shaft_rad()))
+    }
+
+    /// A frame reaches the controller as if another node had sent it.
+    pub(crate) fn forge(&mut self, frame: &Frame) {
+        self.world.with_participants(|all, now| all.1.node.handle_packet(now, frame)).unwrap();
+    }
+
+    pub(crate) fn run_us(&mut self, us: u64) {
+        let end = self.now() + Duration::from_micros(us);
+        while self.now() < end {
+            self.world.with_participants(|all, now| all.1.node.host_heartbeat(now, HOST)).unwrap();
+            let until = end.min(self.now() + Duration::from_millis(1));
+            self.world.run_until(until, &mut self.log).unwrap();
+            let shafts = self.shafts();
+            self.track.push((self.now(), shafts));
+        }
+    }
+
+    pub(crate) fn run_until(&mut self, limit_ms: u64, done: impl Fn(&Self) -> bool) {
+        for _ in 0..limit_ms {
+            if done(self) {
+                return;
+            }
+            self.run_us(1_000);
+        }
+        assert!(done(self), "{:?}", self.controller().state());
+    }
+
+    pub(crate) fn run_to(&mut self, limit_ms: u64, kind: StateKind) {
+        self.run_until(limit_ms, |rig| rig.kind() == kind);
+    }
+
+    pub(crate) fn order(&mut self, order: Order) -> Done {
+        let taken = self.world.with_participants(|all, now| all.1.node.order(now, HOST, order)).unwrap();
+        taken.unwrap()
+    }
+
+    /// The latched fault; the time until a halted arm counts as standing has passed, and a person clears it.
+    pub(crate) fn clear(&mut self) -> Latched {
+        let fault = self.fault().unwrap();
+        self.run_us(1_700_000);
+        self.order(Order::ClearFault { code: fault.cause.code() });
+        fault
+    }
+
+    fn wire(&mut self, kind: WireFault, filter: IdFilter, length: Duration, every: Option<Duration>) {
+        let fault = Fault {
+            label: "wire".to_owned(),
+            kind: FaultKind::Wire(kind),
+            target: Target::Bus,
+            filter: Some(filter),
+            start: self.now(),
+            at: None,
+            length: Some(length),
+            every,
+            probability: 1.0,
+        };
+        self.world.add_fault(fault).unwrap();
+    }
+
+    /// Answers of a motor reach the controller so much later for some milliseconds in each 60.
+    pub(crate) fn delay_answers(&mut self, index: usize, by: Duration, length: Duration) {
+        let filter = IdFilter { id: Id::Standard(master(index)), mask: 0x7FF };
+        self.wire(WireFault::Delay(by), filter, length, Some(Duration::from_millis(60)));
+    }
+
+    /// No command reaches a motor.
+    pub(crate) fn cut_commands(&mut self, length: Duration) {
+        let filter = IdFilter { id: Id::Standard(StandardId::ZERO), mask: 0x7F8 };
+        self.wire(WireFault::Drop, filter, length, None);
+    }
+
+    pub(crate) fn stop_now(&mut self) {
+        self.world.with_participants(|all, now| all.1.node.stop_now(now)).unwrap();
+    }
+
+    /// Found, and all joints at home.
+    pub(crate) fn ready() -> Self {
+        let mut rig = Self::new();
+        rig.run_to(500, StateKind::Idle);
+        rig.order(Order::Home { mask: 0x7F });
+        rig.run_to(100, StateKind::Ready);
+        rig
+    }
+
+    /// Armed with a plan and started; when the plan begins.
+    pub(crate) fn start(&mut self, file: &[u8]) -> Instant {
+        for (i, piece) in file.chunks(256).enumerate() {
+            let upload =
+                |all: &mut (MitBench, Solo<C>), now| all.1.node.upload(now, HOST, 256 * i, piece).unwrap();
+            self.world.with_participants(upload).unwrap();
+        }
+        let name = FileName { crc64: Crc64::of(file), len: file.len() as u32 };
+        self.order(Order::Commit(name));
+        let valid = Duration::from_secs(5);
+        let Done::Offer { token, .. } = self.order(Order::ArmPrepare { crc64: name.crc64, valid }) else {
+            panic!("no offer")
+        };
+        self.run_us(60_000);
+        self.order(Order::ArmConfirm { token, valid });
+        self.run_us(60_000);
+        self.order(Order::Run(name));
+        self.now() + Duration::from_micros(2 * PERIOD_US)
+    }
+
+    /// In the middle of [`quintic`].
+    pub(crate) fn moving() -> Self {
+        let mut rig = Self::ready();
+        rig.start(&quintic_file());
+        rig.run_us(400_000);
+        assert_eq!(rig.kind(), StateKind::Running, "{:?}", rig.controller().state());
+        rig
+    }
+
+    /// Commands to a motor since `from`, with the time at which the frame ended.
+    pub(crate) fn commands(&self, index: usize, from: Instant) -> Vec<(Instant, Command)> {
+        let own = Id::Standard(StandardId::new(u16::from(id(index).get())).unwrap());
+        let sent = self.log.0.iter().filter(|(at, frame)| *at >= from && frame.id() == own);
+        sent.map(|(at, frame)| (*at, Command::decode(frame, &ranges(index)).unwrap().1)).collect()
+    }
+
+    pub(crate) fn set_points(&self, index: usize, from: Instant) -> Vec<(Instant, SetPoint)> {
+        let commands = self.commands(index, from).into_iter();
+        commands
+            .filter_map(|(at, c)| if let Command::Mit(mit) = c { Some((at, mit)) } else { None })
+            .collect()
+    }
+
+    pub(crate) fn frames(&self) -> &[(Instant, Frame)] {
+        &self.log.0
+    }
+}
+
+/// Length of the plan, s, and how far each joint goes, rad.
+pub(crate) const PLAN_S: f64 = 1.0;
+pub(crate) const WAY_RAD: [f64; JOINTS] = [1.0, -1.0, 0.8, 0.9, -0.7, 0.6, 1.0];
+
+/// Position and velocity of a joint, from rest to rest.
+pub(crate) fn quintic(index: usize, t_s: f64) -> (f64, f64) {
+    let s = (t_s / PLAN_S).clamp(0.0, 1.0);
+    let way = WAY_RAD[index];
+    (way * s.powi(3) * (10.0 - 15.0 * s + 6.0 * s * s), way / PLAN_S * 30.0 * s * s * (1.0 - s).powi(2))
+}
+
+pub(crate) fn quintic_file() -> Vec<u8> {
+    let knots: Vec<Knot> = (0..=40)
+        .map(|k| {
+            let t_s = PLAN_S * f64::from(k) / 40.0;
+            let mut state = PerJoint::default();
+            for i in 0..JOINTS {
+                let (q, qd) = quintic(i, t_s);
+                state.set(joint(i), (q as f32, qd as f32));
+            }
+            Knot { t_us: (t_s * 1e6) as u32, state }
+        })
+        .collect();
+    let header = Header {
+        joints: JOINTS as u8,
+        period_us: PERIOD_US as u32,
+        events: PlanEvents::release(None),
+        robot_crc32: 0,
+        envelope: None,
+    };
+    let mut file = vec![0; FILE_LEN_MAX];
+    let len = trajectory_format::encode(&header, &knots, &mut file).unwrap();
+    file.truncate(len);
+    file
+}
