@@ -102,8 +102,8 @@ pub enum Command {
         /// A run may follow soon.
         armed: bool,
     },
-    /// No sign of life goes to the drives until the next [`Self::Find`]: one that missed the halt stops by itself. Else as
-    /// [`Self::Stand`].
+    /// A drive that may have missed the halt gets no sign of life until the next [`Self::Find`], and stops by itself. A group that does not
+    /// know which have missed it feeds none. Else as [`Self::Stand`].
     Abandon,
     /// Find the zero of a joint; ends with [`GroupEvent::Homed`] or [`GroupEvent::Trouble`].
     Home(JointIndex),
