@@ -46,6 +46,21 @@ fn a_homing_in_stopped_clears_the_halt_and_finds_the_zero() {
     assert_eq!(bench.kind(), StateKind::Ready);
 }
 
+/// The controller looks at the drives all the time: at any moment an answer from before the reset may be on its way.
+#[test]
+fn an_answer_from_before_the_reset_is_not_taken_for_one_after_it() {
+    for order in [jog(2, 500), Order::Home { mask: 0b100 }] {
+        for phase_us in (0..60_000).step_by(89) {
+            let mut bench = stopped();
+            bench.run_for(20_000 + phase_us);
+            bench.order(order).unwrap();
+            bench.run_for(450_000);
+            let state = bench.controller.state();
+            assert_ne!(bench.kind(), StateKind::Fault, "{order:?}, {phase_us} us: {state:?}");
+        }
+    }
+}
+
 #[test]
 fn another_joint_is_not_jogged_before_the_first_one_stands() {
     let mut bench = Bench::ready(Options::default(), &[0.0; 6]);

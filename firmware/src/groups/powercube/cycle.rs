@@ -449,7 +449,7 @@ impl PowerCubes {
     pub(super) fn send_reset(&mut self, now: Instant, settings: &Settings) {
         self.reset_at = now + Duration::from_micros(1);
         for joint in settings.joints() {
-            self.drives.at_mut(joint).loaded = ramp::Loaded::default();
+            self.drives.at_mut(joint).reset();
         }
         self.send(&Broadcast::Reset.encode());
     }

@@ -87,6 +87,7 @@ struct Pending {
     request: Request,
     number: u32,
     deadline: Instant,
+    is_before_reset: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -130,6 +131,8 @@ pub struct DriveRecord {
     quarantine_end: Instant,
     answered: Option<(Key, Instant)>,
     number: u32,
+    /// The last answer was to a request from before the last reset: what it says of errors and halts is past.
+    pub is_before_reset: bool,
     /// When the last request of the main lane went out.
     asked_at: Instant,
     /// See [`Self::answer_us`].
@@ -210,7 +213,8 @@ impl DriveRecord {
     pub fn begin(&mut self, now: Instant, lane: Lane, request: &Request, deadline: Instant) {
         self.number = self.number.wrapping_add(1);
         let key = Key::of_request(request);
-        let pending = Pending { key, request: *request, number: self.number, deadline };
+        let pending =
+            Pending { key, request: *request, number: self.number, deadline, is_before_reset: false };
         match lane {
             Lane::Main => {
                 self.main = Some(pending);
@@ -218,6 +222,23 @@ impl DriveRecord {
             }
             Lane::Side => self.side = Some(pending),
         }
+    }
+
+    /// A reset goes out now: errors and halts that were reported are past.
+    pub fn reset(&mut self) {
+        self.loaded = Loaded::default();
+        self.short_state = ShortState::EMPTY;
+        for pending in [&mut self.main, &mut self.side].into_iter().flatten() {
+            pending.is_before_reset = true;
+        }
+    }
+
+    /// What came with a position.
+    pub const fn note(&mut self, short_state: ShortState, dio: Dio) {
+        if !self.is_before_reset {
+            self.short_state = short_state;
+        }
+        self.dio = dio;
     }
 
     /// Finds the request that a reply answers.
@@ -233,6 +254,7 @@ impl DriveRecord {
         };
         if let Some((lane, pending)) = answered {
             self.forget_before(pending.number);
+            self.is_before_reset = pending.is_before_reset;
             self.answered = Some((key, now));
             self.missed_in_row = 0;
             if lane == Lane::Main {

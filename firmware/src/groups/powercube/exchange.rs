@@ -236,15 +236,16 @@ impl PowerCubes {
                 Parameter::PosStateDio,
                 Value::PosStateDio(PosStateDio { position_rad, short_state, dio }),
             ) => {
-                let drive = self.drives.at_mut(joint);
-                (drive.short_state, drive.dio) = (short_state, dio);
+                self.drives.at_mut(joint).note(short_state, dio);
                 self.take_position(now, settings, joint, position_rad, None);
             }
             Reply::Value(Parameter::ActPos, Value::F32(position_rad)) => {
                 self.take_position(now, settings, joint, position_rad, None);
             }
             Reply::Value(Parameter::CubeState, Value::U32(bits)) => {
-                self.take_state(now, joint, CubeState::from_bits(bits));
+                if !self.drives.at(joint).is_before_reset {
+                    self.take_state(now, joint, CubeState::from_bits(bits));
+                }
             }
             Reply::Value(Parameter::Cur, Value::F32(current_a)) => {
                 self.take_current(settings, joint, current_a);
@@ -259,8 +260,7 @@ impl PowerCubes {
             Reply::MotionExtended {
                 position: MotionPosition::Radians(position), short_state, dio, ..
             } => {
-                let drive = self.drives.at_mut(joint);
-                (drive.short_state, drive.dio) = (short_state, dio);
+                self.drives.at_mut(joint).note(short_state, dio);
                 self.take_position(now, settings, joint, position.get(), ramp_target(&request));
             }
             _ => {}
