@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use nalgebra::Vector3;
 use planner::follow::best::{BestOptions, HandFreedom};
-use planner::follow::found::Found;
+use planner::follow::found::{Found, NotFound};
 use planner::follow::limits::{AXES, Arm, Axes, Limits};
 use planner::follow::paper::{Criterion, PaperOptions, RampTiming};
 use planner::follow::plan::FollowPlan;
@@ -158,26 +158,43 @@ pub(crate) fn throw_for(setting: &Setting<'_>, search: &Search) -> Result<Found,
         return Err(ExpectedError::bad_input(&"the target needs three finite numbers"));
     }
     require_metres(target.into())?;
-    let spare = match search {
+    let found = while_working("looking for a throw", USUAL_SEARCH, |_| search.plan(&spared(setting, search)));
+    found.map_err(|none| {
+        let next = while_working("looking for the nearest target with a plan", USUAL_SEARCH, |_| {
+            next_step(setting, search, &none)
+        });
+        ExpectedError::new(exit::NO_THROW, format!("{none}\n  next: {next}"))
+    })
+}
+
+/// The setting with the limits that a search keeps.
+fn spared<'m>(setting: &Setting<'m>, search: &Search) -> Setting<'m> {
+    let limits = match search {
         Search::Paper(_) => setting.limits,
         Search::Best(_) => setting.limits.with_spare_for_commands(),
     };
-    let setting = Setting { limits: spare, ..*setting };
-    let found = while_working("looking for a throw", USUAL_SEARCH, |_| search.plan(&setting));
-    found.map_err(|none| {
-        let next = match (none.nearest, search) {
-            (Some(p), _) => {
-                format!("the nearest target with a plan that was found is {},{},{}", p.x, p.y, p.z)
-            }
-            (None, Search::Paper(_)) => {
-                "search without the grid of the paper: leave out --form paper".to_owned()
-            }
-            (None, Search::Best(_)) => {
-                "choose a target closer to the arm: none was found on the way to it, nor lower".to_owned()
-            }
-        };
-        ExpectedError::new(exit::NO_THROW, format!("{none}\n  next: {next}"))
-    })
+    Setting { limits, ..*setting }
+}
+
+/// What to do where a search found nothing. A grid that finds nothing says little: the other form is asked for the same target.
+fn next_step(setting: &Setting<'_>, search: &Search, none: &NotFound) -> String {
+    let named =
+        |p: Vector3<f64>| format!("the nearest target with a plan that was found is {},{},{}", p.x, p.y, p.z);
+    match (search, none.nearest) {
+        (_, Some(nearest)) => named(nearest),
+        (Search::Best(_), None) => {
+            "choose a target closer to the arm: none was found on the way to it, nor lower".to_owned()
+        }
+        (Search::Paper(_), None) => {
+            let free =
+                Search::Best(BestOptions { starts: 8, kicks: 0, points_max: 1, ..BestOptions::default() });
+            let finds = match free.plan(&spared(setting, &free)) {
+                Ok(_) => "a throw to this target is found".to_owned(),
+                Err(none) => none.nearest.map_or_else(|| "nothing was found either".to_owned(), named),
+            };
+            format!("leave out --form paper: without a grid {finds}")
+        }
+    }
 }
 
 /// Largest distance of the ball from the first joint, by the lengths of the links, in m.
