@@ -91,6 +91,8 @@ const START_LEAD: Duration = Duration::from_millis(6);
 const HELD_AFTER: Duration = Duration::from_millis(150);
 /// Fault of a joint that moves although the group stands.
 const MOVES_UNORDERED: u16 = 108;
+/// Fault of a drive that reports an error or a halt.
+const DRIVE_ERROR: u16 = 200;
 const NEVER: Instant = Instant::FAR_FUTURE;
 
 const PORTS: [Port; 4] = [
@@ -414,6 +416,13 @@ impl Judge {
             if state.fault_cause == MOVES_UNORDERED && drives_hear {
                 let what = format!("a joint is said to move without an order: {:?}", self.plant);
                 self.broken(Rule::Motion, at, what);
+            }
+            if state.fault_cause == DRIVE_ERROR && drives_hear && self.excuse(at).is_zero() {
+                let what = format!(
+                    "joint {} is said to be in error, and nothing has happened to it",
+                    state.fault_joint
+                );
+                self.broken(Rule::Fault, at, what);
             }
         }
         if before != Some(state.state) {

@@ -107,6 +107,17 @@ fn jog_after_a_start_that_was_missed_is_no_late_run_and_may_halve_the_current() 
     jogs([103, 572], 655, [8_566, 0, 43, 170, 46, 86], 120, 40, 1, -250);
 }
 
+/// An answer that was on its way when the drive was halted came late, and its halt was taken for an error: the stop became fault 200.
+#[test]
+fn stop_of_a_jog_is_no_error_of_its_drive_when_an_answer_is_late() {
+    let steps = [
+        (493, Act::Jog { joint: 1, mrad_s: 50, hold_ms: 198 }),
+        (197, Act::EmergencyStop(Who::Host)),
+        (10, Act::Upload { mrad: [100, 0], ms: 1_000, hand: Hand::Nothing }),
+    ];
+    keeps([856, 443], 256, &steps);
+}
+
 #[test]
 fn stop_of_a_jog_that_has_not_begun_moves_nothing() {
     // The drive has its brake closed: a command opens it, and the joint sags.

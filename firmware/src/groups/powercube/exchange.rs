@@ -323,10 +323,11 @@ impl PowerCubes {
         self.push(GroupEvent::Measured(Measured { joint, sample, in_force, trouble }));
     }
 
-    /// What the short state of a drive says. Without a zero it always says that something is wrong.
+    /// What the short state of a drive says. Without a zero it always says that something is wrong, and halted it says so.
     fn short_trouble(&self, joint: JointIndex) -> Option<Cause> {
         let drive = self.drives.at(joint);
-        if drive.is_homed() { check_short_state(drive.short_state) } else { None }
+        let says = drive.is_homed() && !matches!(self.mode, Mode::Halted);
+        if says { check_short_state(drive.short_state) } else { None }
     }
 
     /// A position of unknown time, answered while joints move: the drive lives and tells its state, but a position taken for
