@@ -242,10 +242,10 @@ impl PowerCubes {
             Reply::Value(Parameter::ActPos, Value::F32(position_rad)) => {
                 self.take_position(now, settings, joint, position_rad, None);
             }
-            Reply::Value(Parameter::CubeState, Value::U32(bits)) => {
-                if !self.drives.at(joint).is_before_reset {
-                    self.take_state(now, joint, CubeState::from_bits(bits));
-                }
+            Reply::Value(Parameter::CubeState, Value::U32(bits))
+                if !self.drives.at(joint).is_before_reset =>
+            {
+                self.take_state(now, joint, CubeState::from_bits(bits));
             }
             Reply::Value(Parameter::Cur, Value::F32(current_a)) => {
                 self.take_current(settings, joint, current_a);
