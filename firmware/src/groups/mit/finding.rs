@@ -7,7 +7,7 @@
 //! ```
 //!
 //! * A motor acts on the set point that it got last, also on one that came while it was off. So one with zero gains and zero torque comes
-//!   before each enabling, and the first with gains is at the measured position.
+//!   before each enabling, and the first set point with gains is the measured position.
 //! * Nothing on the wire shows a range that differs from the settings: all values are wrong by their ratio. Registers are compared first.
 //! * The time-out is proven: enabled without torque, the motor gets no command, and must report that its link is lost. A motor that somebody
 //!   else left enabled proves it by itself while nobody speaks to it; if it does not, it is refused. A reset switches it off.

@@ -32,7 +32,7 @@ pub(super) enum Mode {
         released: bool,
     },
     Tracking,
-    /// The joint of a bit goes to its end.
+    /// Joints that have an end position go there.
     Moving,
     Braking,
     /// Brakes, and refuses motion.
