@@ -76,6 +76,13 @@ impl<'m> Reach<'m> {
     }
 }
 
+/// Largest distance of the ball from the first joint, by the lengths of the links, in m.
+#[must_use]
+pub fn reach_m(arm: &Arm) -> f64 {
+    let links: f64 = arm.joints().iter().skip(1).map(|j| j.x_pj.pos.norm()).sum();
+    links + (*arm.end_effector() * arm.gripper().x_eb).pos.norm()
+}
+
 /// `angle` moved by whole turns next to `reference`.
 fn next_turn(angle: f64, reference: f64) -> f64 {
     use std::f64::consts::TAU;

@@ -8,6 +8,7 @@ use planner::follow::found::{Found, NotFound};
 use planner::follow::limits::{AXES, Arm, Axes, Limits};
 use planner::follow::paper::{Criterion, PaperOptions, RampTiming};
 use planner::follow::plan::FollowPlan;
+use planner::follow::posture::reach_m;
 use planner::follow::search::Search;
 use planner::follow::setting::{CommandRange, PERIOD_S, Setting};
 use planner::follow::verify::{Report, verify_commands};
@@ -195,10 +196,4 @@ fn next_step(setting: &Setting<'_>, search: &Search, none: &NotFound) -> String 
             format!("leave out --form paper: without a grid {finds}")
         }
     }
-}
-
-/// Largest distance of the ball from the first joint, by the lengths of the links, in m.
-fn reach_m(arm: &Arm) -> f64 {
-    let links: f64 = arm.joints().iter().skip(1).map(|j| j.x_pj.pos.norm()).sum();
-    links + (*arm.end_effector() * arm.gripper().x_eb).pos.norm()
 }

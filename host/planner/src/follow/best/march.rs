@@ -7,9 +7,10 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::excess::Excess;
-use super::seeds::{self, Seed, base, reach_m};
+use super::seeds::{self, Seed, base};
 use super::{BestOptions, Grown, feasible, shortest};
 use crate::follow::clear::Scenes;
+use crate::follow::posture::reach_m;
 use crate::follow::setting::Setting;
 
 /// Releases that are drawn for the easier target.
@@ -57,7 +58,7 @@ fn reach(setting: &Setting<'_>, options: &BestOptions) -> Result<Grown, Vec<End>
 
 /// Targets from which throws are carried: at the same height; and at the same place, lower than the base.
 fn easier(setting: &Setting<'_>) -> Vec<Vector3<f64>> {
-    let (target, reach_m) = (setting.target, reach_m(setting));
+    let (target, reach_m) = (setting.target, reach_m(setting.arm));
     let low_m = (base(setting).z - 0.5 * reach_m).max(setting.arm.world().floor_z_m);
     let ahead = target.xy().try_normalize(0.0).unwrap_or(nalgebra::Vector2::x()) * reach_m;
     let mut easier = BEGINS.map(|share| Vector3::new(share * ahead.x, share * ahead.y, target.z)).to_vec();
@@ -91,7 +92,8 @@ fn carry(setting: &Setting<'_>, options: &BestOptions, begin: &Vector3<f64>) -> 
     }
 }
 
-/// How far the throw of `seed` is carried from `begin`, in m, and the throw to the target of `setting` on this way.
+/// Carries the throw of `seed` from `begin` in the direction `ahead`. Returns how far it came, in m, and the throw to the target of `setting`
+/// if there is one.
 ///
 /// The steps do not depend on how far the target is: a target before the edge has a throw of the same way near to it.
 fn outwards(

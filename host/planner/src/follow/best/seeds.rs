@@ -12,7 +12,7 @@ use super::variables::Variables;
 use crate::follow::clear::Scenes;
 use crate::follow::found::{Stage, StageCounts};
 use crate::follow::limits::{AXES, Axes};
-use crate::follow::posture::Reach;
+use crate::follow::posture::{Reach, reach_m};
 use crate::follow::setting::Setting;
 
 /// A release with its posture.
@@ -69,7 +69,7 @@ fn draw_some(
     let (mut seeds, mut counts) = (Vec::new(), StageCounts::default());
     let reach = Reach::new(setting.arm);
     let base = base(setting);
-    let reach_m = reach_m(setting);
+    let reach_m = reach_m(setting.arm);
     let floor_z_m = setting.arm.world().floor_z_m;
     for number in numbers {
         let u = |base: u32| radical_inverse(number as u64 + 100 * options.seed, base);
@@ -111,11 +111,4 @@ fn draw_some(
 /// Where the first joint is, m.
 pub(super) fn base(setting: &Setting<'_>) -> Vector3<f64> {
     setting.arm.fk(&Axes::zeros(AXES)).origin(0)
-}
-
-/// Largest distance of the ball from the first joint, by the lengths of the links, in m.
-pub(super) fn reach_m(setting: &Setting<'_>) -> f64 {
-    let arm = setting.arm;
-    let links: f64 = arm.joints().iter().skip(1).map(|j| j.x_pj.pos.norm()).sum();
-    links + (*arm.end_effector() * arm.gripper().x_eb).pos.norm()
 }
