@@ -74,6 +74,24 @@ fn halt_broadcast_of_another_node_ends_the_run_at_once_and_the_ball_is_kept() {
     }
 }
 
+/// `cubectl stop` sends both: when its broadcast comes, the controller may have halted the drives already.
+#[test]
+fn halt_broadcast_after_the_halt_of_the_controller_itself_is_no_fault() {
+    for later_us in (0..120_000).step_by(1_300) {
+        let mut bench = thrown(350_000);
+        bench.controller.stop_now(protocol::Instant::from_micros(bench.now));
+        bench.run_until(10_000, |bench| bench.kind() != StateKind::Running);
+        bench.run_for(later_us);
+        bench.foreign(Broadcast::Halt.encode());
+        bench.run_until(1_000_000, |bench| !matches!(bench.kind(), StateKind::Stopping));
+        assert_eq!(
+            (bench.kind(), fault_of(&bench)),
+            (StateKind::Stopped, Some(Cause::StopMessage)),
+            "{later_us} us after it"
+        );
+    }
+}
+
 #[test]
 fn silent_drive_stops_the_group_after_two_missed_replies_and_one_cycle() {
     for (silent, phase) in [(0, 0), (2, 1_000), (5, 2_500), (3, 1_700)] {

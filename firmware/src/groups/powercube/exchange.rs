@@ -161,9 +161,10 @@ impl PowerCubes {
     }
 
     /// Broadcast of another node. A halt stops all drives at once: the ball is kept, and no drive is asked to go on. Halted
-    /// drives that stand are found by their state words.
+    /// drives that stand are found by their state words, and drives that this group has halted are stopped already.
     fn take_broadcast(&mut self, frame: &Frame) {
-        if Broadcast::decode(frame) == Ok(Broadcast::Halt) && self.mode.may_move() {
+        let moves = self.mode.may_move() && !matches!(self.mode, Mode::Halted);
+        if moves && Broadcast::decode(frame) == Ok(Broadcast::Halt) {
             self.push(GroupEvent::Trouble(Fault::group(Cause::HaltedByOther)));
         }
     }
