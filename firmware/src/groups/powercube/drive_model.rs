@@ -24,8 +24,9 @@
 //! ```text
 //! |r| <= R0 + |v| T_J + loose · 0.05 s       in two answers in a row; otherwise the group stops
 //! |d| <= D0 + loose                          in each answer
-//! |m| <= R0 + |v| T_J + loose · 0.05 s       in each answer; m: way by commands since the answer last changed; only half of
-//!                                            R0 while |v| < D0
+//! |m| <= R0 + |v| T_J + loose · 0.05 s + L   in each answer; m: way by commands since the answer last changed; only half of
+//!                                            R0 while |v| < D0; L: way since then of a speed of `loose` at its
+//!                                            beginning and a step of the encoder
 //! ```
 //!
 //! `loose` is the uncertainty of the speed after an unanswered motion command: the drive may or may not have taken it. Its size
@@ -38,7 +39,8 @@
 //! A drive whose answers stand still, run backwards or ignore the commands is found at the second answer after its model has
 //! moved by `R0 + |v| T_J`, two cycles. [`excursion_max_rad`] bounds how far the joint moves from the moment its answers
 //! stand still until it is at rest. A deviation that grows more slowly than `D0` is not found here. If the positions are true,
-//! the control law corrects it; if they are false, one encoder cannot tell.
+//! the control law corrects it; if they are false, one encoder cannot tell. Nor can it tell a drive that froze at an unanswered
+//! motion from one that stands, until commands have changed the speed by more than `loose`.
 
 use protocol::Instant;
 
@@ -55,6 +57,8 @@ pub const R0_RAD: f32 = 3e-3;
 pub const T_JITTER_S: f32 = 0.8e-3;
 /// Largest speed residual, rad/s.
 pub const D0_RAD_S: f32 = 0.06;
+/// Speed that one step of the encoder (0.35 mrad) leaves in the observer at most, rad/s: step / (e · 0.1 s), a tenth more.
+const STEP_RAD_S: f32 = 1.4e-3;
 /// Position residuals above the bound in a row that stop the group: one may be an answer that was mixed up on the bus.
 pub const OVER_ROW: u8 = 2;
 
@@ -89,6 +93,9 @@ pub struct DriveModel {
     alone: RampState,
     alone_from_rad: f32,
     behind_from_rad: f32,
+    /// How wrong the speed of `alone` may be, rad/s: a step of the encoder, a motion that was taken or not; and its way by now, rad.
+    alone_loose_rad_s: f32,
+    alone_loose_rad: f32,
     /// The first residual above the bound came in one step of this size, rad.
     step_rad: f32,
     over: u8,
@@ -107,6 +114,7 @@ impl DriveModel {
             answer_rad: q_rad,
             alone: RampState { q_rad, v_rad_s: 0.0 },
             alone_from_rad: q_rad,
+            alone_loose_rad_s: STEP_RAD_S,
             watching: true,
             ..Self::default()
         }
@@ -145,10 +153,12 @@ impl DriveModel {
 
     /// Largest [`Self::still_rad`] of a healthy drive. The observer follows answers that stand still, so a slow command never makes
     /// a large residual, but what the command amounts to is not corrected. At low speed half of
-    /// [`R0_RAD`] is four encoder steps, and an answer that comes twice is far less. What is not known of the motion stays whole.
+    /// [`R0_RAD`] is four encoder steps, and an answer that comes twice is far less. What is not known of the motion stays whole,
+    /// and nothing corrects the speed that was not known when the answers began to stand still.
     pub fn still_max_rad(&self) -> f32 {
         let slow_command = self.generator.v_rad_s.abs() < D0_RAD_S;
-        if slow_command { self.r_max_rad() - 0.5 * R0_RAD } else { self.r_max_rad() }
+        let known_rad = if slow_command { self.r_max_rad() - 0.5 * R0_RAD } else { self.r_max_rad() };
+        known_rad + self.alone_loose_rad
     }
 
     /// The generator at a time after the last answer.
@@ -196,6 +206,7 @@ impl DriveModel {
             (self.answer_rad, self.alone, self.alone_from_rad) =
                 (q_rad, self.generator, self.generator.q_rad);
             self.behind_from_rad = self.behind_rad;
+            (self.alone_loose_rad_s, self.alone_loose_rad) = (STEP_RAD_S + self.loose_rad_s, 0.0);
         }
         self.still_rad = (self.alone.q_rad - self.alone_from_rad) - (self.behind_rad - self.behind_from_rad);
         if near {
@@ -248,7 +259,10 @@ impl DriveModel {
             let left = 1.0 / (1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0))));
             self.behind_rad = lag_s * v1 - bend + (behind_before - lag_s * v0 + bend) * left;
         }
-        self.loose_rad_s += self.doubt_rad_s2 * dt_s;
+        let more_rad_s = self.doubt_rad_s2 * dt_s;
+        self.loose_rad_s += more_rad_s;
+        self.alone_loose_rad_s += more_rad_s;
+        self.alone_loose_rad += self.alone_loose_rad_s * dt_s;
         self.generator.q_rad - before.q_rad - self.behind_rad + behind_before
     }
 
@@ -554,6 +568,58 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// Found on a machine that held up the bus: answers of unknown time, then a joint that is held. Its answers stand still because
+    /// it does; only the speed of the model was wrong.
+    #[test]
+    fn joint_that_is_held_after_a_motion_without_an_answer_is_not_taken_for_a_frozen_drive() {
+        const STEP_RAD: f32 = 3.5e-4;
+        for period_us in [3_000u64, 10_000, 17_000] {
+            for a in [0.5f32, 2.0, 6.0] {
+                let mut model = DriveModel::at_rest(Instant::ZERO, 0.0);
+                let mut truth = RampState { q_rad: 0.0, v_rad_s: 0.0 };
+                let (mut target, mut a_real) = (3.0f32, 0.01);
+                for k in 1..4_000u64 {
+                    truth = after(truth, target, 2.0, a_real, period_us as f32 * 1e-6);
+                    let q_rad = (truth.q_rad / STEP_RAD).round() * STEP_RAD;
+                    if k != 11 {
+                        let cause = model.compare(Instant::from_micros(period_us * k), q_rad, 0.0);
+                        assert_eq!(cause, None, "{period_us} us, {a} rad/s2, answer {k}: {model:?}");
+                    }
+                    // A start, the end of it, and then as much to one side as to the other.
+                    (target, a_real) = match k {
+                        10 => (3.0, a),
+                        11 => (-3.0, a),
+                        _ => (-target, 0.01),
+                    };
+                    if k == 11 { model.doubt(a) } else { model.command(target, 2.0, a_real) }
+                }
+            }
+        }
+    }
+
+    /// The doubt is about the speed at one time. What is commanded later is known.
+    #[test]
+    fn drive_that_freezes_after_a_motion_without_an_answer_is_found_when_it_is_commanded() {
+        let period_s = 3e-3;
+        let mut model = DriveModel::at_rest(Instant::ZERO, 0.0);
+        let mut truth = RampState { q_rad: 0.0, v_rad_s: 0.0 };
+        model.command(3.0, 2.0, 6.0);
+        let mut found = None;
+        for k in 1..400u64 {
+            truth = after(truth, 3.0, 2.0, 0.5, period_s);
+            match k {
+                1 => model.doubt(6.0),
+                _ => found = model.compare(Instant::from_micros(3_000 * k), 0.0, 0.0),
+            }
+            if found.is_some() {
+                break;
+            }
+            model.command(3.0, 2.0, 0.5);
+        }
+        assert_eq!(found, Some(Cause::PositionFrozen), "{model:?}");
+        assert!((1e-3..0.02).contains(&truth.q_rad), "{}", truth.q_rad);
     }
 
     #[test]
