@@ -9,6 +9,7 @@ mod drive_cell;
 mod drive_commands;
 mod drive_life;
 mod drive_mit;
+mod drive_odrive;
 mod drive_motions;
 mod drive_rig;
 mod drive_states;
