@@ -1,5 +1,6 @@
 # The simulated drives against clients that are not ours, unmodified, pinned. PowerCubes: python-can, over socketcand and as an
-# SLCAN adapter at a pseudo-terminal, both at the same time on one simulated bus. Damiao motors: damiao-motor, over socketcand.
+# SLCAN adapter at a pseudo-terminal, both at the same time on one simulated bus. Damiao motors: damiao-motor, ODrive axes:
+# odrive-can, both over socketcand.
 . .ci/timed.sh
 . .ci/serve.sh
 . .ci/venv.sh sim tests/interop/sim/requirements.txt
@@ -24,22 +25,23 @@ clients() {
     return $status
 }
 timed clients
-motors() {
-    local log=target/interop-mit.log status=0 port
-    target/release/hil-sim serve-mit --motor 8009:1:0x11 --motor 4310:2:0x12 --bus socketcand://127.0.0.1:0/can0 --json \
-        >"$log" </dev/null &
+motors() { # client, options of serve-motors...
+    local client=$1 log=target/interop-$1.log status=0 port
+    shift
+    target/release/hil-sim serve-motors "$@" --bus socketcand://127.0.0.1:0/can0 --json >"$log" </dev/null &
     server=$!
     wait_for $server says "$log" '"event":"real time"' || { cat "$log"; return 1; }
     port=$(place "$log" socketcand: | sed 's|.*:\([0-9]*\)/.*|\1|')
-    echo "--- damiao-motor over socketcand" &&
+    echo "--- $client over socketcand" &&
         CAN_CONFIG="{\"host\": \"127.0.0.1\", \"port\": $port, \"tcp_tune\": true}" timeout 180 \
-            python tests/interop/sim/damiao.py || status=$?
+            python "tests/interop/sim/$client.py" 127.0.0.1 "$port" || status=$?
     kill -INT $server
     wait $server || status=$?
     server=
     return $status
 }
-timed motors
+timed motors damiao --damiao 8009:1:0x11 --damiao 4310:2:0x12
+timed motors odrive --odrive 0:0.6 --odrive 1:0.6:index --odrive-watchdog-ms 500
 tail -n 1 "$log" | python -c '
 import json, sys
 report = json.load(sys.stdin)

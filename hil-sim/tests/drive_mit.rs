@@ -1,5 +1,6 @@
 //! One Damiao motor with an inertia at its shaft, driven by frames.
 
+use hil_sim::drive::bench::ShaftMotor as _;
 use hil_sim::drive::mit::{MitMotor, MitOptions};
 use hil_sim::mechanics::AxisState;
 use mit_protocol::{

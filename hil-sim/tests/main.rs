@@ -10,6 +10,7 @@ mod drive_commands;
 mod drive_life;
 mod drive_mit;
 mod drive_motions;
+mod drive_odrive;
 mod drive_rig;
 mod drive_states;
 mod krc_exchange;

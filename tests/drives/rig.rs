@@ -13,7 +13,8 @@ use firmware::state::StateKind;
 use firmware::store::{FileName, RamStorage};
 use firmware::trajectory_format::{self, FILE_LEN_MAX, Header};
 use hil_sim::bus::BusConfig;
-use hil_sim::drive::mit::{MitBench, MitMotor, MitOptions};
+use hil_sim::drive::bench::Bench;
+use hil_sim::drive::mit::{MitMotor, MitOptions};
 use hil_sim::fault::{Fault, FaultKind, IdFilter, Target, WireFault};
 use hil_sim::participants::Solo;
 use hil_sim::world::{Observer, World};
@@ -84,7 +85,7 @@ impl Observer for Log {
 }
 
 pub(crate) struct Rig {
-    world: World<(MitBench, Solo<C>)>,
+    world: World<(Bench<MitMotor>, Solo<C>)>,
     log: Log,
     /// Angle of each shaft at each step of 1 ms.
     pub(crate) track: Vec<(Instant, [f64; JOINTS])>,
@@ -102,7 +103,7 @@ impl Rig {
         let group = Mit::new(Options::new(&motors()).unwrap());
         let controller =
             Controller::with_group(RamStorage::new(), Spline::empty(), group, settings, Seed::FORESEEABLE);
-        let bench = MitBench::new(&options, INERTIA_KG_M2);
+        let bench = Bench::new(options.map(|o| MitMotor::new(o, o.zero_rad)).to_vec(), INERTIA_KG_M2);
         let node = Solo::new("controller", controller);
         let world = World::new((bench, node), BusConfig::default(), 1, Vec::new()).unwrap();
         Self { world, log: Log::default(), track: Vec::new() }
@@ -222,8 +223,9 @@ impl Rig {
     /// Armed with a plan and started; when the plan begins.
     pub(crate) fn start(&mut self, file: &[u8]) -> Instant {
         for (i, piece) in file.chunks(256).enumerate() {
-            let upload =
-                |all: &mut (MitBench, Solo<C>), now| all.1.node.upload(now, HOST, 256 * i, piece).unwrap();
+            let upload = |all: &mut (Bench<MitMotor>, Solo<C>), now| {
+                all.1.node.upload(now, HOST, 256 * i, piece).unwrap()
+            };
             self.world.with_participants(upload).unwrap();
         }
         let name = FileName { crc64: Crc64::of(file), len: file.len() as u32 };

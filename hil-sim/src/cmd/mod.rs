@@ -7,7 +7,7 @@ mod run;
 mod serve;
 mod serve_court;
 mod serve_krc;
-mod serve_mit;
+mod serve_motors;
 mod serve_tracker;
 mod swarm;
 
@@ -31,8 +31,8 @@ enum Verb {
     ServeCourt(serve_court::Args),
     /// Serve a robot controller behind Ethernet RSI, in real time or in lock step with its client.
     ServeKrc(serve_krc::Args),
-    /// Serve Damiao motors, each with an inertia at its shaft, in real time.
-    ServeMit(serve_mit::Args),
+    /// Serve Damiao motors and ODrive axes, each with an inertia at its shaft, in real time.
+    ServeMotors(serve_motors::Args),
     /// Serve an optical tracker: DTrack data over UDP, commands over TCP.
     ServeTracker(serve_tracker::Args),
     /// Run a scenario in virtual time: same seed, same log.
@@ -49,7 +49,7 @@ pub(crate) fn main() -> ExitCode {
         Verb::Serve(args) => serve::run(&args),
         Verb::ServeCourt(args) => serve_court::run(&args),
         Verb::ServeKrc(args) => serve_krc::run(&args),
-        Verb::ServeMit(args) => serve_mit::run(&args),
+        Verb::ServeMotors(args) => serve_motors::run(&args),
         Verb::ServeTracker(args) => serve_tracker::run(&args),
         Verb::Run(args) => run::run(&args),
         Verb::Swarm(args) => swarm::run(&args),

@@ -16,7 +16,8 @@
 //! | `program`, [`ramp`] | set-point as a closed-form function of time |
 //! | `servo` | position loop and torque left of the current limit |
 //! | `faults` | what is broken in it |
-//! | [`mit`] | a Damiao motor instead of a PowerCube |
+//! | [`mit`], [`odrive`] | a Damiao motor, an axis of an ODrive instead of a PowerCube |
+//! | [`bench`] | such motors with an inertia each, as participants of a bus |
 //!
 //! # State
 //!
@@ -44,12 +45,14 @@
 //! * Bits of Config and Setup without a line in `supervise` or `obey` are stored and read back, and do nothing: they
 //!   belong to other hardware (25xx, linear modules, Profibus).
 
+pub mod bench;
 mod faults;
 mod homing;
 mod measure;
 pub mod mit;
 mod module;
 mod obey;
+pub mod odrive;
 pub mod options;
 mod program;
 pub mod ramp;

@@ -1,4 +1,4 @@
-"""damiao-motor, unmodified, against `hil-sim serve-mit`: identity, modes, set points, time-out, zero.
+"""damiao-motor, unmodified, against `hil-sim serve-motors`: identity, modes, set points, time-out, zero.
 
     CAN_CONFIG='{"host": HOST, "port": PORT, "tcp_tune": true}' python damiao.py
 

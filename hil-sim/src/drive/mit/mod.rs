@@ -6,7 +6,6 @@
 //!
 //! | file | holds |
 //! |---|---|
-//! | `bench` | [`MitBench`]: motors with an inertia each, as participants of a bus |
 //! | `motor` | [`MitMotor`]: power, frames, torque; the [`protocol::Node`] |
 //! | `options` | [`MitOptions`]: the motor as it is delivered; [`MitFaults`]: what is wrong with it |
 //! | `registers` | settings in RAM and flash |
@@ -29,11 +28,9 @@
 //! * Modes 2 to 4 lead a reference at the largest velocity behind a position loop that is critically damped at 30 rad/s for the
 //!   rotor alone.
 
-mod bench;
 mod motor;
 mod options;
 mod registers;
 
-pub use bench::MitBench;
 pub use motor::MitMotor;
 pub use options::{MitFaults, MitOptions};

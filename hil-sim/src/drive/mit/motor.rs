@@ -8,6 +8,7 @@ use protocol::{Duration, Frame, Instant, Node, StandardId};
 
 use super::options::{MitFaults, MitOptions};
 use super::registers::Registers;
+use crate::drive::bench::ShaftMotor;
 use crate::mechanics::{AxisInput, AxisState};
 
 /// Unit of the time-out register.
@@ -103,74 +104,6 @@ impl MitMotor {
         // The encoder at the shaft knows its place within one turn.
         let within = (self.axis.q_rad - self.zero_rad + PI).rem_euclid(TAU) - PI;
         self.origin_rad = self.axis.q_rad - within;
-    }
-
-    /// What its power stage does in a step of the mechanics.
-    pub fn input(&self) -> AxisInput {
-        let off = AxisInput::default();
-        if !self.powered || self.status != Status::Enabled {
-            return off;
-        }
-        let limit = f64::from(self.ram.ranges.t_max_nm()).min(self.options.peak_nm);
-        // The line from the largest torque at rest to the speed without any.
-        let torque_max_nm =
-            limit * (1.0 - self.axis.v_rad_s.abs() / self.options.no_load_rad_s).clamp(0.0, 1.0);
-        match self.wanted {
-            Some(Command::Mit(Mit { p_rad, v_rad_s, kp_nm_rad, kd_nm_s_rad, t_nm }))
-                if self.ram.mode == 1 =>
-            {
-                AxisInput {
-                    reference_rad: self.origin_rad + f64::from(p_rad),
-                    stiffness_nm_rad: f64::from(kp_nm_rad),
-                    damping_nms_rad: f64::from(kd_nm_s_rad),
-                    torque_nm: f64::from(t_nm) + f64::from(kd_nm_s_rad) * f64::from(v_rad_s),
-                    torque_max_nm,
-                    brake: false,
-                }
-            }
-            Some(_) if self.ram.mode != 1 => {
-                let share = match self.wanted {
-                    Some(Command::PositionForce { current_share, .. }) => f64::from(current_share) * 1e-4,
-                    _ => 1.0,
-                };
-                let inertia = self.options.rotor_kg_m2;
-                AxisInput {
-                    reference_rad: self.origin_rad + self.reference_rad,
-                    stiffness_nm_rad: inertia * LOOP_RAD_S * LOOP_RAD_S,
-                    damping_nms_rad: 2.0 * inertia * LOOP_RAD_S,
-                    torque_nm: 0.0,
-                    torque_max_nm: torque_max_nm * share,
-                    brake: false,
-                }
-            }
-            _ => off,
-        }
-    }
-
-    /// Takes its axis after a step of `dt_s`.
-    pub fn tick(&mut self, axis: AxisState, dt_s: f64) {
-        self.axis = axis;
-        if !self.powered {
-            return;
-        }
-        let load = axis.drive_torque_nm / self.options.rated_nm;
-        self.rotor_c += (ROOM_C + RISE_K * load * load - self.rotor_c) * dt_s / RISE_S;
-        if self.rotor_c > ROTOR_MAX_C && self.status == Status::Enabled {
-            self.status = Status::RotorHot;
-        }
-        let speed = |v: f32| f64::from(v.abs().min(self.ram.speed_max_rad_s));
-        match self.wanted {
-            Some(Command::PositionVelocity { p_rad, v_max_rad_s }) => {
-                self.lead(p_rad, speed(v_max_rad_s), dt_s);
-            }
-            Some(Command::PositionForce { p_rad, v_max_centirad_s, .. }) => {
-                self.lead(p_rad, speed(f32::from(v_max_centirad_s) * 0.01), dt_s);
-            }
-            Some(Command::Velocity { v_rad_s }) => {
-                self.reference_rad += speed(v_rad_s).copysign(f64::from(v_rad_s)) * dt_s;
-            }
-            _ => {}
-        }
     }
 
     fn lead(&mut self, p_rad: f32, v_max_rad_s: f64, dt_s: f64) {
@@ -277,6 +210,82 @@ impl MitMotor {
         let armed = self.status == Status::Enabled && self.ram.time_out > 0 && !self.faults.time_out_is_dead;
         let after = Duration::from_micros(u64::from(self.ram.time_out) * TIME_OUT_UNIT_US);
         armed.then(|| self.commanded_at + after)
+    }
+}
+
+impl ShaftMotor for MitMotor {
+    fn name(&self) -> String {
+        format!("{} at {}", self.options.motor.name, self.options.id)
+    }
+
+    fn q_rad(&self) -> f64 {
+        self.axis.q_rad
+    }
+
+    fn input(&self) -> AxisInput {
+        let off = AxisInput::default();
+        if !self.powered || self.status != Status::Enabled {
+            return off;
+        }
+        let limit = f64::from(self.ram.ranges.t_max_nm()).min(self.options.peak_nm);
+        // The line from the largest torque at rest to the speed without any.
+        let torque_max_nm =
+            limit * (1.0 - self.axis.v_rad_s.abs() / self.options.no_load_rad_s).clamp(0.0, 1.0);
+        match self.wanted {
+            Some(Command::Mit(Mit { p_rad, v_rad_s, kp_nm_rad, kd_nm_s_rad, t_nm }))
+                if self.ram.mode == 1 =>
+            {
+                AxisInput {
+                    reference_rad: self.origin_rad + f64::from(p_rad),
+                    stiffness_nm_rad: f64::from(kp_nm_rad),
+                    damping_nms_rad: f64::from(kd_nm_s_rad),
+                    torque_nm: f64::from(t_nm) + f64::from(kd_nm_s_rad) * f64::from(v_rad_s),
+                    torque_max_nm,
+                    brake: false,
+                }
+            }
+            Some(_) if self.ram.mode != 1 => {
+                let share = match self.wanted {
+                    Some(Command::PositionForce { current_share, .. }) => f64::from(current_share) * 1e-4,
+                    _ => 1.0,
+                };
+                let inertia = self.options.rotor_kg_m2;
+                AxisInput {
+                    reference_rad: self.origin_rad + self.reference_rad,
+                    stiffness_nm_rad: inertia * LOOP_RAD_S * LOOP_RAD_S,
+                    damping_nms_rad: 2.0 * inertia * LOOP_RAD_S,
+                    torque_nm: 0.0,
+                    torque_max_nm: torque_max_nm * share,
+                    brake: false,
+                }
+            }
+            _ => off,
+        }
+    }
+
+    fn tick(&mut self, axis: AxisState, dt_s: f64) {
+        self.axis = axis;
+        if !self.powered {
+            return;
+        }
+        let load = axis.drive_torque_nm / self.options.rated_nm;
+        self.rotor_c += (ROOM_C + RISE_K * load * load - self.rotor_c) * dt_s / RISE_S;
+        if self.rotor_c > ROTOR_MAX_C && self.status == Status::Enabled {
+            self.status = Status::RotorHot;
+        }
+        let speed = |v: f32| f64::from(v.abs().min(self.ram.speed_max_rad_s));
+        match self.wanted {
+            Some(Command::PositionVelocity { p_rad, v_max_rad_s }) => {
+                self.lead(p_rad, speed(v_max_rad_s), dt_s);
+            }
+            Some(Command::PositionForce { p_rad, v_max_centirad_s, .. }) => {
+                self.lead(p_rad, speed(f32::from(v_max_centirad_s) * 0.01), dt_s);
+            }
+            Some(Command::Velocity { v_rad_s }) => {
+                self.reference_rad += speed(v_rad_s).copysign(f64::from(v_rad_s)) * dt_s;
+            }
+            _ => {}
+        }
     }
 }
 

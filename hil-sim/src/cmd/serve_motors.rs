@@ -1,9 +1,12 @@
-//! `hil-sim serve-mit`: Damiao motors in real time, for programs that speak to such motors.
+//! `hil-sim serve-motors`: Damiao motors and ODrive axes in real time, for programs that speak to such motors.
 
 use can_link::{BusSpec, Role, Urgent};
-use hil_sim::drive::mit::{MitBench, MitOptions};
+use hil_sim::drive::bench::Bench;
+use hil_sim::drive::mit::{MitMotor, MitOptions};
+use hil_sim::drive::odrive::{OdriveAxis, OdriveOptions};
 use hil_sim::realtime::{Door, Realtime, RealtimeError, shared_time};
 use mit_protocol::MotorId;
+use odrive_protocol::{NodeId, Version};
 use protocol::{Duration, Instant, StandardId};
 
 use super::exit::{Code, Failure};
@@ -14,13 +17,21 @@ const TURN: Duration = Duration::from_millis(100);
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  hil-sim serve-mit --motor 8009:1:0x11 --motor 4310:2:0x12 --bus socketcand://127.0.0.1:29540/can0\n\n\
-                  Each motor turns an inertia of its own; there is no arm."
+    after_help = "Examples:\n  hil-sim serve-motors --damiao 8009:1:0x11 --damiao 4310:2:0x12 --bus socketcand://127.0.0.1:29540/can0\n  \
+                  hil-sim serve-motors --odrive 0:0.6 --odrive 1:0.6:index\n\n\
+                  Each motor turns an inertia of its own; there is no arm.",
+    group = clap::ArgGroup::new("motors").args(["damiao", "odrive"]).multiple(true).required(true)
 )]
 pub(super) struct Args {
-    /// A motor: type, id to which it listens, id on which it answers. Types: 4310, 4340, 8009.
-    #[arg(long, required = true, value_name = "TYPE:ID:ANSWERS", value_parser = motor)]
-    motor: Vec<MitOptions>,
+    /// A Damiao motor: type, id to which it listens, id on which it answers. Types: 4310, 4340, 8009.
+    #[arg(long, value_name = "TYPE:ID:ANSWERS", value_parser = motor)]
+    damiao: Vec<MitOptions>,
+    /// An axis of an ODrive: number, version 0.5 or 0.6, and `:index` if it must search its index first.
+    #[arg(long, value_name = "NODE:VERSION[:index]", value_parser = axis)]
+    odrive: Vec<OdriveOptions>,
+    /// The ODrives give no torque after this time without an order; without it their watchdog is off, as shipped.
+    #[arg(long, value_name = "MS")]
+    odrive_watchdog_ms: Option<u64>,
     /// Inertia at each shaft, kg·m².
     #[arg(long, default_value_t = 0.1, value_parser = inertia)]
     inertia_kg_m2: f64,
@@ -51,6 +62,23 @@ fn motor(text: &str) -> Result<MitOptions, String> {
     MitOptions::of(name, id, master).ok_or_else(|| format!("no figures for motor '{name}': 4310, 4340, 8009"))
 }
 
+fn axis(text: &str) -> Result<OdriveOptions, String> {
+    let mut parts = text.split(':');
+    let node =
+        parts.next().and_then(|node| NodeId::new(node.parse().ok()?)).ok_or("the number is 0 to 62")?;
+    let version = match parts.next() {
+        Some("0.5") => Version::V05,
+        Some("0.6") => Version::V06,
+        _ => return Err("an axis is NODE:VERSION, for example 0:0.6; versions: 0.5, 0.6".to_owned()),
+    };
+    let absolute = match (parts.next(), parts.next()) {
+        (None, _) => true,
+        (Some("index"), None) => false,
+        _ => return Err("after the version only `:index` may stand".to_owned()),
+    };
+    Ok(OdriveOptions { absolute, ..OdriveOptions::new(node, version) })
+}
+
 fn inertia(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| "a number of kg·m²".to_owned())?;
     (value.is_finite() && value > 0.0).then_some(value).ok_or_else(|| "must be above zero".to_owned())
@@ -61,7 +89,14 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let doors =
         args.bus.iter().map(|spec| Door::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error)));
     let doors: Vec<Door> = doors.collect::<Result<_, _>>()?;
-    let bench = MitBench::new(&args.motor, args.inertia_kg_m2);
+    let watchdog = args.odrive_watchdog_ms.map(Duration::from_millis);
+    let damiao = args.damiao.iter().map(|options| MitMotor::new(*options, options.zero_rad)).collect();
+    let odrives = args
+        .odrive
+        .iter()
+        .map(|options| OdriveAxis::new(OdriveOptions { watchdog, ..*options }, 0.0))
+        .collect();
+    let bench = (Bench::new(damiao, args.inertia_kg_m2), Bench::new(odrives, args.inertia_kg_m2));
     let mut realtime = Realtime::new(bench, hil_sim::bus::BusConfig::default(), 1, Vec::new(), doors, clock)
         .map_err(|error| Failure::new(Code::BadFile, &error))?;
     let end = args.duration_s.map(|s| Instant::ZERO + Duration::from_secs_f64(s));

@@ -1,0 +1,70 @@
+//! An axis as it is configured, and what is wrong with it.
+
+use odrive_protocol::{NodeId, Version};
+use protocol::Duration;
+
+/// An axis as it is configured. Turns, torques and gains are those of the motor's shaft, in front of the gear.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OdriveOptions {
+    /// Its number on the bus.
+    pub node: NodeId,
+    /// Which messages it speaks.
+    pub version: Version,
+    /// Turns of the motor per turn of the joint.
+    pub gear: f64,
+    /// Torque per current, N·m/A.
+    pub torque_nm_a: f64,
+    /// Largest current of a new axis, A.
+    pub current_max_a: f64,
+    /// Largest speed of a new axis, turns/s.
+    pub velocity_max_rev_s: f64,
+    /// k_p, 1/s.
+    pub position_gain: f64,
+    /// k_v, N·m s.
+    pub velocity_gain: f64,
+    /// Gain of the integral, N·m.
+    pub integral_gain: f64,
+    /// Time without an order after which there is no torque. Off as shipped.
+    pub watchdog: Option<Duration>,
+    /// Between two heartbeats.
+    pub heartbeat: Duration,
+    /// Between two estimates; `None`: only when asked.
+    pub estimates: Option<Duration>,
+    /// The encoder knows its place within a turn at power-on. One that does not needs an index search.
+    pub absolute: bool,
+    /// From a request to its answer.
+    pub answer_after: Duration,
+}
+
+impl OdriveOptions {
+    /// Rates and limits as shipped; gains for an inertia of 0.1 kg·m² behind the gear: 100 rad/s of the velocity loop.
+    pub fn new(node: NodeId, version: Version) -> Self {
+        Self {
+            node,
+            version,
+            gear: 8.0,
+            torque_nm_a: 8.27 / 270.0,
+            current_max_a: 40.0,
+            velocity_max_rev_s: 20.0,
+            position_gain: 20.0,
+            velocity_gain: 1.0,
+            integral_gain: 5.0,
+            watchdog: None,
+            heartbeat: Duration::from_millis(100),
+            estimates: Some(Duration::from_millis(10)),
+            absolute: true,
+            answer_after: Duration::from_micros(150),
+        }
+    }
+}
+
+/// What is wrong with an axis.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct OdriveFaults {
+    /// The watchdog never strikes.
+    pub watchdog_is_dead: bool,
+    /// Estimates are no numbers.
+    pub estimates_are_nan: bool,
+    /// Estimates hold what was measured last before.
+    pub estimates_are_stale: bool,
+}
