@@ -17,7 +17,7 @@ create_exception!(
 
 /// The exception for an expected error of the program.
 pub(crate) fn refused(error: &ExpectedError) -> PyErr {
-    let exception = CubecellError::new_err(error.message.clone());
+    let exception = CubecellError::new_err(error.to_string());
     Python::attach(|py| match exception.value(py).setattr("exit_code", error.code) {
         Ok(()) => exception,
         Err(why) => why,

@@ -41,11 +41,8 @@ impl Consent {
         if asks && !std::io::stdin().is_terminal() {
             return Err(ExpectedError::new(
                 exit::USAGE,
-                format!(
-                    "{bus}: this moves a real arm, and there is no terminal to ask whether it may; nothing has moved\n  next: run it \
-                     in a terminal, or add --yes if nobody is near the arm"
-                ),
-            ));
+format!("{bus}: this moves a real arm, and there is no terminal to ask whether it may; nothing has moved")).next("run it \
+                     in a terminal, or add --yes if nobody is near the arm"));
         }
         Ok(Self { asks, asked: None })
     }

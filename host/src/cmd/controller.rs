@@ -95,9 +95,10 @@ fn with_storage(args: &Args, storage: impl Storage) -> Result<(), ExpectedError>
     let settings = *node.controller().settings();
     if args.node_id.is_some_and(|id| u32::from(id.get()) != settings.node_id) {
         return Err(ExpectedError::bad_input(&format!(
-            "the storage says node-ID {}, --node-id another one\n  next: leave --node-id out, or write register uavcan.node.id and save",
+            "the storage says node-ID {}, --node-id another one",
             settings.node_id
-        )));
+        ))
+        .next("leave --node-id out, or write register uavcan.node.id and save"));
     }
     let urgent = Urgent::request(Role::Controller);
     console::note!(
@@ -144,11 +145,8 @@ fn with_storage(args: &Args, storage: impl Storage) -> Result<(), ExpectedError>
 /// What whoever started the controller must know if it ends while a fault is latched.
 fn ended_in(fault: &Fault) -> ExpectedError {
     let code = fault.cause.code();
-    let message = format!(
-        "ended in the state Fault: {}\n  next: `cubectl explain {code}`; a new start looks at the drives again",
-        in_words(fault)
-    );
-    ExpectedError::new(exit::FINDINGS, message)
+    ExpectedError::new(exit::FINDINGS, format!("ended in the state Fault: {}", in_words(fault)))
+        .next(format!("`cubectl explain {code}`; a new start looks at the drives again"))
 }
 
 /// Name, code and joint of a fault.
@@ -178,12 +176,7 @@ fn defaults(
     if timing.foreign_requests > 0 {
         return Err(ExpectedError::new(
             exit::BUS,
-            format!(
-                "{}: another controller or host speaks to the modules; two of them destroy each other's frames\n  next: \
-                 end it; nothing has moved",
-                args.bus
-            ),
-        ));
+format!("{}: another controller or host speaks to the modules; two of them destroy each other's frames", args.bus)).next("end it; nothing has moved"));
     }
     console::note!("{timing}; {}", timing.granted);
     if args.paper {
@@ -225,7 +218,10 @@ fn paper(settings: &Settings) -> Result<Settings, ExpectedError> {
         return Ok(paper);
     }
     Err(ExpectedError::bad_input(
-        &"the settings of the paper are for powercube6, and this robot has other joints\n  next: leave --paper out, then \
+        &"the settings of the paper are for powercube6, and this robot has other joints",
+    )
+    .next(
+        "leave --paper out, then \
           gains are designed for the robot, or --robot",
     ))
 }

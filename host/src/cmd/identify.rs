@@ -145,7 +145,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     let joint = args
         .joint
-        .ok_or_else(|| ExpectedError::bad_input(&"--joint is missing\n  next: name the joint, from 1"))?;
+        .ok_or_else(|| ExpectedError::bad_input(&"--joint is missing").next("name the joint, from 1"))?;
     consent.require("The joint turns to and fro, and others may move for it. Nobody near?", &interrupt())?;
     // Drives of the simulated cell are homed.
     if args.home && args.bus.bus != BusSpec::Sim {

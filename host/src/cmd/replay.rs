@@ -81,11 +81,11 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     let node = controller_of(&lines);
     if !lines.iter().any(|line| is_from_controller(line, node)) {
-        return Err(ExpectedError::bad_input(&format!(
-            "{}: no frame of a controller in it\n  next: record a run with one, for example `cubectl record boot \
+        return Err(ExpectedError::bad_input(&format!("{}: no frame of a controller in it", path.display()))
+            .next(
+                "record a run with one, for example `cubectl record boot \
              --controller --for 2`",
-            path.display()
-        )));
+            ));
     }
     let robot = RobotModel::load(&args.robot).map_err(|error| ExpectedError::bad_input(&error))?;
     let mut settings = settings_of(&robot).map_err(|error| ExpectedError::bad_input(&error))?;
@@ -125,15 +125,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             let place = line.map_or("after the end".to_owned(), |line| format!("line {line}"));
             Err(ExpectedError::new(
                 exit::FINDINGS,
-                format!(
-                    "{}, {place}: recorded {}, but the controller sends {} ({} frames before it were the same)\n  \
-                     next: same version and settings as in the recording? then the controller has changed",
-                    path.display(),
-                    show(recorded),
-                    show(sent),
-                    replayed.same
-                ),
-            ))
+format!("{}, {place}: recorded {}, but the controller sends {} ({} frames before it were the same)", path.display(), show(recorded), show(sent), replayed.same)).next("same version and settings as in the recording? then the controller has changed"))
         }
     }
 }

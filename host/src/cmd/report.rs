@@ -84,11 +84,10 @@ pub struct Recorded {
 /// A file cannot be read, there is no run in the log, or the report cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if let Some(path) = args.folder.as_ref().filter(|path| path.is_file()) {
-        let text = format!(
-            "{}: a file, not the folder of a run\n  next: name the folder, or the files: `cubectl report --plan PLAN --log LOG --out REPORT`",
-            path.display()
-        );
-        return Err(ExpectedError::bad_input(&text));
+        let refused =
+            ExpectedError::bad_input(&format!("{}: a file, not the folder of a run", path.display()));
+        return Err(refused
+            .next("name the folder, or the files: `cubectl report --plan PLAN --log LOG --out REPORT`"));
     }
     if let Some(folder) = args.folder.as_ref().filter(|folder| super::rsi::is_recording(folder)) {
         let out = args.out.clone().unwrap_or_else(|| folder.join("report.html"));

@@ -59,19 +59,19 @@ impl Wire {
         else {
             return Err(ExpectedError::new(
                 exit::USAGE,
-                "a throw over the wire needs two buses and a tracker\n  next: give --bus-thrower, --bus-catcher and --tracker",
-            ));
+                "a throw over the wire needs two buses and a tracker",
+            )
+            .next("give --bus-thrower, --bus-catcher and --tracker"));
         };
         if thrower == catcher || [thrower, catcher].contains(&&BusSpec::Sim) {
-            return Err(ExpectedError::bad_input(
-                &"thrower and catcher need a bus of their own each: signs of life to the drives go to everybody on a bus\n  next: two places, as `hil-sim serve-court` has them",
-            ));
+            return Err(ExpectedError::bad_input(&"thrower and catcher need a bus of their own each: signs of life to the drives go to everybody on a bus").next("two places, as `hil-sim serve-court` has them"));
         }
         let is_in_step = |spec: &BusSpec| matches!(spec, BusSpec::Lockstep { .. });
         if is_in_step(thrower) != is_in_step(catcher) {
             return Err(ExpectedError::bad_input(
-                &"two buses have one time: lock step or the machine's, not both\n  next: give lockstep:// for both, or for none",
-            ));
+                &"two buses have one time: lock step or the machine's, not both",
+            )
+            .next("give lockstep:// for both, or for none"));
         }
         // Both buses are real ones; the question names them together.
         Consent::on(thrower, self.yes)?.require(
@@ -83,10 +83,8 @@ impl Wire {
         let window = Window { flight_s: FLIGHT_S, ..Window::default() };
         let throws = draw_throws(&pair, &window, DRAWS, seed).unwrap_or_default();
         let aimed = throws.iter().find(|aimed| place_exists(&pair, aimed, options)).ok_or_else(|| {
-            ExpectedError::new(
-                exit::NO_THROW,
-                "no throw was found that the other arm catches\n  next: set the arms of the court 2 to 3 m apart, or another --seed",
-            )
+            ExpectedError::new(exit::NO_THROW, "no throw was found that the other arm catches")
+                .next("set the arms of the court 2 to 3 m apart, or another --seed")
         })?;
         let wire = WireOptions {
             thrower: thrower.clone(),

@@ -32,10 +32,8 @@ pub(super) fn run(
         [] => None,
         [Trouble::DriveLost { at_s }] => Some(DriveLost { joint: LOST_JOINT, at_s: *at_s }),
         _ => {
-            return Err(ExpectedError::new(
-                exit::USAGE,
-                "with --on-controller only one trouble is known\n  next: `--trouble drive-lost:SECONDS`",
-            ));
+            return Err(ExpectedError::new(exit::USAGE, "with --on-controller only one trouble is known")
+                .next("`--trouble drive-lost:SECONDS`"));
         }
     };
     run_plan(robot, arm, path, plan, lost).map_err(|why| match why {
@@ -66,12 +64,8 @@ pub(super) fn ended(run: &Judged) -> Result<(), ExpectedError> {
             Some(touch) => format!("the disc touched the {} at {:.3} s", touch.body, touch.t_s),
             None => "it was not between the fingers while they closed".to_owned(),
         };
-        return Err(ExpectedError::new(
-            exit::MISSED,
-            format!(
-                "the disc was not caught: {what}\n  next: `--report` shows the tracking error of each joint"
-            ),
-        ));
+        return Err(ExpectedError::new(exit::MISSED, format!("the disc was not caught: {what}"))
+            .next("`--report` shows the tracking error of each joint"));
     }
     Ok(())
 }

@@ -176,7 +176,7 @@ pub(crate) fn throw_for(setting: &Setting<'_>, search: &Search) -> Result<Found,
                 "choose a target closer to the arm: none was found on the way to it, nor lower".to_owned()
             }
         };
-        ExpectedError::new(exit::NO_THROW, format!("{none}\n  next: {next}"))
+        ExpectedError::new(exit::NO_THROW, none.to_string()).next(next)
     })
 }
 

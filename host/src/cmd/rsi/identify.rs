@@ -111,8 +111,9 @@ impl RobotIdentification<'_> {
             }
             other => {
                 return Err(ExpectedError::bad_input(&format!(
-                    "--bus {other} is a CAN bus; this robot is led over RSI\n  next: --bus rsi:udp://0.0.0.0:49152, or leave it out"
-                )));
+                    "--bus {other} is a CAN bus; this robot is led over RSI"
+                ))
+                .next("--bus rsi:udp://0.0.0.0:49152, or leave it out"));
             }
         };
         if !matches!(station.stage(), Stage::Finished { .. }) {

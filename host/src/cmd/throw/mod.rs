@@ -262,7 +262,8 @@ impl Prepared {
             Self::Led(_) => done.circumstances(args.seed.unwrap_or(1)),
         };
         about.exit_code = wrong.map_or(exit::OK, |error| error.code);
-        about.cause = wrong.map(|error| error.message.as_str());
+        about.cause = wrong.map(ExpectedError::all_that_happened);
+        about.next = wrong.map_or_else(Vec::new, ExpectedError::all_steps);
         let mut value = summary(&self.order(args), &done.record, &about);
         value["command_line"] = std::env::args().collect::<Vec<_>>().join(" ").into();
         if let Some(before) = tracked {
@@ -291,7 +292,8 @@ impl Prepared {
         }
         let written: Result<(), ExpectedError> = results.into_iter().collect();
         if let (Err(lost), None) = (&written, wrong) {
-            (value["exit_code"], value["cause"]) = (lost.code.into(), lost.message.as_str().into());
+            (value["exit_code"], value["cause"]) = (lost.code.into(), lost.all_that_happened().into());
+            value["next"] = lost.all_steps().into();
         }
         if args.json {
             print_json(&value);

@@ -318,11 +318,8 @@ fn short_of(demand: &Demand, cause: &str) -> ExpectedError {
     let (position_rad, velocity_rad_s) = (demand.error_position_rad, demand.error_velocity_rad_s);
     ExpectedError::new(
         exit::FINDINGS,
-        format!(
-            "{cause}\n  next: the gains above are certified for {position_rad} rad and {velocity_rad_s:.4} rad/s, the largest errors \
-             of that shape; take them with --error {position_rad} {velocity_rad_s:.4}, or plan a slower motion"
-        ),
-    )
+cause.to_string()).next(format!("the gains above are certified for {position_rad} rad and {velocity_rad_s:.4} rad/s, the largest errors \
+             of that shape; take them with --error {position_rad} {velocity_rad_s:.4}, or plan a slower motion"))
 }
 
 /// Gains file.
@@ -490,7 +487,7 @@ mod tests {
         args.rollback = None;
         (args.period_ms, args.joint) = (17.0, Joints::All);
         let refused = run(&args).unwrap_err();
-        assert!(refused.code == exit::DRIVE && refused.message.contains("3000 us"), "{refused}");
+        assert!(refused.code == exit::DRIVE && refused.what.contains("3000 us"), "{refused}");
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }
