@@ -4,8 +4,6 @@ use std::fmt;
 use std::io;
 use std::path::Path;
 
-use rustix::io::Errno;
-
 use crate::advice::Place;
 use crate::exit;
 
@@ -37,16 +35,20 @@ impl ExpectedError {
     /// With an exit code and no next step.
     #[must_use]
     pub fn new(code: u8, what: impl Into<String>) -> Self {
-        let what = what.into();
-        // Errors of the parts below still carry their step in their text.
-        let mut parts = what.split("\n  next: ").map(str::to_owned);
-        Self { code, what: parts.next().unwrap_or_default(), next: parts.collect(), also: Vec::new() }
+        Self { code, what: what.into(), next: Vec::new(), also: Vec::new() }
     }
 
     /// Adds a step.
     #[must_use]
     pub fn next(mut self, step: impl Into<String>) -> Self {
         self.next.push(step.into());
+        self
+    }
+
+    /// Adds the step that an error below knows.
+    #[must_use]
+    pub fn next_of(mut self, cause: &(impl Cause + ?Sized)) -> Self {
+        self.next.extend(cause.next());
         self
     }
 
@@ -95,42 +97,130 @@ impl ExpectedError {
 
     /// Refused input.
     #[must_use]
-    pub fn bad_input(cause: &(impl fmt::Display + ?Sized)) -> Self {
+    pub fn bad_input(cause: &(impl Cause + ?Sized)) -> Self {
         Self::of(exit::BAD_INPUT, cause)
     }
 
     /// An error of a part below, with the step that it knows.
     #[must_use]
-    pub fn of(code: u8, cause: &(impl fmt::Display + ?Sized)) -> Self {
-        Self::new(code, cause.to_string())
+    pub fn of(code: u8, cause: &(impl Cause + ?Sized)) -> Self {
+        Self::new(code, cause.to_string()).next_of(cause)
     }
 
     /// A result that cannot be written.
     #[must_use]
     pub fn output(path: &Path, cause: &io::Error) -> Self {
-        Self { next: step_of(cause).into_iter().collect(), ..Self::of(exit::OUTPUT, cause) }
-            .at(path.display())
+        Self::of(exit::OUTPUT, cause).at(path.display())
     }
 
     /// A file that cannot be read.
     #[must_use]
     pub fn io(path: &Path, cause: &io::Error) -> Self {
-        Self { next: step_of(cause).into_iter().collect(), ..Self::bad_input(cause) }.at(path.display())
+        Self::bad_input(cause).at(path.display())
+    }
+}
+
+/// An error of a part below this program.
+pub trait Cause: fmt::Display {
+    /// What to do, where the error knows it.
+    fn next(&self) -> Option<String> {
+        None
+    }
+}
+
+impl Cause for str {}
+impl Cause for String {}
+
+impl<T: Cause + ?Sized> Cause for &T {
+    fn next(&self) -> Option<String> {
+        (*self).next()
     }
 }
 
 /// What the system refuses: whoever reads a file need not think of a next step.
-fn step_of(error: &io::Error) -> Option<String> {
-    let step = match Errno::from_io_error(error)? {
-        Errno::NOENT => {
-            "check the name of the file; a name without a leading slash counts from the folder in which the command runs"
-        }
-        Errno::ACCESS => "ask for the right to the file and its folder (`ls -l`), or use another file",
-        Errno::ISDIR => "name a file in that folder",
-        Errno::NOTDIR => "check the folders in the name: one of them is a file",
-        _ => return None,
+impl Cause for io::Error {
+    fn next(&self) -> Option<String> {
+        toml_reader::next_of_file(self).map(str::to_owned)
+    }
+}
+
+/// Errors that know their next step.
+macro_rules! with_next {
+    ($($error:ty),* $(,)?) => {
+        $(impl Cause for $error {
+            fn next(&self) -> Option<String> {
+                self.next()
+            }
+        })*
     };
-    Some(step.to_owned())
+}
+
+with_next!(
+    can_link::OpenError,
+    can_link::LinkError,
+    can_link::RunError,
+    can_link::SpecError,
+    hil_sim::krc::serve::ServeError,
+    hil_sim::realtime::MixedTime,
+    hil_sim::realtime::RealtimeError,
+    hil_sim::tracker::serve::ServeError,
+    operator::analysis::AnalysisError,
+    operator::bus::BusFailure,
+    operator::bus::period::NoPeriod,
+    operator::bus::settings::NoSettings,
+    operator::dialogue::ask::AskError,
+    operator::dialogue::operator::OperatorError,
+    operator::identify::experiment::ExperimentError,
+    operator::identify::joint::JointError,
+    operator::job::JobError,
+    operator::job::target::TargetError,
+    operator::live::serve::ServeError,
+    operator::rsi::identify::Unclear,
+    operator::rsi::program::NoStation,
+    operator::tracker::calibration::Unsolved,
+    operator::tracker::client::TrackerError,
+    operator::trajectory::TrajectoryError,
+    planner::plan::file::PlanFileError,
+    planner::waypoints::WaypointError,
+    tuner::gains::choose::NoGains,
+);
+
+impl Cause for toml_reader::DocumentError {
+    fn next(&self) -> Option<String> {
+        self.problem.next()
+    }
+}
+
+impl Cause for robot_model::LoadError {
+    fn next(&self) -> Option<String> {
+        self.problem.next()
+    }
+}
+
+/// Errors without one.
+macro_rules! without_next {
+    ($($error:ty),* $(,)?) => { $(impl Cause for $error {})* };
+}
+
+without_next!(
+    hil_sim::krc::KrcError,
+    hil_sim::scenario::BuildError,
+    hil_sim::world::BuildError,
+    planner::catch::arm::NotACatcher,
+    planner::flight::model::FlightModelError,
+    planner::follow::plan::OtherLag,
+    planner::request::Refusal,
+    planner::timing::GivenError,
+    planner::timing::PathError,
+    toml::ser::Error,
+    tuner::gains::gains_file::GainsFileError,
+    tuner::gains::machine::MachineError,
+);
+
+impl Cause for robot_model::urdf::UrdfError {
+    fn next(&self) -> Option<String> {
+        self.problem.next()
+    }
 }
 
 #[cfg(test)]
@@ -147,7 +237,7 @@ mod tests {
             assert!(error.next.len() == 1 && error.next[0].contains(next), "{error}");
         }
         // The text of the system alone is none of its errors.
-        let said = io::Error::other(io::Error::from(Errno::NOENT).to_string());
+        let said = io::Error::other(io::Error::from_raw_os_error(2).to_string());
         assert!(ExpectedError::io(Path::new("x"), &said).next.is_empty());
         assert!(ExpectedError::bad_input("two numbers").next.is_empty());
     }

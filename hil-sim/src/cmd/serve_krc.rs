@@ -92,7 +92,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let flushed = log.map_or(Ok(()), |mut log| log.flush());
     let served = served.map_err(|error| {
         let code = if matches!(error, ServeError::Start(_)) { Code::Defect } else { Code::Bus };
-        Failure::new(code, &error)
+        Failure::new(code, &error).next(error.next())
     })?;
     report(args, &krc, &served)?;
     written.into_inner().and(flushed).map_err(|error| {
@@ -109,10 +109,8 @@ fn client(args: &Args, scenario: &KrcScenario) -> Result<SocketAddr, Failure> {
     let text =
         args.pc.clone().unwrap_or_else(|| format!("{}:{}", scenario.config.ip_number, scenario.config.port));
     let wrong = |why: &str| {
-        Failure::new(
-            Code::Bus,
-            &format!("{text}: {why}\n  next: give --pc HOST:PORT, for example 127.0.0.1:49152"),
-        )
+        Failure::new(Code::Bus, &format!("{text}: {why}"))
+            .next("give --pc HOST:PORT, for example 127.0.0.1:49152".to_owned())
     };
     let mut found = text.to_socket_addrs().map_err(|error| wrong(&error.to_string()))?;
     found.next().ok_or_else(|| wrong("no address"))

@@ -231,9 +231,8 @@ impl KrcScenario {
 }
 
 fn read(path: &Path) -> Result<String, KrcScenarioError> {
-    read_text(path, DESCRIPTION_MAX_BYTES).map_err(|error| {
-        DocumentError::of_file(&path.display().to_string(), Problem::Unreadable(error.to_string()))
-    })
+    read_text(path, DESCRIPTION_MAX_BYTES)
+        .map_err(|error| DocumentError::of_file(&path.display().to_string(), Problem::unreadable(&error)))
 }
 
 /// Changes the options of one table, if it is there.

@@ -166,7 +166,6 @@ impl Controlled {
             left.extend(changed.iter().map(|(name, before)| (name, before, why.to_string())));
         }
         let Some((_, _, why)) = left.first() else { return Ok(()) };
-        let why = why.lines().next().unwrap_or_default();
         let words: Vec<String> =
             left.iter().map(|(name, before, _)| format!("{name}={}", before.list())).collect();
         Err(ExpectedError::new(

@@ -45,7 +45,7 @@ const HALT_TIME: Duration = Duration::from_millis(50);
 )]
 pub struct Args {
     /// Bus: can0, socketcand://host:port/bus, slcan:/dev/ttyACM0 or slcan://host:port.
-    #[arg(long, value_name = "SPEC")]
+    #[arg(long, value_parser = can_link::bus_of_option, value_name = "SPEC")]
     pub bus: BusSpec,
     /// Cyphal node-ID. Default: the stored one, else 10.
     #[arg(long, value_name = "NODE-ID", value_parser = node_id)]
@@ -247,11 +247,11 @@ fn come_to_rest<S: Storage>(
 
 fn failure(error: RunError) -> ExpectedError {
     match error {
-        RunError::Link(_) | RunError::Wait(_) => ExpectedError::new(
-            exit::BUS,
-            format!("{error}\n  the drives stop by their watchdogs; next: restore the bus and start again"),
+        RunError::Link(_) | RunError::Wait(_) => ExpectedError::of(exit::BUS, &error).also(
+            ExpectedError::new(exit::BUS, "  the drives stop by their watchdogs")
+                .next("restore the bus and start again"),
         ),
-        other => ExpectedError::new(exit::BUG, other.to_string()),
+        other => ExpectedError::of(exit::BUG, &other),
     }
 }
 

@@ -16,19 +16,18 @@ use crate::exit;
 pub fn failure(record: &Record) -> Option<ExpectedError> {
     let error = record.ended.as_ref()?;
     let step = record.at_work.map_or("start", |(step, _)| step.name());
-    let expected = match error {
-        JobError::Operator(error @ (OperatorError::Stopped { .. } | OperatorError::RobotStopped { .. }))
-            if record.verdict.outcome == Outcome::Stopped =>
-        {
-            ExpectedError::new(exit::STOPPED, error.to_string())
-        }
-        JobError::Operator(error) => error.into(),
-        JobError::Way(_) | JobError::Double { .. } | JobError::NotHomed => {
-            ExpectedError::new(exit::DRIVE, error.to_string())
-        }
-        JobError::Declined { .. } => ExpectedError::new(exit::INTERRUPTED, error.to_string()),
-        other => ExpectedError::bad_input(other),
-    };
+    let expected =
+        match error {
+            JobError::Operator(
+                error @ (OperatorError::Stopped { .. } | OperatorError::RobotStopped { .. }),
+            ) if record.verdict.outcome == Outcome::Stopped => ExpectedError::of(exit::STOPPED, error),
+            JobError::Operator(error) => error.into(),
+            JobError::Way(_) | JobError::Double { .. } | JobError::NotHomed => {
+                ExpectedError::of(exit::DRIVE, error)
+            }
+            JobError::Declined { .. } => ExpectedError::of(exit::INTERRUPTED, error),
+            other => ExpectedError::bad_input(other),
+        };
     Some(expected.at(step))
 }
 

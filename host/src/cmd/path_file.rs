@@ -79,8 +79,8 @@ pub(super) fn motion(path: &Path, text: &str, arm: &Arm, args: &RetimeArgs) -> R
         return of_hand(path, text, arm, args);
     }
     let names: Vec<&str> = arm.joints().iter().map(|joint| joint.name.as_str()).collect();
-    let found = waypoints::read(text, &names)
-        .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", path.display())))?;
+    let found =
+        waypoints::read(text, &names).map_err(|error| ExpectedError::bad_input(&error).at(path.display()))?;
     for (row, number) in found.rows.iter().zip(1..) {
         let outside = |j: &usize| !(arm.q_min()[*j]..=arm.q_max()[*j]).contains(&row.q_rad[*j]);
         if let Some(j) = (0..names.len()).find(outside) {
@@ -121,8 +121,7 @@ fn of_hand(path: &Path, text: &str, arm: &Arm, args: &RetimeArgs) -> Result<Moti
             "--blend-rad is for waypoints of the joints; on lines of the hand the arm stops at each corner";
         return Err(ExpectedError::bad_input(&format!("{place}: {what}")).next("leave --blend-rad out"));
     }
-    let goals =
-        waypoints::read_hand(text).map_err(|error| ExpectedError::bad_input(&format!("{place}: {error}")))?;
+    let goals = waypoints::read_hand(text).map_err(|error| ExpectedError::bad_input(&error).at(&place))?;
     let travel = Travel { share: args.share(), ..Travel::default() };
     let middle = (arm.q_min() + arm.q_max()) * 0.5;
     let motion = along_places(arm, &Scene::default(), &travel, &middle, &goals).map_err(|(number, error)| {

@@ -160,9 +160,8 @@ fn tracker(args: &RobotRun<'_>, bottle_m: [f64; 3]) -> Result<Option<(Sockets, T
     let mut tracker = Tracker::new(scenario.options, scenario.seed);
     tracker.set_output(1, Some(resolve(data)?));
     let sockets = Sockets::bind(resolve(&args.industrial.tracker_commands)?)
-        .map_err(|error| ExpectedError::new(exit::BUS, error.to_string()))?;
-    let commands =
-        sockets.command_address().map_err(|error| ExpectedError::new(exit::BUS, error.to_string()))?;
+        .map_err(|error| ExpectedError::of(exit::BUS, &error))?;
+    let commands = sockets.command_address().map_err(|error| ExpectedError::of(exit::BUS, &error))?;
     console::line!("tracker: data to {data}, commands at {commands}");
     Ok(Some((sockets, tracker)))
 }
@@ -232,7 +231,7 @@ impl Robot<'_> {
             // A robot that is not heard starts its program again.
             Err(ServeError::Unreachable { .. }) => Ok(None),
             Err(ServeError::NoAnswer { .. }) if krc.released().is_none() => Ok(None),
-            Err(error @ ServeError::NoAnswer { .. }) => Err(ExpectedError::new(exit::BUS, error.to_string())),
+            Err(error @ ServeError::NoAnswer { .. }) => Err(ExpectedError::of(exit::BUS, &error)),
             Err(error @ ServeError::Start(_)) => Err(ExpectedError::bad_input(&error)),
         }
     }

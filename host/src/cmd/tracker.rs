@@ -113,7 +113,7 @@ impl From<TrackerError> for ExpectedError {
             TrackerError::Interrupted => exit::INTERRUPTED,
             _ => exit::BUS,
         };
-        Self::new(code, error.to_string())
+        Self::of(code, &error)
     }
 }
 
@@ -205,7 +205,7 @@ pub(super) fn room_to_robot(path: &Path, robot: &str) -> Result<Pose, ExpectedEr
 }
 
 fn solved(calibration: &Calibration, path: &Path) -> Result<Solved, ExpectedError> {
-    let refused = |error: Unsolved| ExpectedError::bad_input(&format!("{}: {error}", path.display()));
+    let refused = |error: Unsolved| ExpectedError::bad_input(&error).at(path.display());
     let solved = solve(&calibration.pairs).map_err(refused)?;
     solved.agree().map_err(refused)?;
     Ok(solved)
@@ -308,7 +308,7 @@ fn calibrate(args: &CalibrateArgs) -> Result<(), ExpectedError> {
         tell(args, &calibration, &solved);
         solved.agree()
     });
-    judged.map_err(|error| ExpectedError::new(exit::FINDINGS, format!("{}: {error}", args.file.display())))
+    judged.map_err(|error| ExpectedError::of(exit::FINDINGS, &error).at(args.file.display()))
 }
 
 fn tell(args: &CalibrateArgs, calibration: &Calibration, solved: &Solved) {

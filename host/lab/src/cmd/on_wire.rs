@@ -24,10 +24,10 @@ const FLIGHT_S: (f64, f64) = (0.6, 0.9);
 pub struct Wire {
     /// Bus of the arm that throws: instead of a rally in virtual time one throw in real time, with a controller in this
     /// program on each bus. Place the arms as the court says.
-    #[arg(long, value_name = "SPEC", requires_all = ["bus_catcher", "tracker"], conflicts_with_all = ["study", "trouble", "report", "throws"], help_heading = "Over the wire")]
+    #[arg(long, value_parser = can_link::bus_of_option, value_name = "SPEC", requires_all = ["bus_catcher", "tracker"], conflicts_with_all = ["study", "trouble", "report", "throws"], help_heading = "Over the wire")]
     pub bus_thrower: Option<BusSpec>,
     /// Bus of the arm that catches.
-    #[arg(long, value_name = "SPEC", requires = "bus_thrower", help_heading = "Over the wire")]
+    #[arg(long, value_parser = can_link::bus_of_option, value_name = "SPEC", requires = "bus_thrower", help_heading = "Over the wire")]
     pub bus_catcher: Option<BusSpec>,
     /// Address of this machine to which the tracker (DTrack) sends its data. With lockstep:// for both buses: where
     /// `hil-sim serve-court` has them (its --data).
@@ -104,10 +104,8 @@ fn failed(why: WireError) -> ExpectedError {
         WireError::Settings(_) | WireError::Period(_) | WireError::Trajectory(_) => {
             ExpectedError::bad_input(&why)
         }
-        WireError::Tracker { .. } | WireError::Silent { .. } => {
-            ExpectedError::new(exit::BUS, why.to_string())
-        }
-        WireError::Arm { .. } | WireError::NotReady => ExpectedError::new(exit::DRIVE, why.to_string()),
+        WireError::Tracker { .. } | WireError::Silent { .. } => ExpectedError::of(exit::BUS, &why),
+        WireError::Arm { .. } | WireError::NotReady => ExpectedError::of(exit::DRIVE, &why),
     }
 }
 
@@ -116,7 +114,7 @@ pub(super) fn not_thrown(thrown: Result<(), OperatorError>) -> Option<ExpectedEr
     match thrown {
         Ok(()) => None,
         Err(why @ OperatorError::Stopped { .. }) => {
-            Some(ExpectedError::new(exit::STOPPED, format!("the thrower: {why}")))
+            Some(ExpectedError::of(exit::STOPPED, &why).at("the thrower"))
         }
         Err(why) => Some(why.into()),
     }
@@ -127,7 +125,7 @@ pub(super) fn as_text(outcome: &WireOutcome, reported: &str) -> String {
     let mut out = format!("reported: {reported}\n");
     out += &match &outcome.thrown {
         Ok(()) => "  thrower: the throw ran to its end\n".to_owned(),
-        Err(why) => format!("  thrower: {}\n", why.to_string().lines().next().unwrap_or_default()),
+        Err(why) => format!("  thrower: {why}\n"),
     };
     if let Some((after_s, probability)) = outcome.choice {
         out += &format!(

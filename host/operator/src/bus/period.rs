@@ -41,10 +41,7 @@ pub struct Choice {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NoPeriod {
     /// The one that was asked for does not hold here.
-    #[error(
-        "a control period of {} ms does not hold here: {timing}\n  {granted}\n  next: {next}; nothing has moved",
-        f64::from(*.period_us) * 1e-3, timing = .timing, granted = .timing.granted
-    )]
+    #[error("a control period of {} ms does not hold here: {timing}\n  {granted}", f64::from(*.period_us) * 1e-3, timing = .timing, granted = .timing.granted)]
     TooShort {
         /// Asked for, µs.
         period_us: u32,
@@ -53,12 +50,7 @@ pub enum NoPeriod {
         next: String,
     },
     /// None up to the longest one.
-    #[error(
-        "no control period holds here: {timing}; the longest one is {} ms\n  {granted}\n  next: end what else \
-         runs on this machine, or let a controller of its own close the loop (`cubectl throw --controller NODE-ID`); \
-         nothing has moved",
-        f64::from(*.longest_us) * 1e-3, timing = .timing, granted = .timing.granted
-    )]
+    #[error("no control period holds here: {timing}; the longest one is {} ms\n  {granted}", f64::from(*.longest_us) * 1e-3, timing = .timing, granted = .timing.granted)]
     None {
         /// Longest, µs.
         longest_us: u32,
@@ -67,6 +59,20 @@ pub enum NoPeriod {
     /// No gains for the period.
     #[error(transparent)]
     NoGains(#[from] NoGains),
+}
+
+impl NoPeriod {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::TooShort { next, .. } => format!("{next}; nothing has moved"),
+            Self::None { .. } => "end what else \
+         runs on this machine, or let a controller of its own close the loop (`cubectl throw --controller NODE-ID`); \
+         nothing has moved".to_owned(),
+            Self::NoGains(error) => return error.next(),
+        })
+    }
 }
 
 /// Bits of one joint in a control cycle, stuff bits included. At 1 Mbit/s six joints fit into 3 ms, seven do not.

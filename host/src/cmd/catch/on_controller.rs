@@ -57,7 +57,7 @@ pub(super) fn ended(run: &Judged) -> Result<(), ExpectedError> {
             OperatorError::Interrupted => exit::INTERRUPTED,
             _ => exit::DRIVE,
         };
-        return Err(ExpectedError::new(code, why.to_string()));
+        return Err(ExpectedError::of(code, why));
     }
     if run.verdict.caught.is_none() {
         let what = match &run.verdict.touched {
@@ -76,7 +76,7 @@ pub(super) fn as_text(arm: &DiscArm, run: &Judged, planned: &Verdict) -> String 
     let mut out = format!("on the controller, period {:.0} ms:\n", executed.period_s * 1e3);
     out += &match &executed.told {
         Ok(()) => "  told: the motion ran to its end\n".to_owned(),
-        Err(why) => format!("  told: {}\n", why.to_string().lines().next().unwrap_or_default()),
+        Err(why) => format!("  told: {why}\n"),
     };
     out += &match (&run.verdict.caught, &run.verdict.touched) {
         (Some((_, seen)), _) => format!(

@@ -16,7 +16,7 @@ use planner::follow::plan::FollowPlan;
 use planner::follow::search::Search;
 use planner::follow::setting::{CommandRange, Setting};
 use planner::follow::verify::verify_commands;
-use planner::plan::file::RobotId;
+use planner::plan::file::{PlanFileError, RobotId};
 use planner::store::robot_fingerprint;
 
 use super::{Args, Done};
@@ -364,7 +364,8 @@ fn opened(
     }
 }
 
-fn refused_plan(path: &Path, error: &impl std::fmt::Display) -> ExpectedError {
-    ExpectedError::bad_input(&format!("{}: {error}", path.display()))
+fn refused_plan(path: &Path, error: &PlanFileError) -> ExpectedError {
+    ExpectedError::bad_input(error)
+        .at(path.display())
         .next(format!("make one with `cubectl plan throw --robot ... --out {}`", path.display()))
 }

@@ -58,7 +58,7 @@ pub struct Args {
     pub plan: Option<PathBuf>,
     /// Bus: sim (the cell inside this program, in virtual time), can0, socketcand://host:port/bus,
     /// slcan:/dev/ttyACM0 or slcan://host:port.
-    #[arg(long, default_value = "sim", value_name = "SPEC", help_heading = "Bus")]
+    #[arg(long, value_parser = can_link::bus_of_option, default_value = "sim", value_name = "SPEC", help_heading = "Bus")]
     pub bus: BusSpec,
     /// Key of the controller.
     #[command(flatten)]
@@ -338,7 +338,7 @@ impl From<NoPeriod> for ExpectedError {
     fn from(error: NoPeriod) -> Self {
         match error {
             NoPeriod::NoGains(_) => Self::bad_input(&error),
-            NoPeriod::TooShort { .. } | NoPeriod::None { .. } => Self::new(exit::BUS, error.to_string()),
+            NoPeriod::TooShort { .. } | NoPeriod::None { .. } => Self::of(exit::BUS, &error),
         }
     }
 }

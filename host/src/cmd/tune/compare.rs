@@ -100,8 +100,7 @@ fn recorded(
         ["plan.json", "bus.log", "summary.json", "gains.toml"].map(|name| folder.join(name));
     let file = PlanFile::read(&plan).map_err(|e| ExpectedError::bad_input(&e))?;
     let seen = report::read(&plan, &log, Some(&summary), Some(&work.source), BIT_RATE)?;
-    let analysis =
-        seen.analysis.map_err(|why| ExpectedError::bad_input(&format!("{}: {why}", log.display())))?;
+    let analysis = seen.analysis.map_err(|why| ExpectedError::bad_input(&why).at(log.display()))?;
     let (its, _) = read(&gains, work, of_robot)?;
     let ran_with = |set: &&Named| {
         let numbers = |gains: &InForce| {
