@@ -183,8 +183,8 @@ mod tests {
     fn what_a_controller_would_refuse_is_refused_before_anything_is_sent() {
         let settings = Settings::powercube6();
         assert_eq!(encode(&motion(), 3_000, 7, Some(&settings)).unwrap().len(), 184);
-        let other = encode(&motion(), 17_000, 7, Some(&settings)).unwrap_err().to_string();
-        assert!(other.contains("another control period") && other.contains("next: "), "{other}");
+        let other = encode(&motion(), 17_000, 7, Some(&settings)).unwrap_err();
+        assert!(other.to_string().contains("another control period") && other.next().is_some(), "{other}");
         let mut fast = motion();
         fast.knots[1].qd_rad_s[3] = 2.7;
         let text = encode(&fast, 3_000, 7, Some(&settings)).unwrap_err().to_string();

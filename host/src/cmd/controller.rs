@@ -176,7 +176,13 @@ fn defaults(
     if timing.foreign_requests > 0 {
         return Err(ExpectedError::new(
             exit::BUS,
-format!("{}: another controller or host speaks to the modules; two of them destroy each other's frames", args.bus)).next("end it; nothing has moved"));
+            format!(
+                "{}: another controller or host speaks to the modules; two of them destroy each other's \
+                     frames",
+                args.bus
+            ),
+        )
+        .next("end it; nothing has moved"));
     }
     console::note!("{timing}; {}", timing.granted);
     if args.paper {

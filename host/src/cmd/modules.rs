@@ -209,9 +209,16 @@ pub(super) fn require_alone(session: &mut Session, beside: bool) -> Result<(), E
     if !beside && session.hears_other_host()? && session.claim()?.drives_are_asked {
         return Err(ExpectedError::new(
             exit::BUS,
-format!("{}: another host or a controller speaks to the modules; they were not asked, because our questions would \
-                 destroy its frames", session.name())).next("`cubectl scan`, `cubectl status` and `cubectl monitor` listen, `cubectl stop` \
-                 stops; end the other program, or add --beside"));
+            format!(
+                "{}: another host or a controller speaks to the modules; they were not asked, because our \
+                     questions would destroy its frames",
+                session.name()
+            ),
+        )
+        .next(
+            "`cubectl scan`, `cubectl status` and `cubectl monitor` listen, `cubectl stop` stops; end \
+                     the other program, or add --beside",
+        ));
     }
     Ok(())
 }

@@ -127,8 +127,7 @@ fn of_hand(path: &Path, text: &str, arm: &Arm, args: &RetimeArgs) -> Result<Moti
     let motion = along_places(arm, &Scene::default(), &travel, &middle, &goals).map_err(|(number, error)| {
         let next =
             "choose places that the hand reaches in one posture, or leave the angles out; nothing has moved";
-        ExpectedError::new(exit::NO_THROW,
-format!("{place}: place {number}: {error}")).next(next)
+        ExpectedError::new(exit::NO_THROW, format!("{place}: place {number}: {error}")).next(next)
     })?;
     if motion.knots.len() < 2 {
         return Err(ExpectedError::bad_input(&format!("{place}: all places are one")).next("give two"));

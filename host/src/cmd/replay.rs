@@ -123,9 +123,15 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         Some(Difference { line, recorded, sent }) => {
             let show = |frame: Option<Frame>| frame.map_or("nothing".to_owned(), |frame| frame.to_string());
             let place = line.map_or("after the end".to_owned(), |line| format!("line {line}"));
-            Err(ExpectedError::new(
-                exit::FINDINGS,
-format!("{}, {place}: recorded {}, but the controller sends {} ({} frames before it were the same)", path.display(), show(recorded), show(sent), replayed.same)).next("same version and settings as in the recording? then the controller has changed"))
+            let what = format!(
+                "{}, {place}: recorded {}, but the controller sends {} ({} frames before it were the same)",
+                path.display(),
+                show(recorded),
+                show(sent),
+                replayed.same
+            );
+            let next = "same version and settings as in the recording? then the controller has changed";
+            Err(ExpectedError::new(exit::FINDINGS, what).next(next))
         }
     }
 }

@@ -121,7 +121,12 @@ pub(super) fn read(path: &Path, robot: Option<&str>, retime: &RetimeArgs) -> Res
         return of_arm(&|_| Ok(Program::File(bytes.clone(), motion_of(&bytes).unwrap_or_default())), false);
     }
     if !bytes.trim_ascii_start().starts_with(b"{") {
-        return Err(ExpectedError::bad_input(&format!("{}: neither a plan (JSON) nor a trajectory file of a controller (it does not begin with CTRJ), and no waypoints", path.display())).next("`cubectl plan throw --out FILE` makes a plan"));
+        return Err(ExpectedError::bad_input(&format!(
+            "{}: neither a plan (JSON) nor a trajectory file of a controller (it does not begin with \
+                     CTRJ), and no waypoints",
+            path.display()
+        ))
+        .next("`cubectl plan throw --out FILE` makes a plan"));
     }
     let bad = |error: &PlanFileError| ExpectedError::bad_input(error);
     let plan = PlanRecord::read(path).map_err(|error| bad(&error))?;

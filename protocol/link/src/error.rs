@@ -130,9 +130,9 @@ impl OpenError {
             Self::Listen { source, .. } => listen_advice(source).to_string(),
             Self::Embedded => "name an interface, a server or an adapter".to_owned(),
             Self::NotServable { interface, .. } => format!("join it, or serve socketcand://127.0.0.1:29536/{interface}"),
-            Self::NoInterface { command, .. } => format!("{command}"),
+            Self::NoInterface { command, .. } => command.clone(),
             Self::NotCan { .. } => "name one of those, or `ip -details link show type can`".to_owned(),
-            Self::InterfaceDown { command, .. } => format!("{command}"),
+            Self::InterfaceDown { command, .. } => command.clone(),
             Self::NoCanInKernel { .. } => "`sudo modprobe can_raw`; where the kernel has no such module (containers, some virtual machines), use socketcand:// or sim".to_owned(),
             Self::NoPermission { .. } => "in a container, run it with the capability NET_RAW; else check the seccomp or SELinux rules".to_owned(),
             Self::Device { source, .. } => device_advice(source).to_string(),
@@ -210,7 +210,7 @@ impl LinkError {
     pub fn next(&self) -> Option<String> {
         Some(match self {
             Self::Closed { .. } => "see why it stopped, then connect again".to_owned(),
-            Self::InterfaceDown { command, .. } => format!("{command}"),
+            Self::InterfaceDown { command, .. } => command.clone(),
             Self::Io { .. } => {
                 "check the cable, the adapter and the interface, then open the link again".to_owned()
             }

@@ -64,7 +64,11 @@ impl Wire {
             .next("give --bus-thrower, --bus-catcher and --tracker"));
         };
         if thrower == catcher || [thrower, catcher].contains(&&BusSpec::Sim) {
-            return Err(ExpectedError::bad_input(&"thrower and catcher need a bus of their own each: signs of life to the drives go to everybody on a bus").next("two places, as `hil-sim serve-court` has them"));
+            return Err(ExpectedError::bad_input(
+                &"thrower and catcher need a bus of their own each: signs of life to the drives go to \
+                     everybody on a bus",
+            )
+            .next("two places, as `hil-sim serve-court` has them"));
         }
         let is_in_step = |spec: &BusSpec| matches!(spec, BusSpec::Lockstep { .. });
         if is_in_step(thrower) != is_in_step(catcher) {

@@ -155,8 +155,7 @@ fn study_of(args: &Args, court: &CourtOptions, throws: u32) -> Result<(), Expect
         }
         let next = "look at the arms of the court file: the study sets them 2, 2.5 and 3 m apart and leaves the rest; \
                     `--only \"D 2 m\"` makes the rows of that distance alone";
-        ExpectedError::new(exit::NO_THROW,
-why.to_string()).next(next)
+        ExpectedError::new(exit::NO_THROW, why.to_string()).next(next)
     })?;
     if args.json {
         print_json(&json!({"rows": rows, "estimator": study.estimator, "rallies": study.rallies}));

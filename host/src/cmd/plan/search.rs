@@ -319,7 +319,12 @@ impl SearchOptions {
             if asked.finger_release {
                 ExpectedError::new(
                     exit::NO_THROW,
-"the ball stays between the fingers in some openings that the noise allows").next("fingers that open faster or farther in [fingers] of the robot file, or leave --finger-release out")
+                    "the ball stays between the fingers in some openings that the noise allows",
+                )
+                .next(
+                    "fingers that open faster or farther in [fingers] of the robot file, or leave \
+                     --finger-release out",
+                )
             } else {
                 ExpectedError::new(
                     exit::BUG,

@@ -143,8 +143,11 @@ impl Sweep<'_> {
         if self.search.time_budget.is_none() {
             return Ok(());
         }
-        Err(ExpectedError::bad_input(&"--time-budget does not go with a sweep: how long a search takes differs between machines, and parts must not depend on \
-              that").next("leave --time-budget out; --starts bounds a search"))
+        Err(ExpectedError::bad_input(
+            &"--time-budget does not go with a sweep: how long a search takes differs between machines, \
+                     and parts must not depend on that",
+        )
+        .next("leave --time-budget out; --starts bounds a search"))
     }
 
     /// Everything that the rows follow from, by name.

@@ -106,10 +106,11 @@ fn write(session: &mut Session, node: NodeId, wanted: &[(String, Numbers)]) -> R
             return Ok(changed.len());
         }
         if !progress && !refused.is_empty() {
-            return Err(ExpectedError::new(
-                exit::DRIVE,
-format!("controller {} does not take {}", node.get(), refused.join("; "))).next("`cubectl registers list` shows ranges and when each may be written; \
-                     nothing may move or be armed, another host may hold the session, and a controller with a key wants --key-file"));
+            let what = format!("controller {} does not take {}", node.get(), refused.join("; "));
+            return Err(ExpectedError::new(exit::DRIVE, what).next(
+                "`cubectl registers list` shows ranges and when each may be written; nothing may move or be armed, another host \
+                 may hold the session, and a controller with a key wants --key-file",
+            ));
         }
     }
     Err(ExpectedError::new(exit::DRIVE, "some registers change each other and cannot all have these values")

@@ -54,7 +54,17 @@ pub fn history(folder: &Path) -> Result<[Vec<u8>; 2], ExpectedError> {
     if let Some(Difference { at, .. }) = replayed.difference {
         return Err(ExpectedError::new(
             exit::FINDINGS,
-format!("{}: the controller of this version answers otherwise from {:.6} s on, so it cannot tell what happened", folder.join(LOG).display(), at.as_secs_f64())).next(format!("`cubectl replay {}` shows the difference; use the version that made the recording", folder.display())));
+            format!(
+                "{}: the controller of this version answers otherwise from {:.6} s on, so it cannot tell \
+                     what happened",
+                folder.join(LOG).display(),
+                at.as_secs_f64()
+            ),
+        )
+        .next(format!(
+            "`cubectl replay {}` shows the difference; use the version that made the recording",
+            folder.display()
+        )));
     }
     Ok(station.history())
 }

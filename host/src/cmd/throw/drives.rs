@@ -218,8 +218,15 @@ fn preflight(arm: &Arm, plan: &PlanFile) -> Result<(), ExpectedError> {
         let touch = report.findings.iter().find(|f| !f.ok && f.what.starts_with(verify::RELEASED_BALL));
         return match touch.filter(|_| !plan.search.touch_allowed) {
             None => Ok(()),
-            Some(touch) => Err(ExpectedError::bad_input(&format!("the ball would touch the arm after its release: {}: {}; the form of this plan does not forbid it", touch.what, touch.worst)).next("plan with `--clean-release true`, or with `--clean-release false` to throw it all the same; nothing has \
-                 moved")),
+            Some(touch) => Err(ExpectedError::bad_input(&format!(
+                "the ball would touch the arm after its release: {}: {}; the form of this plan does not \
+                     forbid it",
+                touch.what, touch.worst
+            ))
+            .next(
+                "plan with `--clean-release true`, or with `--clean-release false` to throw it all the \
+                     same; nothing has moved",
+            )),
         };
     }
     let failed = report.findings.iter().filter(|f| !f.ok && f.enforced);

@@ -316,10 +316,11 @@ impl Work {
 /// What is reported when the gains are for smaller errors than asked for.
 fn short_of(demand: &Demand, cause: &str) -> ExpectedError {
     let (position_rad, velocity_rad_s) = (demand.error_position_rad, demand.error_velocity_rad_s);
-    ExpectedError::new(
-        exit::FINDINGS,
-cause.to_string()).next(format!("the gains above are certified for {position_rad} rad and {velocity_rad_s:.4} rad/s, the largest errors \
-             of that shape; take them with --error {position_rad} {velocity_rad_s:.4}, or plan a slower motion"))
+    let next = format!(
+        "the gains above are certified for {position_rad} rad and {velocity_rad_s:.4} rad/s, the largest errors of that shape; take \
+         them with --error {position_rad} {velocity_rad_s:.4}, or plan a slower motion"
+    );
+    ExpectedError::new(exit::FINDINGS, cause).next(next)
 }
 
 /// Gains file.

@@ -213,6 +213,6 @@ mod tests {
     #[test]
     fn a_robot_without_drives_is_refused_with_the_next_step() {
         let error = gains_for(&RobotModel::load("kr16_2").unwrap(), 3_000).unwrap_err();
-        assert!(matches!(error, NoGains::Machine(_)) && error.to_string().contains("next: "), "{error}");
+        assert!(matches!(error, NoGains::Machine(_)) && error.next().is_some(), "{error}");
     }
 }
