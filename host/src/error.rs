@@ -160,9 +160,11 @@ with_next!(
     can_link::LinkError,
     can_link::RunError,
     can_link::SpecError,
+    hil_sim::krc::KrcError,
     hil_sim::krc::serve::ServeError,
     hil_sim::realtime::MixedTime,
     hil_sim::realtime::RealtimeError,
+    hil_sim::scenario::BuildError,
     hil_sim::tracker::serve::ServeError,
     operator::analysis::AnalysisError,
     operator::bus::BusFailure,
@@ -203,8 +205,6 @@ macro_rules! without_next {
 }
 
 without_next!(
-    hil_sim::krc::KrcError,
-    hil_sim::scenario::BuildError,
     hil_sim::world::BuildError,
     planner::catch::arm::NotACatcher,
     planner::flight::model::FlightModelError,

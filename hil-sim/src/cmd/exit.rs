@@ -70,7 +70,7 @@ impl From<hil_sim::scenario::ScenarioError> for Failure {
 
 impl From<hil_sim::scenario::BuildError> for Failure {
     fn from(error: hil_sim::scenario::BuildError) -> Self {
-        Self::new(Code::BadFile, &error)
+        Self::new(Code::BadFile, &error).next(error.next())
     }
 }
 

@@ -49,7 +49,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if let Some(seed) = args.seed {
         scenario.seed = seed;
     }
-    let mut krc = scenario.controller().map_err(|error| Failure::new(Code::BadFile, &error))?;
+    let mut krc =
+        scenario.controller().map_err(|error| Failure::new(Code::BadFile, &error).next(error.next()))?;
     let pc = client(args, &scenario)?;
     let mode = if args.lock_step { Mode::LockStep } else { Mode::RealTime };
     let limit = Duration::from_secs_f64(args.answer_limit_s);

@@ -81,7 +81,7 @@ impl ServeError {
         Some(match self {
             Self::Unreachable { .. } => "start the client first; the robot connects to it".to_owned(),
             Self::NoAnswer { .. } => "in lock step the client must answer every telegram".to_owned(),
-            _ => return None,
+            Self::Start(error) => return error.next(),
         })
     }
 }

@@ -118,6 +118,14 @@ pub enum Problem {
         /// Accepted texts.
         known: Vec<&'static str>,
     },
+    /// Another document that this one names is refused.
+    #[error("{what}")]
+    Named {
+        /// Where and why.
+        what: String,
+        /// What to do.
+        next: Option<String>,
+    },
     /// Anything else; says what would be right.
     #[error("{0}")]
     Invalid(String),
@@ -135,6 +143,7 @@ impl Problem {
     pub fn next(&self) -> Option<String> {
         match self {
             Self::Unreadable { next, .. } => next.map(str::to_owned),
+            Self::Named { next, .. } => next.clone(),
             _ => None,
         }
     }
