@@ -213,7 +213,7 @@ fn a_port_in_use_says_so() {
     let port = first.local_addr().port();
     let second = Server::listen("127.0.0.1", port, "can0", Clock::start(), ServerOptions::default());
     let error = second.map(|_| ()).unwrap_err();
-    assert!(error.to_string().contains("another program serves this port"), "{error}");
+    assert!(error.next().unwrap().contains("another program serves this port"), "{error}");
 }
 
 #[test]
