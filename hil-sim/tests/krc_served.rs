@@ -307,7 +307,7 @@ fn robot_says_so_when_nobody_listens_or_nobody_answers() {
     };
     let error = run(&mut krc, &options).unwrap_err();
     assert!(matches!(error, ServeError::Unreachable { .. }), "{error}");
-    assert!(error.to_string().contains("start the client first"), "{error}");
+    assert!(error.next().unwrap().contains("start the client first"), "{error}");
     assert_eq!(krc.state(), hil_sim::krc::State::Off);
     let silent = UdpSocket::bind("127.0.0.1:0").unwrap();
     options.pc = silent.local_addr().unwrap();

@@ -31,12 +31,12 @@ pub fn run<C: CommandFactory + FromArgMatches>(
     });
     match ended.and_then(|()| output_is_whole()) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(mut error) => {
-            error.message = Place::of_matches(&matches).told(&error.message);
+        Err(error) => {
+            let error = error.on(&Place::of_matches(&matches));
             if is_json(&matches) && !console::has_begun() {
                 print_json(&error.json());
             }
-            console::note!("{}: {}", command.get_name(), error.message);
+            console::note!("{}: {}", command.get_name(), error);
             ExitCode::from(error.code)
         }
     }
@@ -91,12 +91,8 @@ fn not_understood(error: &clap::Error) -> ExitCode {
 /// Part of it could not be written, as to a full disk. A closed reader is no error.
 fn output_is_whole() -> Result<(), ExpectedError> {
     console::lost().map_or(Ok(()), |error| {
-        Err(ExpectedError::new(
-            exit::OUTPUT,
-            format!(
-                "standard output is not whole: {error}\n  next: free space where it goes to, and run again"
-            ),
-        ))
+        Err(ExpectedError::new(exit::OUTPUT, format!("standard output is not whole: {error}"))
+            .next("free space where it goes to, and run again"))
     })
 }
 

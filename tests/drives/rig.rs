@@ -224,7 +224,7 @@ impl Rig {
     pub(crate) fn start(&mut self, file: &[u8]) -> Instant {
         for (i, piece) in file.chunks(256).enumerate() {
             let upload = |all: &mut (Bench<MitMotor>, Solo<C>), now| {
-                all.1.node.upload(now, HOST, 256 * i, piece).unwrap()
+                all.1.node.upload(now, HOST, 256 * i, piece).unwrap();
             };
             self.world.with_participants(upload).unwrap();
         }

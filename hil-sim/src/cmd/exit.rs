@@ -3,8 +3,7 @@
 use std::process::ExitCode;
 
 /// Shown at the end of `--help`.
-pub(super) const HELP: &str = "\
-Exit codes:
+pub(super) const HELP: &str = "Exit codes:
   0  done, everything as expected
   2  the command line is wrong
   3  a check of the scenario did not end as expected, a seed of a swarm failed, or a served robot
@@ -34,16 +33,31 @@ impl From<Code> for ExitCode {
 #[derive(Debug)]
 pub(super) struct Failure {
     pub(super) code: Code,
-    pub(super) text: Option<String>,
+    text: Option<String>,
+    /// What to do.
+    next: Option<String>,
 }
 
 impl Failure {
     pub(super) fn new(code: Code, text: &impl ToString) -> Self {
-        Self { code, text: Some(text.to_string()) }
+        Self { code, text: Some(text.to_string()), next: None }
+    }
+
+    /// With what to do.
+    pub(super) fn next(self, next: impl Into<Option<String>>) -> Self {
+        Self { next: next.into(), ..self }
+    }
+
+    /// Prints it.
+    pub(super) fn print(&self) {
+        if let Some(text) = &self.text {
+            let next = self.next.as_ref().map_or_else(String::new, |next| format!("\n  next: {next}"));
+            console::note!("error: {text}{next}");
+        }
     }
 
     pub(super) fn silent(code: Code) -> Self {
-        Self { code, text: None }
+        Self { code, text: None, next: None }
     }
 }
 
@@ -55,7 +69,7 @@ impl From<hil_sim::scenario::ScenarioError> for Failure {
 
 impl From<hil_sim::scenario::BuildError> for Failure {
     fn from(error: hil_sim::scenario::BuildError) -> Self {
-        Self::new(Code::BadFile, &error)
+        Self::new(Code::BadFile, &error).next(error.next())
     }
 }
 

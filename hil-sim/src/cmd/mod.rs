@@ -58,9 +58,7 @@ pub(crate) fn main() -> ExitCode {
     match result.and_then(|()| output_is_whole()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            if let Some(text) = &failure.text {
-                console::note!("error: {text}");
-            }
+            failure.print();
             failure.code.into()
         }
     }
@@ -69,11 +67,7 @@ pub(crate) fn main() -> ExitCode {
 /// Whether everything that was written to standard output is there; a reader that left is no failure.
 fn output_is_whole() -> Result<(), exit::Failure> {
     console::lost().map_or(Ok(()), |error| {
-        Err(exit::Failure::new(
-            exit::Code::Output,
-            &format!(
-                "standard output is not whole: {error}\n  next: free space where it goes to, and run again"
-            ),
-        ))
+        Err(exit::Failure::new(exit::Code::Output, &format!("standard output is not whole: {error}"))
+            .next("free space where it goes to, and run again".to_owned()))
     })
 }

@@ -32,7 +32,7 @@ pub(super) struct Args {
     /// time, which stands while fewer than two take part. Given several times, all of them lead to the same bus. A port takes 32
     /// clients; one more is told so and disconnected (SLCAN: BELL). A client that has not opened the bus within 5 s, or
     /// reads nothing for 10 s while frames wait for it, is disconnected.
-    #[arg(long, default_value = "socketcand://127.0.0.1:29536/can0")]
+    #[arg(long, value_parser = can_link::bus_of_option, default_value = "socketcand://127.0.0.1:29536/can0")]
     bus: Vec<BusSpec>,
     /// Robot: a built-in name or a file.
     #[arg(long)]
@@ -66,11 +66,14 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
     let cell = scenario.cell()?;
     let host = Solo::new("script", ScriptedHost::new(&scenario.actions));
-    let (clock, in_step) = shared_time(&args.bus).map_err(|error| Failure::new(Code::BadFile, &error))?;
+    let (clock, in_step) =
+        shared_time(&args.bus).map_err(|error| Failure::new(Code::BadFile, &error).next(error.next()))?;
     let doors: Vec<Door> = args
         .bus
         .iter()
-        .map(|spec| Door::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error)))
+        .map(|spec| {
+            Door::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error).next(error.next()))
+        })
         .collect::<Result<_, _>>()?;
     let end = args.duration_s.map(|s| Instant::ZERO + Duration::from_secs_f64(s));
     let faults = scenario.faults.clone();
@@ -110,7 +113,7 @@ fn live(
         let until = end.map_or(status_at, |end| end.min(status_at));
         realtime.turn(until, &mut ()).map_err(|error| match error {
             RealtimeError::Run(error) => Failure::from(error),
-            other => Failure::new(Code::Bus, &other),
+            other => Failure::new(Code::Bus, &other).next(other.next()),
         })?;
         for visit in realtime.visits() {
             match visit {

@@ -43,10 +43,10 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE")]
     court: Option<PathBuf>,
     /// Where the bus of the thrower is, as for `serve`. With lockstep:// for both buses all is in one virtual time.
-    #[arg(long, default_value = "socketcand://127.0.0.1:29536/can0")]
+    #[arg(long, value_parser = can_link::bus_of_option, default_value = "socketcand://127.0.0.1:29536/can0")]
     bus_thrower: BusSpec,
     /// Where the bus of the catcher is.
-    #[arg(long, default_value = "socketcand://127.0.0.1:29537/can0")]
+    #[arg(long, value_parser = can_link::bus_of_option, default_value = "socketcand://127.0.0.1:29537/can0")]
     bus_catcher: BusSpec,
     /// Where the tracker sends its data, which it does without being asked. In lock step: where a client fetches them.
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:5000")]
@@ -90,7 +90,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let data = address(&args.data)?;
     let specs = [&args.bus_thrower, &args.bus_catcher];
     let buses = specs.map(Clone::clone);
-    let (_, in_step) = shared_time(&buses).map_err(|error| Failure::new(Code::BadFile, &error))?;
+    let (_, in_step) =
+        shared_time(&buses).map_err(|error| Failure::new(Code::BadFile, &error).next(error.next()))?;
     if in_step.is_some() {
         return run_in_step(args, court, data);
     }
@@ -100,7 +101,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let over = Arc::new(AtomicBool::new(false));
     let mut arms = Vec::new();
     for (k, spec) in specs.into_iter().enumerate() {
-        let door = Door::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error))?;
+        let door =
+            Door::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error).next(error.next()))?;
         say(args.json, "serving", &format!("{} ({})", door.name(), ["thrower", "catcher"][k]));
         arms.push(arm_bus(&court.arms[k], args.homed, court.seed + k as u64, door, clock, &over));
     }
@@ -131,7 +133,8 @@ fn run_in_step(args: &Args, court: CourtOptions, data: SocketAddr) -> Result<(),
     for (k, spec) in [&args.bus_thrower, &args.bus_catcher].into_iter().enumerate() {
         let BusSpec::Lockstep { clients, .. } = spec else { continue };
         let clock = Clock::manual();
-        let door = Door::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error))?;
+        let door =
+            Door::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error).next(error.next()))?;
         say(args.json, "serving", &format!("{} ({})", door.name(), ["thrower", "catcher"][k]));
         let seed = court.seed + k as u64;
         let realtime = realtime_of(&court.arms[k], args.homed, seed, door, clock).map_err(failed)?;
@@ -379,7 +382,8 @@ fn words(event: &CourtEvent) -> String {
 
 fn address(text: &str) -> Result<SocketAddr, Failure> {
     let wrong = |why: String| {
-        Failure::new(Code::Bus, &format!("{text}: {why}\n  next: give HOST:PORT, for example 127.0.0.1:5000"))
+        Failure::new(Code::Bus, &format!("{text}: {why}"))
+            .next("give HOST:PORT, for example 127.0.0.1:5000".to_owned())
     };
     let mut found = text.to_socket_addrs().map_err(|error| wrong(error.to_string()))?;
     found.next().ok_or_else(|| wrong("no address".to_owned()))

@@ -49,7 +49,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if let Some(seed) = args.seed {
         scenario.seed = seed;
     }
-    let mut krc = scenario.controller().map_err(|error| Failure::new(Code::BadFile, &error))?;
+    let mut krc =
+        scenario.controller().map_err(|error| Failure::new(Code::BadFile, &error).next(error.next()))?;
     let pc = client(args, &scenario)?;
     let mode = if args.lock_step { Mode::LockStep } else { Mode::RealTime };
     let limit = Duration::from_secs_f64(args.answer_limit_s);
@@ -92,7 +93,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let flushed = log.map_or(Ok(()), |mut log| log.flush());
     let served = served.map_err(|error| {
         let code = if matches!(error, ServeError::Start(_)) { Code::Defect } else { Code::Bus };
-        Failure::new(code, &error)
+        Failure::new(code, &error).next(error.next())
     })?;
     report(args, &krc, &served)?;
     written.into_inner().and(flushed).map_err(|error| {
@@ -109,10 +110,8 @@ fn client(args: &Args, scenario: &KrcScenario) -> Result<SocketAddr, Failure> {
     let text =
         args.pc.clone().unwrap_or_else(|| format!("{}:{}", scenario.config.ip_number, scenario.config.port));
     let wrong = |why: &str| {
-        Failure::new(
-            Code::Bus,
-            &format!("{text}: {why}\n  next: give --pc HOST:PORT, for example 127.0.0.1:49152"),
-        )
+        Failure::new(Code::Bus, &format!("{text}: {why}"))
+            .next("give --pc HOST:PORT, for example 127.0.0.1:49152".to_owned())
     };
     let mut found = text.to_socket_addrs().map_err(|error| wrong(&error.to_string()))?;
     found.next().ok_or_else(|| wrong("no address"))

@@ -36,7 +36,7 @@ pub(super) struct Args {
     #[arg(long, default_value_t = 0.1, value_parser = inertia)]
     inertia_kg_m2: f64,
     /// Where, as `hil-sim serve`.
-    #[arg(long, default_value = "socketcand://127.0.0.1:29540/can0")]
+    #[arg(long, value_parser = can_link::bus_of_option, default_value = "socketcand://127.0.0.1:29540/can0")]
     bus: Vec<BusSpec>,
     /// End after this many seconds.
     #[arg(long, value_name = "SECONDS")]
@@ -85,9 +85,11 @@ fn inertia(text: &str) -> Result<f64, String> {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    let (clock, in_step) = shared_time(&args.bus).map_err(|error| Failure::new(Code::BadFile, &error))?;
-    let doors =
-        args.bus.iter().map(|spec| Door::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error)));
+    let (clock, in_step) =
+        shared_time(&args.bus).map_err(|error| Failure::new(Code::BadFile, &error).next(error.next()))?;
+    let doors = args.bus.iter().map(|spec| {
+        Door::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error).next(error.next()))
+    });
     let doors: Vec<Door> = doors.collect::<Result<_, _>>()?;
     let watchdog = args.odrive_watchdog_ms.map(Duration::from_millis);
     let damiao = args.damiao.iter().map(|options| MitMotor::new(*options, options.zero_rad)).collect();
@@ -115,7 +117,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         let until = realtime.world().now() + TURN;
         realtime.turn(end.map_or(until, |end| end.min(until)), &mut ()).map_err(|error| match error {
             RealtimeError::Run(error) => Failure::from(error),
-            other => Failure::new(Code::Bus, &other),
+            other => Failure::new(Code::Bus, &other).next(other.next()),
         })?;
     }
     Ok(())

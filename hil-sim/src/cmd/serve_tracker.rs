@@ -39,8 +39,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     scenario.options.running |= data.is_some();
     let mut tracker = Tracker::new(scenario.options, args.seed.unwrap_or(scenario.seed));
     tracker.set_output(1, data);
-    let mut sockets =
-        Sockets::bind(address(&args.listen)?).map_err(|error| Failure::new(Code::Bus, &error))?;
+    let mut sockets = Sockets::bind(address(&args.listen)?)
+        .map_err(|error| Failure::new(Code::Bus, &error).next(error.next()))?;
     let listens = sockets.command_address().map_err(|error| Failure::new(Code::Bus, &error))?;
     let interrupt = Interrupt::listen();
     if args.json {
@@ -72,7 +72,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 
 fn address(text: &str) -> Result<SocketAddr, Failure> {
     let wrong = |why: String| {
-        Failure::new(Code::Bus, &format!("{text}: {why}\n  next: give HOST:PORT, for example 127.0.0.1:5000"))
+        Failure::new(Code::Bus, &format!("{text}: {why}"))
+            .next("give HOST:PORT, for example 127.0.0.1:5000".to_owned())
     };
     let mut found = text.to_socket_addrs().map_err(|error| wrong(error.to_string()))?;
     found.next().ok_or_else(|| wrong("no address".to_owned()))

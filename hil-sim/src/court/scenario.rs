@@ -34,7 +34,7 @@ impl CourtOptions {
         let file = path.display().to_string();
         match read_text(path, DESCRIPTION_MAX_BYTES) {
             Ok(text) => Self::from_toml(&file, &text),
-            Err(error) => Err(DocumentError::of_file(&file, Problem::Unreadable(error.to_string()))),
+            Err(error) => Err(DocumentError::of_file(&file, Problem::unreadable(&error))),
         }
     }
 
@@ -69,7 +69,9 @@ impl CourtOptions {
 fn arm(table: &Section<'_>) -> Result<ArmPlace, CourtError> {
     let name = table.required("robot", Value::text)?;
     let refused = |why: String| table.error("robot", Problem::Invalid(why));
-    let model = RobotModel::load(name).map_err(|error| refused(error.to_string()))?;
+    let model = RobotModel::load(name).map_err(|error| {
+        table.error("robot", Problem::Named { what: error.to_string(), next: error.problem.next() })
+    })?;
     if model.n() != 6 {
         return Err(refused(format!("robot {name} has {} joints; a court has arms of six", model.n())));
     }

@@ -221,7 +221,7 @@ impl KrcScenario {
     /// The robot cannot be loaded, or options, robot and configuration file do not fit together.
     pub fn controller(&self) -> Result<Krc, KrcError> {
         let model = RobotModel::load_with_joints(&self.robot, 6)
-            .map_err(|error| KrcError::Options(error.to_string()))?;
+            .map_err(|error| KrcError::Robot { text: error.to_string(), next: error.problem.next() })?;
         Krc::new(model, self.config.clone(), self.options.clone(), self.seed)
     }
 
@@ -231,9 +231,8 @@ impl KrcScenario {
 }
 
 fn read(path: &Path) -> Result<String, KrcScenarioError> {
-    read_text(path, DESCRIPTION_MAX_BYTES).map_err(|error| {
-        DocumentError::of_file(&path.display().to_string(), Problem::Unreadable(error.to_string()))
-    })
+    read_text(path, DESCRIPTION_MAX_BYTES)
+        .map_err(|error| DocumentError::of_file(&path.display().to_string(), Problem::unreadable(&error)))
 }
 
 /// Changes the options of one table, if it is there.

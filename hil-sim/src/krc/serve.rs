@@ -54,7 +54,7 @@ pub struct ServeOptions {
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
     /// The socket cannot be opened.
-    #[error("{pc} cannot be reached: {error}\n  next: start the client first; the robot connects to it")]
+    #[error("{pc} cannot be reached: {error}")]
     Unreachable {
         /// Address of the client.
         pc: SocketAddr,
@@ -65,15 +65,25 @@ pub enum ServeError {
     #[error(transparent)]
     Start(#[from] KrcError),
     /// In lock step the client did not answer.
-    #[error(
-        "no answer to telegram {ipoc} within {limit}\n  next: in lock step the client must answer every telegram"
-    )]
+    #[error("no answer to telegram {ipoc} within {limit}")]
     NoAnswer {
         /// Number of the telegram.
         ipoc: u64,
         /// How long was waited.
         limit: Duration,
     },
+}
+
+impl ServeError {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::Unreachable { .. } => "start the client first; the robot connects to it".to_owned(),
+            Self::NoAnswer { .. } => "in lock step the client must answer every telegram".to_owned(),
+            Self::Start(error) => return error.next(),
+        })
+    }
 }
 
 #[derive(Clone, Debug, Default, PartialEq)]

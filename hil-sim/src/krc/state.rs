@@ -17,7 +17,26 @@ pub enum KrcError {
     /// Options that contradict each other or the configuration file.
     #[error("{0}")]
     Options(String),
+    /// The robot file is refused.
+    #[error("{text}")]
+    Robot {
+        /// Where and why.
+        text: String,
+        /// What to do.
+        next: Option<String>,
+    },
     /// A start while the set points still move or the exchange runs.
     #[error("the program cannot start: {0}")]
     NotReady(&'static str),
+}
+
+impl KrcError {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        match self {
+            Self::Robot { next, .. } => next.clone(),
+            Self::Options(_) | Self::NotReady(_) => None,
+        }
+    }
 }

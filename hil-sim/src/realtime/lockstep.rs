@@ -40,10 +40,16 @@ pub fn shared_time(specs: &[BusSpec]) -> Result<(Clock, Option<usize>), MixedTim
 
 /// Real and virtual time on one bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "a bus has one time: lock step or the machine's, not both\n  next: give --bus lockstep:// for all places or for none"
-)]
+#[error("a bus has one time: lock step or the machine's, not both")]
 pub struct MixedTime;
+
+impl MixedTime {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some("give --bus lockstep:// for all places or for none".to_owned())
+    }
+}
 
 /// Drives answer within a few milliseconds, and the queue of a gateway is empty after as many.
 const QUIET: Duration = Duration::from_millis(20);

@@ -53,6 +53,17 @@ pub enum RealtimeError {
     Wait(#[from] io::Error),
 }
 
+impl RealtimeError {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        match self {
+            Self::Link(error) => error.next(),
+            Self::Run(_) | Self::Wait(_) => None,
+        }
+    }
+}
+
 /// What the doors must be told: frames of gateways, for the other clients of the same door; errors, for all.
 #[derive(Debug, Default)]
 struct Seen {

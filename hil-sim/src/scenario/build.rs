@@ -23,6 +23,17 @@ pub enum BuildError {
     World { file: String, error: world::BuildError },
 }
 
+impl BuildError {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        match self {
+            Self::Robot(error) => error.problem.next(),
+            Self::Cell { .. } | Self::World { .. } => None,
+        }
+    }
+}
+
 /// Six drives and the nodes that talk to them.
 pub type CellWith<N> = (Cell, Solo<N>);
 

@@ -132,7 +132,7 @@ impl Scenario {
         let file = path.display().to_string();
         match toml_reader::read_text(path, toml_reader::DESCRIPTION_MAX_BYTES) {
             Ok(text) => Self::from_toml(&file, &text),
-            Err(error) => Err(DocumentError::of_file(&file, Problem::Unreadable(error.to_string()))),
+            Err(error) => Err(DocumentError::of_file(&file, Problem::unreadable(&error))),
         }
     }
 

@@ -59,7 +59,7 @@ impl TrackerScenario {
         let file = path.display().to_string();
         match read_text(path, DESCRIPTION_MAX_BYTES) {
             Ok(text) => Self::from_toml(&file, &text),
-            Err(error) => Err(DocumentError::of_file(&file, Problem::Unreadable(error.to_string()))),
+            Err(error) => Err(DocumentError::of_file(&file, Problem::unreadable(&error))),
         }
     }
 

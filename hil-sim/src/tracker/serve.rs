@@ -15,12 +15,20 @@ const LONGEST_SLEEP: Duration = Duration::from_millis(50);
 
 /// Why the tracker cannot serve.
 #[derive(Debug, thiserror::Error)]
-#[error("{address}: {error}\n  next: choose a port that is free")]
+#[error("{address}: {error}")]
 pub struct ServeError {
     /// The address that cannot be used.
     pub address: SocketAddr,
     /// What the system says.
     pub error: io::Error,
+}
+
+impl ServeError {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some("choose a port that is free".to_owned())
+    }
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -64,6 +64,19 @@ pub enum NoRun {
     Operator(#[from] OperatorError),
 }
 
+impl NoRun {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        match self {
+            Self::Settings(error) => error.next(),
+            Self::Trajectory(error) => error.next(),
+            Self::Bus(error) => error.next(),
+            Self::Operator(error) => error.next(),
+        }
+    }
+}
+
 /// A drive whose frames end.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DriveLost {

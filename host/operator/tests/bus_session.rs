@@ -55,7 +55,7 @@ fn a_disk_that_fills_up_while_a_joint_is_jogged_halts_it_and_says_so() {
     session.add_tap(Box::new(Disk { room: 600, sent: Rc::clone(&sent) }));
     let started_rad = third_rad(&mut session);
     let error = session.jog_joint(node, third(), 0.2, &mut |_| true).unwrap_err();
-    let text = error.to_string();
+    let text = format!("{error} {}", error.next().unwrap());
     assert!(
         text.contains("recording") && text.contains("halted first") && text.contains("free space"),
         "{text}"
@@ -151,6 +151,7 @@ fn a_full_disk_is_noticed_when_the_log_is_flushed() {
         .and_then(|()| log.flush())
         .unwrap_err();
     assert_eq!(written.kind(), io::ErrorKind::StorageFull);
-    let text = BusFailure::Recording { source: written, halted: true }.to_string();
-    assert!(text.contains("halted first") && text.contains("next: free space"), "{text}");
+    let error = BusFailure::Recording { source: written, halted: true };
+    assert!(error.to_string().contains("halted first"), "{error}");
+    assert!(error.next().unwrap().starts_with("free space"), "{error}");
 }

@@ -95,8 +95,8 @@ fn a_plan_of_version_10_is_read_for_a_ball_and_refused_for_a_thing_with_an_attit
         PlanFile::from_json(path, &older.to_string()).expect_err("not a ball"),
         PlanRecord::from_json(path, &older.to_string()).expect_err("not a ball"),
     ] {
-        let told = refused.to_string();
-        assert!(told.contains("target.attitude") && told.contains("next: plan again"), "{told}");
+        assert!(refused.to_string().contains("target.attitude"), "{refused}");
+        assert!(refused.next().unwrap().starts_with("plan again"), "{refused}");
     }
 }
 
@@ -115,8 +115,9 @@ fn a_plan_of_each_kind_is_read_as_what_it_is_and_refused_as_what_it_is_not() {
     let record = PlanRecord::from_json(path, &moved.to_json()).expect("reads");
     assert_eq!(record, PlanRecord::Move(Box::new(moved.clone())));
 
-    let e = PlanFile::from_json(path, FOLLOW_VERSION_1).expect_err("another kind").to_string();
-    assert!(e.contains("is of kind \"follow\", here one of kind \"throw\"") && e.contains("next: "), "{e}");
+    let e = PlanFile::from_json(path, FOLLOW_VERSION_1).expect_err("another kind");
+    assert!(e.to_string().contains("is of kind \"follow\", here one of kind \"throw\""), "{e}");
+    assert!(e.next().is_some(), "{e}");
     let juggle = throw.to_json().replacen("\"kind\": \"throw\"", "\"kind\": \"juggle\"", 1);
     let e = PlanRecord::from_json(path, &juggle).expect_err("unknown").to_string();
     assert!(e.contains("its kind is \"juggle\"; this program knows throw, follow, move"), "{e}");

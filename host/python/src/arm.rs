@@ -13,7 +13,7 @@ use std::time::Duration as WallTime;
 use host::cmd::ended::{failure, off_target};
 use host::cmd::move_arm::{no_way, scene};
 use host::cmd::report::BIT_RATE;
-use host::error::ExpectedError;
+use host::error::{Cause, ExpectedError};
 use host::exit;
 use nalgebra::Vector3;
 use operator::bus::args::CellArgs;
@@ -365,7 +365,7 @@ impl<'a> Connected<'a> {
     }
 
     fn follow(&mut self, t_s: Option<&[f64]>, q_rad: &[f64], blend_rad: f64, how: &How) -> Answered {
-        let bad = |error: &dyn std::fmt::Display| ExpectedError::bad_input(&error);
+        let bad = |error: &dyn Cause| ExpectedError::bad_input(error);
         let rows: Vec<&[f64]> = q_rad.chunks_exact(self.robot.n()).collect();
         let limits = Limits::of_arm(self.robot, if t_s.is_some() { 1.0 } else { how.speed_share })
             .ok_or_else(|| bad(&"a share of the limits is above 0 and at most 1"))?;

@@ -1,9 +1,6 @@
 //! What is refused, as Python exceptions.
 
-use std::fmt::Display;
-
-use host::error::ExpectedError;
-use host::exit;
+use host::error::{Cause, ExpectedError};
 use pyo3::create_exception;
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
@@ -17,7 +14,7 @@ create_exception!(
 
 /// The exception for an expected error of the program.
 pub(crate) fn refused(error: &ExpectedError) -> PyErr {
-    let exception = CubecellError::new_err(error.message.clone());
+    let exception = CubecellError::new_err(error.to_string());
     Python::attach(|py| match exception.value(py).setattr("exit_code", error.code) {
         Ok(()) => exception,
         Err(why) => why,
@@ -25,6 +22,6 @@ pub(crate) fn refused(error: &ExpectedError) -> PyErr {
 }
 
 /// The exception for refused input.
-pub(crate) fn bad(text: &dyn Display) -> PyErr {
-    refused(&ExpectedError::new(exit::BAD_INPUT, text.to_string()))
+pub(crate) fn bad(cause: &(impl Cause + ?Sized)) -> PyErr {
+    refused(&ExpectedError::bad_input(cause))
 }

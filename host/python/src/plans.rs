@@ -4,7 +4,7 @@ use std::path::Path;
 
 use host::cmd::check::{follow_findings, follow_json};
 use host::cmd::plan::for_programs;
-use host::error::ExpectedError;
+use host::error::{Cause, ExpectedError};
 use host::exit;
 use planner::follow::limits::{AXES, Arm};
 use planner::follow::plan::{FollowPlan, Step};
@@ -23,7 +23,7 @@ use crate::errors::{bad, refused};
 /// The place of a plan file in messages: it was handed over as text.
 pub(crate) const NAME: &str = "in memory";
 
-fn input(error: &impl std::fmt::Display) -> ExpectedError {
+fn input(error: &impl Cause) -> ExpectedError {
     ExpectedError::bad_input(error)
 }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use host::cmd::throw::led;
-use host::error::ExpectedError;
+use host::error::{Cause, ExpectedError};
 use operator::bus::args::CellArgs;
 use operator::bus::period::{PeriodRequest, apply, choose, settings_with_gains};
 use operator::bus::settings::settings_of;
@@ -47,7 +47,7 @@ pub(crate) fn simulate(py: Python<'_>, request: Request) -> PyResult<String> {
 }
 
 fn throw(request: &Request, stop: &Arc<AtomicBool>) -> Result<String, ExpectedError> {
-    let bad = |error: &dyn std::fmt::Display| ExpectedError::bad_input(&error);
+    let bad = |error: &dyn Cause| ExpectedError::bad_input(error);
     let (plan, robot) = plan_of(&request.plan, request.robot.as_deref())?;
     let arm = &robot;
     let source = request.robot.clone().unwrap_or_else(|| plan.robot.source.clone());

@@ -40,7 +40,7 @@ impl From<&BusFailure> for ExpectedError {
             | BusFailure::Runner(_)
             | BusFailure::World(_) => exit::BUS,
         };
-        Self::new(code, failure.to_string())
+        Self::of(code, failure)
     }
 }
 
@@ -58,7 +58,7 @@ impl From<NoEntropy> for ExpectedError {
 
 impl From<UnreadableFile> for ExpectedError {
     fn from(error: UnreadableFile) -> Self {
-        Self::bad_input(&error)
+        Self { next: error.next.clone().into_iter().collect(), ..Self::bad_input(&error.to_string()) }
     }
 }
 
@@ -66,7 +66,7 @@ impl From<AskError> for ExpectedError {
     fn from(error: AskError) -> Self {
         match error {
             AskError::Bus(failure) => failure.into(),
-            AskError::Request(_) => Self::new(exit::DRIVE, error.to_string()),
+            AskError::Request(_) => Self::of(exit::DRIVE, &error),
             AskError::Interrupted => Self::new(exit::INTERRUPTED, "interrupted"),
         }
     }
@@ -84,11 +84,9 @@ impl From<&OperatorError> for ExpectedError {
             OperatorError::Bus(failure) => failure.into(),
             OperatorError::Interrupted => Self::new(exit::INTERRUPTED, "interrupted; what moved was stopped"),
             OperatorError::TooLong(_) => Self::bad_input(error),
-            OperatorError::RobotNotReady { .. } | OperatorError::Socket(_) => {
-                Self::new(exit::BUS, error.to_string())
-            }
-            error if error.is_stop_by_other() => Self::new(exit::STOPPED, error.to_string()),
-            other => Self::new(exit::DRIVE, other.to_string()),
+            OperatorError::RobotNotReady { .. } | OperatorError::Socket(_) => Self::of(exit::BUS, error),
+            error if error.is_stop_by_other() => Self::of(exit::STOPPED, error),
+            other => Self::of(exit::DRIVE, other),
         }
     }
 }

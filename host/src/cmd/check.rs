@@ -34,10 +34,10 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         PlanRecord::Follow(plan) => return check_follow(args, &plan),
         PlanRecord::Move(_) => {
             return Err(ExpectedError::bad_input(&format!(
-                "{}: a plan of kind \"move\" has no target and no release to check\n  next: run `cubectl upload`; the controller \
-                 checks its limits",
+                "{}: a plan of kind \"move\" has no target and no release to check",
                 args.plan.display()
-            )));
+            ))
+            .next("run `cubectl upload`; the controller checks its limits"));
         }
     };
     let robot = super::robot(args.robot.as_deref().unwrap_or(&plan.robot.source))?;

@@ -81,10 +81,8 @@ fn of_modules(session: &mut Session, beside: bool) -> Result<String, ExpectedErr
         .map(|report| format!("module {}: {}", report.module, report.condition()))
         .collect();
     if !still.is_empty() {
-        return Err(ExpectedError::new(
-            exit::DRIVE,
-            format!("{}\n  next: remove the cause; `cubectl doctor` says more", still.join("; ")),
-        ));
+        return Err(ExpectedError::new(exit::DRIVE, still.join("; "))
+            .next("remove the cause; `cubectl doctor` says more"));
     }
     Ok(format!("no controller is heard; {} modules answer, {} of them reset", found.len(), stopped.len()))
 }

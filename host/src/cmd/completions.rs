@@ -38,14 +38,8 @@ pub fn run(args: &Args, program: &str, variable: &str) -> Result<(), ExpectedErr
     let shells = Shells::builtins();
     let completer = shell.as_ref().and_then(|shell| shells.completer(shell.get_name()));
     let completer = completer.ok_or_else(|| {
-        ExpectedError::new(
-            exit::USAGE,
-            format!(
-                "no completions for {}\n  next: one of {}",
-                args.shell,
-                shells.names().collect::<Vec<_>>().join(", ")
-            ),
-        )
+        ExpectedError::new(exit::USAGE, format!("no completions for {}", args.shell))
+            .next(format!("one of {}", shells.names().collect::<Vec<_>>().join(", ")))
     })?;
     let mut script = Vec::new();
     completer

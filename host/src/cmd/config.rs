@@ -182,13 +182,8 @@ fn dump(args: &DumpArgs) -> Result<(), ExpectedError> {
         return Ok(());
     }
     let failed = |error: std::io::Error| {
-        ExpectedError::new(
-            exit::OUTPUT,
-            format!(
-                "{}: {error}\n  next: name a file that does not exist yet, in a folder that may be written",
-                args.file.display()
-            ),
-        )
+        ExpectedError::new(exit::OUTPUT, format!("{}: {error}", args.file.display()))
+            .next("name a file that does not exist yet, in a folder that may be written")
     };
     let mut out = std::fs::File::create_new(&args.file).map_err(failed)?;
     std::io::Write::write_all(&mut out, text.as_bytes()).and_then(|()| out.sync_all()).map_err(failed)?;
@@ -204,10 +199,11 @@ fn load(path: &Path) -> Result<ConfigFile, ExpectedError> {
         .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", path.display())))?;
     if file.schema_version != SCHEMA_VERSION {
         return Err(ExpectedError::bad_input(&format!(
-            "{}: schema_version {} is not {SCHEMA_VERSION}\n  next: use the cubectl that wrote it, or dump again",
+            "{}: schema_version {} is not {SCHEMA_VERSION}",
             path.display(),
             file.schema_version
-        )));
+        ))
+        .next("use the cubectl that wrote it, or dump again"));
     }
     for module in &file.module {
         for (name, value) in &module.setting {
@@ -307,23 +303,18 @@ fn diff(args: &FileArgs) -> Result<(), ExpectedError> {
         console::line!("{}: {} as in the file", args.file.display(), counted(wanted.module.len(), "module"));
         return Ok(());
     }
-    Err(ExpectedError::new(
-        exit::FINDINGS,
-        format!(
-            "{}\n  next: `cubectl config restore {}` writes the file's values",
-            counted(differences, "difference"),
-            args.file.display()
-        ),
-    ))
+    Err(ExpectedError::new(exit::FINDINGS, counted(differences, "difference"))
+        .next(format!("`cubectl config restore {}` writes the file's values", args.file.display())))
 }
 
 fn restore(args: &RestoreArgs) -> Result<(), ExpectedError> {
     let Compared { mut session, wanted, found, changes, missing } = compare(&args.file, &args.bus)?;
     if let Some((module, parameter, _)) = missing.first() {
         return Err(ExpectedError::bad_input(&format!(
-            "module {module} has no {}; nothing was written\n  next: `cubectl config diff` lists all of these; take them out of the file",
+            "module {module} has no {}; nothing was written",
             key(*parameter)
-        )));
+        ))
+        .next("`cubectl config diff` lists all of these; take them out of the file"));
     }
     for module in &wanted.module {
         let Some(report) = found.iter().find(|report| report.module.get() == module.address) else {
@@ -331,18 +322,19 @@ fn restore(args: &RestoreArgs) -> Result<(), ExpectedError> {
         };
         if report.serial != Some(module.serial) && !args.other_serial {
             return Err(ExpectedError::bad_input(&format!(
-                "module {}: serial {} is not the file's {}; nothing was written\n  next: check that this is the right \
-                 arm, then add --other-serial",
+                "module {}: serial {} is not the file's {}; nothing was written",
                 module.address,
                 report.serial.unwrap_or(0),
                 module.serial
-            )));
+            ))
+            .next("check that this is the right arm, then add --other-serial"));
         }
         if report.state.is_none_or(|state| state.contains(protocol::powercube::CubeState::MOTION)) {
             return Err(ExpectedError::new(
                 exit::DRIVE,
-                format!("module {} moves; nothing was written\n  next: `cubectl stop`", module.address),
-            ));
+                format!("module {} moves; nothing was written", module.address),
+            )
+            .next("`cubectl stop`"));
         }
     }
     for (module, parameter, _, value) in &changes {
@@ -374,11 +366,12 @@ fn restore(args: &RestoreArgs) -> Result<(), ExpectedError> {
         return Err(ExpectedError::new(
             exit::DRIVE,
             format!(
-                "written, but not as in the file{}: {}\n  next: the value is outside what the module allows",
+                "written, but not as in the file{}: {}",
                 if args.save { ", and not saved" } else { "" },
                 wrong.join("; ")
             ),
-        ));
+        )
+        .next("the value is outside what the module allows"));
     }
     console::line!(
         "{} written to {}, read back{}",

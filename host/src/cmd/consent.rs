@@ -39,13 +39,11 @@ impl Consent {
     pub fn on(bus: &BusSpec, yes: bool) -> Result<Self, ExpectedError> {
         let asks = !yes && *bus != BusSpec::Sim;
         if asks && !std::io::stdin().is_terminal() {
-            return Err(ExpectedError::new(
-                exit::USAGE,
-                format!(
-                    "{bus}: this moves a real arm, and there is no terminal to ask whether it may; nothing has moved\n  next: run it \
-                     in a terminal, or add --yes if nobody is near the arm"
-                ),
-            ));
+            let what = format!(
+                "{bus}: this moves a real arm, and there is no terminal to ask whether it may; nothing has moved"
+            );
+            let next = "run it in a terminal, or add --yes if nobody is near the arm";
+            return Err(ExpectedError::new(exit::USAGE, what).next(next));
         }
         Ok(Self { asks, asked: None })
     }

@@ -80,9 +80,9 @@ impl Controlled {
             settings.check().map_err(|refusal| {
                 let what = refusal.cause.info().map_or("", |info| info.what);
                 ExpectedError::bad_input(&format!(
-                    "the limits of this robot and the options make no settings of a controller: {what}\n  next: leave the options \
-                     out; nothing has moved"
+                    "the limits of this robot and the options make no settings of a controller: {what}"
                 ))
+                .next("leave the options out; nothing has moved")
             })?;
             Some(settings)
         } else {
@@ -163,18 +163,13 @@ impl Controlled {
             left.extend(changed.iter().map(|(name, before)| (name, before, why.to_string())));
         }
         let Some((_, _, why)) = left.first() else { return Ok(()) };
-        let why = why.lines().next().unwrap_or_default();
         let words: Vec<String> =
             left.iter().map(|(name, before, _)| format!("{name}={}", before.list())).collect();
         Err(ExpectedError::new(
             exit::DRIVE,
-            format!(
-                "controller {} keeps registers that were changed for this command: {why}\n  next: `cubectl registers set {}` on this \
-                 bus once the arm stands",
-                node.get(),
-                words.join(" ")
-            ),
-        ))
+            format!("controller {} keeps registers that were changed for this command: {why}", node.get()),
+        )
+        .next(format!("`cubectl registers set {}` on this bus once the arm stands", words.join(" "))))
     }
 
     /// The joints whose drives are `named`, all by default.
@@ -193,11 +188,11 @@ impl Controlled {
     fn unknown(&self, module: ModuleId) -> ExpectedError {
         let known: Vec<String> = self.joints.iter().map(|(_, module)| module.to_string()).collect();
         ExpectedError::bad_input(&format!(
-            "controller {}: module {module} is the drive of no joint; it has modules {}\n  next: name one of these, or the \
-             robot of this arm with --robot",
+            "controller {}: module {module} is the drive of no joint; it has modules {}",
             self.node.get(),
             known.join(", ")
         ))
+        .next("name one of these, or the robot of this arm with --robot")
     }
 
     /// Ends in order. A controller in this program switches the watchdogs of its drives off first, so that they do not
@@ -237,9 +232,8 @@ pub(super) fn tell_warnings(session: &mut Session) {
 pub(super) fn is_soft(spec: &BusSpec, wanted: Option<Controller>) -> Result<bool, ExpectedError> {
     match (wanted, spec) {
         (Some(Controller::Node(_)), BusSpec::Sim) => {
-            return Err(ExpectedError::bad_input(
-                &"the bus sim has no controller but the soft one\n  next: leave --controller out, or name another bus",
-            ));
+            return Err(ExpectedError::bad_input(&"the bus sim has no controller but the soft one")
+                .next("leave --controller out, or name another bus"));
         }
         (_, BusSpec::Sim) => return Ok(true),
         _ => {}
@@ -248,10 +242,8 @@ pub(super) fn is_soft(spec: &BusSpec, wanted: Option<Controller>) -> Result<bool
     let present = session.claim()?;
     session.finish()?;
     let in_use = |who: &str, next: &str| {
-        Err(ExpectedError::new(
-            exit::BUS,
-            format!("{spec}: {who}; nothing was sent to the modules\n  next: {next}"),
-        ))
+        Err(ExpectedError::new(exit::BUS, format!("{spec}: {who}; nothing was sent to the modules"))
+            .next(next))
     };
     match (wanted, present.controller) {
         _ if present.tool => in_use(

@@ -45,7 +45,7 @@ const HALT_TIME: Duration = Duration::from_millis(50);
 )]
 pub struct Args {
     /// Bus: can0, socketcand://host:port/bus, slcan:/dev/ttyACM0 or slcan://host:port.
-    #[arg(long, value_name = "SPEC")]
+    #[arg(long, value_parser = can_link::bus_of_option, value_name = "SPEC")]
     pub bus: BusSpec,
     /// Cyphal node-ID. Default: the stored one, else 10.
     #[arg(long, value_name = "NODE-ID", value_parser = node_id)]
@@ -95,9 +95,10 @@ fn with_storage(args: &Args, storage: impl Storage) -> Result<(), ExpectedError>
     let settings = *node.controller().settings();
     if args.node_id.is_some_and(|id| u32::from(id.get()) != settings.node_id) {
         return Err(ExpectedError::bad_input(&format!(
-            "the storage says node-ID {}, --node-id another one\n  next: leave --node-id out, or write register uavcan.node.id and save",
+            "the storage says node-ID {}, --node-id another one",
             settings.node_id
-        )));
+        ))
+        .next("leave --node-id out, or write register uavcan.node.id and save"));
     }
     let urgent = Urgent::request(Role::Controller);
     console::note!(
@@ -144,11 +145,8 @@ fn with_storage(args: &Args, storage: impl Storage) -> Result<(), ExpectedError>
 /// What whoever started the controller must know if it ends while a fault is latched.
 fn ended_in(fault: &Fault) -> ExpectedError {
     let code = fault.cause.code();
-    let message = format!(
-        "ended in the state Fault: {}\n  next: `cubectl explain {code}`; a new start looks at the drives again",
-        in_words(fault)
-    );
-    ExpectedError::new(exit::FINDINGS, message)
+    ExpectedError::new(exit::FINDINGS, format!("ended in the state Fault: {}", in_words(fault)))
+        .next(format!("`cubectl explain {code}`; a new start looks at the drives again"))
 }
 
 /// Name, code and joint of a fault.
@@ -179,11 +177,11 @@ fn defaults(
         return Err(ExpectedError::new(
             exit::BUS,
             format!(
-                "{}: another controller or host speaks to the modules; two of them destroy each other's frames\n  next: \
-                 end it; nothing has moved",
+                "{}: another controller or host speaks to the modules; two of them destroy each other's frames",
                 args.bus
             ),
-        ));
+        )
+        .next("end it; nothing has moved"));
     }
     console::note!("{timing}; {}", timing.granted);
     if args.paper {
@@ -225,9 +223,9 @@ fn paper(settings: &Settings) -> Result<Settings, ExpectedError> {
         return Ok(paper);
     }
     Err(ExpectedError::bad_input(
-        &"the settings of the paper are for powercube6, and this robot has other joints\n  next: leave --paper out, then \
-          gains are designed for the robot, or --robot",
-    ))
+        &"the settings of the paper are for powercube6, and this robot has other joints",
+    )
+    .next("leave --paper out, then gains are designed for the robot, or --robot"))
 }
 
 /// A moving arm stops along its path; in the end the drives are halted.
@@ -251,11 +249,11 @@ fn come_to_rest<S: Storage>(
 
 fn failure(error: RunError) -> ExpectedError {
     match error {
-        RunError::Link(_) | RunError::Wait(_) => ExpectedError::new(
-            exit::BUS,
-            format!("{error}\n  the drives stop by their watchdogs; next: restore the bus and start again"),
+        RunError::Link(_) | RunError::Wait(_) => ExpectedError::of(exit::BUS, &error).also(
+            ExpectedError::new(exit::BUS, "  the drives stop by their watchdogs")
+                .next("restore the bus and start again"),
         ),
-        other => ExpectedError::new(exit::BUG, other.to_string()),
+        other => ExpectedError::of(exit::BUG, &other),
     }
 }
 

@@ -16,20 +16,19 @@ use crate::exit;
 pub fn failure(record: &Record) -> Option<ExpectedError> {
     let error = record.ended.as_ref()?;
     let step = record.at_work.map_or("start", |(step, _)| step.name());
-    let expected = match error {
-        JobError::Operator(error @ (OperatorError::Stopped { .. } | OperatorError::RobotStopped { .. }))
-            if record.verdict.outcome == Outcome::Stopped =>
-        {
-            ExpectedError::new(exit::STOPPED, error.to_string())
-        }
-        JobError::Operator(error) => error.into(),
-        JobError::Way(_) | JobError::Double { .. } | JobError::NotHomed => {
-            ExpectedError::new(exit::DRIVE, error.to_string())
-        }
-        JobError::Declined { .. } => ExpectedError::new(exit::INTERRUPTED, error.to_string()),
-        other => ExpectedError::bad_input(other),
-    };
-    Some(ExpectedError::new(expected.code, format!("{step}: {}", expected.message)))
+    let expected =
+        match error {
+            JobError::Operator(
+                error @ (OperatorError::Stopped { .. } | OperatorError::RobotStopped { .. }),
+            ) if record.verdict.outcome == Outcome::Stopped => ExpectedError::of(exit::STOPPED, error),
+            JobError::Operator(error) => error.into(),
+            JobError::Way(_) | JobError::Double { .. } | JobError::NotHomed => {
+                ExpectedError::of(exit::DRIVE, error)
+            }
+            JobError::Declined { .. } => ExpectedError::of(exit::INTERRUPTED, error),
+            other => ExpectedError::bad_input(other),
+        };
+    Some(expected.at(step))
 }
 
 /// The error that a verdict makes; `None` if ball or arm are where they should be, as far as is known.
@@ -55,7 +54,7 @@ pub fn off_target(record: &Record, judge: &Judge<'_>) -> Option<ExpectedError> {
         _ => return None,
     };
     let code = exit::of_outcome(verdict.outcome)?;
-    Some(ExpectedError::new(code, format!("{}\n  next: {next}", verdict.text)))
+    Some(ExpectedError::new(code, verdict.text.clone()).next(next))
 }
 
 /// What a session says of its bus, for the summary; read before the session ends.
@@ -84,7 +83,8 @@ impl Seen {
             time: if self.simulated { "virtual time" } else { "real time" },
             controller: "node",
             exit_code: wrong.map_or(exit::OK, |error| error.code),
-            cause: wrong.map(|error| error.message.as_str()),
+            cause: wrong.map(ExpectedError::all_that_happened),
+            next: wrong.map_or_else(Vec::new, ExpectedError::all_steps),
             bus_errors: self.bus_errors,
             wall_s,
             ..Circumstances::default()
@@ -99,12 +99,12 @@ pub(super) fn outcome_last(
     written: Result<(), ExpectedError>,
     folder: Option<&Path>,
 ) -> Result<(), ExpectedError> {
-    let Some(mut error) = wrong else { return written };
-    if let Some(folder) = folder {
-        error.message += &format!("\n  results in {}", folder.display());
-    }
-    if let Err(lost) = written {
-        error.message += &format!("; not all of them: {}", lost.message);
-    }
-    Err(error)
+    let Some(error) = wrong else { return written };
+    let place = folder.map(|folder| format!("  results in {}", folder.display()));
+    Err(match (place, written) {
+        (None, Ok(())) => error,
+        (Some(place), Ok(())) => error.also(ExpectedError::new(exit::OUTPUT, place)),
+        (place, Err(lost)) => error
+            .also(lost.at(place.map_or("  not all results".to_owned(), |place| place + "; not all of them"))),
+    })
 }

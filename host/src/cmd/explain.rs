@@ -71,10 +71,10 @@ fn last(args: &Args) -> Result<String, ExpectedError> {
 fn last_of_recording(folder: &Path) -> Result<String, ExpectedError> {
     if !rsi::is_recording(folder) {
         return Err(ExpectedError::bad_input(&format!(
-            "{} is no folder of a throw or recording over RSI\n  next: name one (it has log.rsi), or leave it out and name the bus of a \
-             controller with --bus",
+            "{} is no folder of a throw or recording over RSI",
             folder.display()
-        )));
+        ))
+        .next("name one (it has log.rsi), or leave it out and name the bus of a controller with --bus"));
     }
     let [freeze, trace] = rsi::history(folder)?;
     Ok(history(
@@ -267,10 +267,8 @@ fn exit_line(row: &(u8, &str, &str)) -> String {
 }
 
 fn unknown(code: &str) -> ExpectedError {
-    ExpectedError::bad_input(&format!(
-        "no fault, exit code or word of a state is '{code}'\n  next: `cubectl explain all` lists the faults, `cubectl \
-         explain exit` the exit codes"
-    ))
+    ExpectedError::bad_input(&format!("no fault, exit code or word of a state is '{code}'"))
+        .next("`cubectl explain all` lists the faults, `cubectl explain exit` the exit codes")
 }
 
 #[cfg(test)]
@@ -358,7 +356,7 @@ mod tests {
         for words in [&["9999"][..], &["exit", "99"], &["a", "b"]] {
             let error = explain(words).unwrap_err();
             assert_eq!(error.code, exit::BAD_INPUT);
-            assert!(error.message.contains("next: "), "{error}");
+            assert!(!error.next.is_empty(), "{error}");
         }
     }
 }

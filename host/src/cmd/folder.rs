@@ -16,16 +16,11 @@ pub(super) struct Folder {
 impl Folder {
     pub(super) fn create(wanted: Option<&Path>) -> Result<Self, ExpectedError> {
         let path = wanted.map_or_else(|| PathBuf::from(format!("throw-{}", date_and_time())), Path::to_owned);
-        std::fs::create_dir_all(&path).map_err(|error| {
-            refused(&format!("{}: {error}\n  next: name another folder with --out", path.display()))
-        })?;
+        std::fs::create_dir_all(&path).map_err(|error| elsewhere(format!("{}: {error}", path.display())))?;
         let this = Self { path };
         for name in ["summary.json", "bus.log", "log.candump"] {
             if this.file(name).is_file() {
-                return Err(refused(&format!(
-                    "{} holds the results of another run\n  next: name another folder with --out",
-                    this.path.display()
-                )));
+                return Err(elsewhere(format!("{} holds the results of another run", this.path.display())));
             }
         }
         Ok(this)
@@ -37,7 +32,7 @@ impl Folder {
 
     pub(super) fn write(&self, name: &str, text: &str) -> Result<(), ExpectedError> {
         let path = self.file(name);
-        write_whole(&path, text.as_bytes()).map_err(|error| refused(&format!("{}: {error}", path.display())))
+        write_whole(&path, text.as_bytes()).map_err(|error| ExpectedError::output(&path, &error))
     }
 }
 
@@ -55,8 +50,8 @@ fn date_and_time() -> String {
     format!("{year:04}{month:02}{day:02}-{:02}{:02}{:02}", s / 3_600, s / 60 % 60, s % 60)
 }
 
-fn refused(error: &impl std::fmt::Display) -> ExpectedError {
-    ExpectedError::new(exit::OUTPUT, error.to_string())
+fn elsewhere(what: String) -> ExpectedError {
+    ExpectedError::new(exit::OUTPUT, what).next("name another folder with --out")
 }
 
 #[cfg(test)]

@@ -144,9 +144,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         .and_then(|()| home_all(args, &mut controlled, &joints));
     // A controller that is on the bus for others gets its own values back, also after a failure.
     let (rows, findings) = match (homed, controlled.put_back()) {
-        (Err(mut why), Err(left)) => {
-            why.message = format!("{}\n{}", why.message, left.message);
-            return Err(why);
+        (Err(why), Err(left)) => {
+            return Err(why.also(left));
         }
         (homed, put_back) => {
             let homed = homed?;
@@ -163,12 +162,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     Err(ExpectedError::new(
         exit::FINDINGS,
-        format!(
-            "{}\n  next: what was thrown or taught since that zero is off by as much. Home once more with --verify: the second \
-             run must agree. Look at the encoder's cable and supply if it comes again",
-            findings.join("\n")
-        ),
-    ))
+findings.join("\n")).next("what was thrown or taught since that zero is off by as much. Home once more with --verify: the second \
+             run must agree. Look at the encoder's cable and supply if it comes again"))
 }
 
 /// Homes what is not homed, as `cubectl home` does, before a verb that speaks to the drives itself.
@@ -262,7 +257,7 @@ pub(super) fn at(module: ModuleId, error: OperatorError) -> ExpectedError {
     let stopped = matches!(error, OperatorError::Stopped { .. });
     let mut expected = ExpectedError::from(error);
     if stopped {
-        expected.message = format!("module {module}: everything was halted; {}", expected.message);
+        expected.what = format!("module {module}: everything was halted; {}", expected.what);
     }
     expected
 }

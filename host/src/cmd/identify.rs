@@ -105,7 +105,7 @@ impl From<JointError> for ExpectedError {
                 Self::new(exit::INTERRUPTED, "interrupted; everything on the bus was halted")
             }
             JointError::Experiment(ExperimentError::Ask(error)) => error.into(),
-            JointError::Experiment(error) => Self::new(exit::DRIVE, error.to_string()),
+            JointError::Experiment(error) => Self::of(exit::DRIVE, &error),
             JointError::NoDrives { .. } | JointError::NoSuchJoint { .. } | JointError::NoSuchDrive { .. } => {
                 Self::bad_input(&error)
             }
@@ -145,7 +145,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     let joint = args
         .joint
-        .ok_or_else(|| ExpectedError::bad_input(&"--joint is missing\n  next: name the joint, from 1"))?;
+        .ok_or_else(|| ExpectedError::bad_input(&"--joint is missing").next("name the joint, from 1"))?;
     consent.require("The joint turns to and fro, and others may move for it. Nobody near?", &interrupt())?;
     // Drives of the simulated cell are homed.
     if args.home && args.bus.bus != BusSpec::Sim {
@@ -217,8 +217,7 @@ fn progress_bar(quiet: bool) -> ProgressBar {
 /// Text or JSON, patch and report.
 fn tell(args: &Args, findings: &Findings) -> Result<(), ExpectedError> {
     let write = |path: &PathBuf, text: &str| {
-        std::fs::write(path, text)
-            .map_err(|cause| ExpectedError::new(exit::OUTPUT, format!("{}: {cause}", path.display())))
+        std::fs::write(path, text).map_err(|cause| ExpectedError::output(path, &cause))
     };
     if args.json {
         print_json(&json(findings));

@@ -69,9 +69,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if args.time.is_none() && !std::io::stdin().is_terminal() {
         return Err(ExpectedError::new(
             exit::USAGE,
-            "a jog goes on while a key is held, and there is no terminal; nothing has moved\n  next: run it in a terminal, or name the \
-             time with --for SECONDS",
-        ));
+            "a jog goes on while a key is held, and there is no terminal; nothing has moved",
+        )
+        .next("run it in a terminal, or name the time with --for SECONDS"));
     }
     let named = [args.module];
     let mut controlled = Controlled::open(&args.bus, &args.controller, Some(&named), &|_| {})?;
@@ -135,10 +135,10 @@ fn require_speed(
         return Ok(());
     }
     Err(ExpectedError::bad_input(&format!(
-        "controller {} jogs this joint at most at {most_rad_s} rad/s; nothing moved\n  next: --speed {most_rad_s}, or register \
-         joint.jog_v_rad_s",
+        "controller {} jogs this joint at most at {most_rad_s} rad/s; nothing moved",
         node.get()
-    )))
+    ))
+    .next(format!("--speed {most_rad_s}, or register joint.jog_v_rad_s")))
 }
 
 fn report(module: ModuleId, jogged: &Jogged) {

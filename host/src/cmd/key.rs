@@ -120,12 +120,9 @@ pub fn run(verb: &KeyVerb) -> Result<(), ExpectedError> {
 }
 
 fn refused(what: &str) -> ExpectedError {
-    ExpectedError::new(
-        exit::DRIVE,
-        format!(
-            "{what}\n  next: name the key it has with --key-file; nothing may be armed or move, and no other node may \
-             hold an offer to arm"
-        ),
+    ExpectedError::new(exit::DRIVE, what.to_string()).next(
+        "name the key it has with --key-file; nothing may be armed or move, and no other node may \
+             hold an offer to arm",
     )
 }
 

@@ -29,24 +29,22 @@ pub struct Args {
 pub fn run(args: &Args, mut command: Command) -> Result<(), ExpectedError> {
     command.build();
     let Some(dir) = &args.dir else {
-        return to_terminal(&page(&command).map_err(|error| unwritten(Path::new("terminal"), &error))?);
+        return to_terminal(
+            &page(&command).map_err(|error| ExpectedError::output(Path::new("terminal"), &error))?,
+        );
     };
-    std::fs::create_dir_all(dir).map_err(|error| unwritten(dir, &error))?;
+    std::fs::create_dir_all(dir).map_err(|error| ExpectedError::output(dir, &error))?;
     let count = write_pages(dir, &command)?;
     console::line!("{count} pages in {}", dir.display());
     Ok(())
-}
-
-fn unwritten(path: &Path, error: &io::Error) -> ExpectedError {
-    ExpectedError::new(exit::OUTPUT, format!("{}: {error}", path.display()))
 }
 
 /// The page of a command and those of the verbs below it; how many.
 fn write_pages(dir: &Path, command: &Command) -> Result<usize, ExpectedError> {
     let name = command.get_display_name().unwrap_or_else(|| command.get_name()).to_owned();
     let path = dir.join(format!("{name}.1"));
-    let bytes = page(command).map_err(|error| unwritten(&path, &error))?;
-    std::fs::write(&path, bytes).map_err(|error| unwritten(&path, &error))?;
+    let bytes = page(command).map_err(|error| ExpectedError::output(&path, &error))?;
+    std::fs::write(&path, bytes).map_err(|error| ExpectedError::output(&path, &error))?;
     let mut count = 1;
     for verb in command.get_subcommands().filter(|verb| !verb.is_hide_set() && verb.get_name() != "help") {
         count += write_pages(dir, verb)?;

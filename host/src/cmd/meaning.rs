@@ -108,7 +108,7 @@ impl Given {
             None => Ok(()),
             Some((id, why)) => {
                 let option = format!("--{}", id.replace('_', "-"));
-                Err(ExpectedError::bad_input(&format!("{option} {why}\n  next: leave {option} out")))
+                Err(ExpectedError::bad_input(&format!("{option} {why}")).next(format!("leave {option} out")))
             }
         }
     }

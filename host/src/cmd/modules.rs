@@ -35,20 +35,17 @@ impl std::str::FromStr for Modules {
 
 /// Nobody answered.
 pub(super) fn nobody(bus: &str) -> ExpectedError {
-    ExpectedError::new(
-        exit::DRIVE,
-        format!(
-            "{bus}: no module answers\n  next: check the supply of the modules and the cable, and that the bus runs \
-             at their bit rate (1000, 500 or 250 kbit/s); `cubectl doctor` tells silence from errors"
-        ),
+    ExpectedError::new(exit::DRIVE, format!("{bus}: no module answers")).next(
+        "check the supply of the modules and the cable, and that the bus runs \
+             at their bit rate (1000, 500 or 250 kbit/s); `cubectl doctor` tells silence from errors",
     )
 }
 
 /// Some of the modules that were named are silent.
 pub(super) fn missing(bus: &str, modules: &[ModuleId]) -> ExpectedError {
     let wanted = Wanted::named(modules);
-    let text = format!("{bus}: {} not answer\n  next: {}", do_not(modules), wanted.next_for_missing());
-    ExpectedError::new(exit::DRIVE, text)
+    ExpectedError::new(exit::DRIVE, format!("{bus}: {} not answer", do_not(modules)))
+        .next(wanted.next_for_missing())
 }
 
 /// `module 3`, `modules 3, 4`.
@@ -172,19 +169,20 @@ impl Look {
             return None;
         }
         let next = self.wanted.next_for_missing();
-        let text = match &self.seen {
-            Seen::Asked(_) => format!("{}: {} not answer\n  next: {next}", self.bus, do_not(&missing)),
+        let (what, next) = match &self.seen {
+            Seen::Asked(_) => (format!("{}: {} not answer", self.bus, do_not(&missing)), next),
             Seen::Heard(_) => {
                 let is = if missing.len() == 1 { "is" } else { "are" };
-                format!(
-                    "{}: {} {is} not heard, and nothing was asked, because a controller or another host speaks to the modules\n  \
-                     next: {next}; `cubectl monitor`; end the other program, or add --beside to ask all the same",
+                let what = format!(
+                    "{}: {} {is} not heard, and nothing was asked, because a controller or another host speaks to the modules",
                     self.bus,
                     list(&missing)
-                )
+                );
+                let more = "`cubectl monitor`; end the other program, or add --beside to ask all the same";
+                (what, format!("{next}; {more}"))
             }
         };
-        Some(ExpectedError::new(exit::DRIVE, text))
+        Some(ExpectedError::new(exit::DRIVE, what).next(next))
     }
 
     /// Which modules must be there is only a guess: a missing one is no error.
@@ -212,11 +210,14 @@ pub(super) fn require_alone(session: &mut Session, beside: bool) -> Result<(), E
         return Err(ExpectedError::new(
             exit::BUS,
             format!(
-                "{}: another host or a controller speaks to the modules; they were not asked, because our questions would \
-                 destroy its frames\n  next: `cubectl scan`, `cubectl status` and `cubectl monitor` listen, `cubectl stop` \
-                 stops; end the other program, or add --beside",
+                "{}: another host or a controller speaks to the modules; they were not asked, because our \
+                     questions would destroy its frames",
                 session.name()
             ),
+        )
+        .next(
+            "`cubectl scan`, `cubectl status` and `cubectl monitor` listen, `cubectl stop` stops; end \
+                     the other program, or add --beside",
         ));
     }
     Ok(())

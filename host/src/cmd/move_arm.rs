@@ -205,7 +205,7 @@ pub fn scene(obstacles: &[[f64; 6]], ball_held: bool) -> Scene {
 /// Where to, as the command line says.
 fn target(args: &Args, arm: &Arm) -> Result<Target, ExpectedError> {
     if args.poses.poses.is_some() && args.pose.is_none() {
-        return Err(ExpectedError::bad_input(&"--poses is for --pose\n  next: leave --poses out"));
+        return Err(ExpectedError::bad_input(&"--poses is for --pose").next("leave --poses out"));
     }
     let bad = |error: TargetError| ExpectedError::bad_input(&error);
     if let Some(Angles(q)) = &args.joints {
@@ -242,7 +242,7 @@ pub fn no_way(error: &WayError) -> ExpectedError {
         WayError::Share { .. } => "--speed-share 0.2",
     };
     let code = if matches!(error, WayError::Share { .. }) { exit::BAD_INPUT } else { exit::NO_THROW };
-    ExpectedError::new(code, format!("{error}\n  next: {next}"))
+    ExpectedError::new(code, error.to_string()).next(next)
 }
 
 /// What came of it.

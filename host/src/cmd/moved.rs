@@ -14,10 +14,6 @@ pub struct Args {
 /// Where the verb is now, with the command line that was meant.
 pub(crate) fn to_lab(verb: &str, args: &Args) -> ExpectedError {
     let words: String = args.words.iter().map(|word| format!(" {}", quoted(word))).collect();
-    ExpectedError::new(
-        exit::USAGE,
-        format!(
-            "{verb} is in cubelab now\n  next: `cargo run --release -p lab --bin cubelab -- {verb}{words}`"
-        ),
-    )
+    ExpectedError::new(exit::USAGE, format!("{verb} is in cubelab now"))
+        .next(format!("`cargo run --release -p lab --bin cubelab -- {verb}{words}`"))
 }

@@ -44,8 +44,9 @@ impl RetimeArgs {
         match given.into_iter().find(|(_, is_given)| *is_given) {
             None => Ok(()),
             Some((option, _)) => Err(ExpectedError::bad_input(&format!(
-                "{option} is for waypoints; this file has a motion of its own\n  next: leave {option} out"
-            ))),
+                "{option} is for waypoints; this file has a motion of its own"
+            ))
+            .next(format!("leave {option} out"))),
         }
     }
 }
@@ -72,14 +73,14 @@ pub(super) fn waypoints_in(bytes: &[u8]) -> Option<&str> {
 /// The file, or a limit that its times exceed: joint, time, value and limit.
 pub(super) fn motion(path: &Path, text: &str, arm: &Arm, args: &RetimeArgs) -> Result<Motion, ExpectedError> {
     let refused = |what: &dyn std::fmt::Display, next: &str| {
-        ExpectedError::bad_input(&format!("{}: {what}\n  next: {next}", path.display()))
+        ExpectedError::bad_input(&format!("{}: {what}", path.display())).next(next)
     };
     if waypoints::is_of_hand(text) {
         return of_hand(path, text, arm, args);
     }
     let names: Vec<&str> = arm.joints().iter().map(|joint| joint.name.as_str()).collect();
-    let found = waypoints::read(text, &names)
-        .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", path.display())))?;
+    let found =
+        waypoints::read(text, &names).map_err(|error| ExpectedError::bad_input(&error).at(path.display()))?;
     for (row, number) in found.rows.iter().zip(1..) {
         let outside = |j: &usize| !(arm.q_min()[*j]..=arm.q_max()[*j]).contains(&row.q_rad[*j]);
         if let Some(j) = (0..names.len()).find(outside) {
@@ -118,19 +119,18 @@ fn of_hand(path: &Path, text: &str, arm: &Arm, args: &RetimeArgs) -> Result<Moti
     if args.blend_rad.is_some() {
         let what =
             "--blend-rad is for waypoints of the joints; on lines of the hand the arm stops at each corner";
-        return Err(ExpectedError::bad_input(&format!("{place}: {what}\n  next: leave --blend-rad out")));
+        return Err(ExpectedError::bad_input(&format!("{place}: {what}")).next("leave --blend-rad out"));
     }
-    let goals =
-        waypoints::read_hand(text).map_err(|error| ExpectedError::bad_input(&format!("{place}: {error}")))?;
+    let goals = waypoints::read_hand(text).map_err(|error| ExpectedError::bad_input(&error).at(&place))?;
     let travel = Travel { share: args.share(), ..Travel::default() };
     let middle = (arm.q_min() + arm.q_max()) * 0.5;
     let motion = along_places(arm, &Scene::default(), &travel, &middle, &goals).map_err(|(number, error)| {
         let next =
             "choose places that the hand reaches in one posture, or leave the angles out; nothing has moved";
-        ExpectedError::new(exit::NO_THROW, format!("{place}: place {number}: {error}\n  next: {next}"))
+        ExpectedError::new(exit::NO_THROW, format!("{place}: place {number}: {error}")).next(next)
     })?;
     if motion.knots.len() < 2 {
-        return Err(ExpectedError::bad_input(&format!("{place}: all places are one\n  next: give two")));
+        return Err(ExpectedError::bad_input(&format!("{place}: all places are one")).next("give two"));
     }
     Ok(motion)
 }

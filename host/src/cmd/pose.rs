@@ -89,10 +89,11 @@ fn save(args: &SaveArgs) -> Result<(), ExpectedError> {
     let joints = arm.joints().len();
     if q.len() != joints || !arm.in_range(&Joints::from_slice(&q), 0.02) {
         return Err(ExpectedError::bad_input(&format!(
-            "({}) rad is no pose of {} inside its joint ranges; it has {joints} joints\n  next: name the robot with --robot",
+            "({}) rad is no pose of {} inside its joint ranges; it has {joints} joints",
             q.iter().map(|q| fixed(*q, 3)).collect::<Vec<_>>().join(", "),
             arm.name()
-        )));
+        ))
+        .next("name the robot with --robot"));
     }
     let was_there = poses.put(NamedPose { name: args.name.clone(), robot: arm.name().to_owned(), q_rad: q });
     poses.write(args.poses.path())?;
@@ -112,8 +113,9 @@ fn measured(args: &SaveArgs) -> Result<Vec<f64>, ExpectedError> {
     if !homed {
         return Err(ExpectedError::new(
             crate::exit::DRIVE,
-            "not all joints are homed, so their angles are not known\n  next: `cubectl home`, or give the angles with --joints",
-        ));
+            "not all joints are homed, so their angles are not known",
+        )
+        .next("`cubectl home`, or give the angles with --joints"));
     }
     Ok(pose)
 }

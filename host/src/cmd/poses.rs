@@ -59,10 +59,8 @@ impl Poses {
         }
         let text = read_text(path, DESCRIPTION_MAX_BYTES).map_err(|error| ExpectedError::io(path, &error))?;
         let refused = |what: &dyn std::fmt::Display| {
-            ExpectedError::bad_input(&format!(
-                "{}: {what}\n  next: mend the file, or name another with --poses",
-                path.display()
-            ))
+            ExpectedError::bad_input(&format!("{}: {what}", path.display()))
+                .next("mend the file, or name another with --poses")
         };
         let read: Self = toml::from_str(&text).map_err(|error| refused(&error.to_string().trim_end()))?;
         if read.schema_version != SCHEMA_VERSION {
@@ -89,9 +87,8 @@ impl Poses {
         }
         let known: Vec<String> = of_robot().map(|pose| format!("\"{}\"", pose.name)).collect();
         let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
-        Err(ExpectedError::bad_input(&format!(
-            "no pose \"{name}\" of {robot}; known: {known}\n  next: `cubectl pose save NAME` saves where the arm stands"
-        )))
+        Err(ExpectedError::bad_input(&format!("no pose \"{name}\" of {robot}; known: {known}"))
+            .next("`cubectl pose save NAME` saves where the arm stands"))
     }
 
     /// Puts a pose there, in the place of one of the same name and robot; whether there was one.

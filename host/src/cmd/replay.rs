@@ -81,11 +81,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     let node = controller_of(&lines);
     if !lines.iter().any(|line| is_from_controller(line, node)) {
-        return Err(ExpectedError::bad_input(&format!(
-            "{}: no frame of a controller in it\n  next: record a run with one, for example `cubectl record boot \
-             --controller --for 2`",
-            path.display()
-        )));
+        return Err(ExpectedError::bad_input(&format!("{}: no frame of a controller in it", path.display()))
+            .next("record a run with one, for example `cubectl record boot --controller --for 2`"));
     }
     let robot = RobotModel::load(&args.robot).map_err(|error| ExpectedError::bad_input(&error))?;
     let mut settings = settings_of(&robot).map_err(|error| ExpectedError::bad_input(&error))?;
@@ -123,17 +120,15 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         Some(Difference { line, recorded, sent }) => {
             let show = |frame: Option<Frame>| frame.map_or("nothing".to_owned(), |frame| frame.to_string());
             let place = line.map_or("after the end".to_owned(), |line| format!("line {line}"));
-            Err(ExpectedError::new(
-                exit::FINDINGS,
-                format!(
-                    "{}, {place}: recorded {}, but the controller sends {} ({} frames before it were the same)\n  \
-                     next: same version and settings as in the recording? then the controller has changed",
-                    path.display(),
-                    show(recorded),
-                    show(sent),
-                    replayed.same
-                ),
-            ))
+            let what = format!(
+                "{}, {place}: recorded {}, but the controller sends {} ({} frames before it were the same)",
+                path.display(),
+                show(recorded),
+                show(sent),
+                replayed.same
+            );
+            let next = "same version and settings as in the recording? then the controller has changed";
+            Err(ExpectedError::new(exit::FINDINGS, what).next(next))
         }
     }
 }

@@ -10,12 +10,11 @@ use serde_json::Value;
 use super::folder::Folder;
 use super::print_json;
 use crate::error::ExpectedError;
-use crate::exit;
 use crate::report::industrial::RobotRun;
 use crate::report::motion;
 use crate::report::run::{EarlyReport, Ran, RunReport};
 use operator::analysis::events::{self, RunEvent};
-use operator::analysis::{PlanClock, Run, RunAnalysis, analyse, drives_of};
+use operator::analysis::{AnalysisError, PlanClock, Run, RunAnalysis, analyse, drives_of};
 use operator::log::candump::{self, Tear};
 use operator::log::text_in;
 use operator::samples::Samples;
@@ -67,7 +66,7 @@ pub struct Recorded {
     /// What was run.
     pub ran: Ran,
     /// What the log says, or why it does not suffice.
-    pub analysis: Result<RunAnalysis, String>,
+    pub analysis: Result<RunAnalysis, AnalysisError>,
     /// What happened, in time of the log; empty if there is an analysis, which has them in time of the plan.
     pub events: Vec<RunEvent>,
     /// Where the log was cut off.
@@ -84,11 +83,10 @@ pub struct Recorded {
 /// A file cannot be read, there is no run in the log, or the report cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if let Some(path) = args.folder.as_ref().filter(|path| path.is_file()) {
-        let text = format!(
-            "{}: a file, not the folder of a run\n  next: name the folder, or the files: `cubectl report --plan PLAN --log LOG --out REPORT`",
-            path.display()
-        );
-        return Err(ExpectedError::bad_input(&text));
+        let refused =
+            ExpectedError::bad_input(&format!("{}: a file, not the folder of a run", path.display()));
+        return Err(refused
+            .next("name the folder, or the files: `cubectl report --plan PLAN --log LOG --out REPORT`"));
     }
     if let Some(folder) = args.folder.as_ref().filter(|folder| super::rsi::is_recording(folder)) {
         let out = args.out.clone().unwrap_or_else(|| folder.join("report.html"));
@@ -163,7 +161,7 @@ pub fn read(
     let told = |key: &str| summary.as_ref().and_then(|value: &Value| value.get(key)).cloned();
     let drives = match told("drives").and_then(|drives| serde_json::from_value(drives).ok()) {
         Some(drives) => drives,
-        None => drives_of(&arm).map_err(|error| not_analysed(log, &error.to_string()))?,
+        None => drives_of(&arm).map_err(|error| not_analysed(log, &error))?,
     };
     let begun = recording.lines.first().map_or(Instant::ZERO, |line| line.at);
     let samples = Samples::of_log(recording.lines, drives, &arm, bit_rate_bit_s);
@@ -179,17 +177,15 @@ pub fn read(
     let (analysis, events) = match analyse(&run) {
         Ok(analysis) => (Ok(analysis), Vec::new()),
         // A throw that ended early has a report all the same.
-        Err(error) if summary.is_some() => {
-            (Err(error.to_string()), events::events(&samples, PlanClock::starting(begun)))
-        }
-        Err(error) => return Err(not_analysed(log, &error.to_string())),
+        Err(error) if summary.is_some() => (Err(error), events::events(&samples, PlanClock::starting(begun))),
+        Err(error) => return Err(not_analysed(log, &error)),
     };
     let analysis = analysis.map(|analysis| RunAnalysis { torn: recording.tear, ..analysis });
     Ok(Recorded { arm, ran, analysis, events, torn: recording.tear, summary, files })
 }
 
-fn not_analysed(log: &Path, why: &str) -> ExpectedError {
-    ExpectedError::bad_input(&format!("{}: {why}", log.display()))
+fn not_analysed(log: &Path, why: &AnalysisError) -> ExpectedError {
+    ExpectedError::bad_input(why).at(log.display())
 }
 
 /// Writes the report of a job into its folder, from the files there.
@@ -211,20 +207,19 @@ pub fn write(recorded: &Recorded, out: &Path) -> Result<(), ExpectedError> {
     let html = match (analysis, summary) {
         (Ok(analysis), summary) => RunReport { arm, ran, analysis, summary: summary.as_ref(), files }.html(),
         (Err(why), Some(summary)) => {
-            let why = why.lines().next().unwrap_or_default();
+            let why = &why.to_string();
             EarlyReport { ran, summary, why, events, torn: *torn, files }.html()
         }
         (Err(why), None) => return Err(ExpectedError::bad_input(why)),
     };
-    std::fs::write(out, html)
-        .map_err(|error| ExpectedError::new(exit::OUTPUT, format!("{}: {error}", out.display())))
+    std::fs::write(out, html).map_err(|error| ExpectedError::output(out, &error))
 }
 
 /// Plan and summary of a throw with an industrial robot.
 fn robot_files(folder: &Path) -> Result<(FollowPlan, Value), ExpectedError> {
     let plan_file = folder.join("plan.json");
     let plan = FollowPlan::read(&plan_file)
-        .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", plan_file.display())))?;
+        .map_err(|error| ExpectedError::bad_input(&error).at(plan_file.display()))?;
     let file = folder.join("summary.json");
     let text =
         toml_reader::read_text(&file, SUMMARY_MAX_BYTES).map_err(|error| ExpectedError::io(&file, &error))?;

@@ -44,7 +44,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     // Whether the robot is whole is for `status` and `doctor` to judge.
     if let Some(missing) = look.told_missing() {
-        console::note!("{}", Place::of_bus(&args.bus).told(&missing.message));
+        console::note!("{}", missing.on(&Place::of_bus(&args.bus)));
     }
     Ok(())
 }

@@ -35,7 +35,7 @@ pub struct Args {
     /// time, which stands while fewer than two take part. Given several times, all of them lead to the same bus. A port takes 32
     /// clients; one more is told so and disconnected (SLCAN: BELL). A client that has not opened the bus within 5 s, or
     /// reads nothing for 10 s while frames wait for it, is disconnected.
-    #[arg(long, default_value = "socketcand://127.0.0.1:29536/can0", value_name = "SPEC")]
+    #[arg(long, value_parser = can_link::bus_of_option, default_value = "socketcand://127.0.0.1:29536/can0", value_name = "SPEC")]
     pub bus: Vec<BusSpec>,
     /// Robot: a built-in name or a file.
     #[arg(long, value_name = "ROBOT")]
@@ -119,7 +119,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         let until = (realtime.world().now() + LOOK).min(end);
         realtime.turn(until, &mut ()).map_err(|error| {
             let code = if matches!(error, RealtimeError::Run(_)) { exit::BUG } else { exit::BUS };
-            ExpectedError::new(code, error.to_string())
+            ExpectedError::of(code, &error)
         })?;
         if realtime.world().now() >= lag_at {
             lag_at = realtime.world().now() + LAG_LOOK;

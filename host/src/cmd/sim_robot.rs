@@ -102,7 +102,7 @@ pub fn run(args: &RobotRun<'_>, spec: &RsiSpec) -> Result<(), ExpectedError> {
     let bottle_m = args.industrial.bottle.unwrap_or(BOTTLE);
     scenario.options.hand.gripper.landing_z_m.get_or_insert(bottle_m[2]);
     let pc = address_of(&spec.host, spec.port).map_err(|error| {
-        ExpectedError::new(exit::BUS, format!("rsi:{spec}: {error}\n  next: name the address of the client"))
+        ExpectedError::new(exit::BUS, format!("rsi:{spec}: {error}")).next("name the address of the client")
     })?;
     let stop = interrupt();
     let begun = WallTime::now();
@@ -130,10 +130,8 @@ fn tracker(args: &RobotRun<'_>, bottle_m: [f64; 3]) -> Result<Option<(Sockets, T
     let Some(data) = &args.industrial.tracker else { return Ok(None) };
     let resolve = |text: &str| -> Result<SocketAddr, ExpectedError> {
         let failed = |what: &dyn std::fmt::Display| {
-            ExpectedError::new(
-                exit::BUS,
-                format!("{text}: {what}\n  next: give HOST:PORT, for example 127.0.0.1:5000"),
-            )
+            ExpectedError::new(exit::BUS, format!("{text}: {what}"))
+                .next("give HOST:PORT, for example 127.0.0.1:5000")
         };
         let (host, port) = text.rsplit_once(':').ok_or_else(|| failed(&"the port is missing"))?;
         let port = port.parse().map_err(|_| failed(&"the port is no number"))?;
@@ -162,9 +160,8 @@ fn tracker(args: &RobotRun<'_>, bottle_m: [f64; 3]) -> Result<Option<(Sockets, T
     let mut tracker = Tracker::new(scenario.options, scenario.seed);
     tracker.set_output(1, Some(resolve(data)?));
     let sockets = Sockets::bind(resolve(&args.industrial.tracker_commands)?)
-        .map_err(|error| ExpectedError::new(exit::BUS, error.to_string()))?;
-    let commands =
-        sockets.command_address().map_err(|error| ExpectedError::new(exit::BUS, error.to_string()))?;
+        .map_err(|error| ExpectedError::of(exit::BUS, &error))?;
+    let commands = sockets.command_address().map_err(|error| ExpectedError::of(exit::BUS, &error))?;
     console::line!("tracker: data to {data}, commands at {commands}");
     Ok(Some((sockets, tracker)))
 }
@@ -234,7 +231,7 @@ impl Robot<'_> {
             // A robot that is not heard starts its program again.
             Err(ServeError::Unreachable { .. }) => Ok(None),
             Err(ServeError::NoAnswer { .. }) if krc.released().is_none() => Ok(None),
-            Err(error @ ServeError::NoAnswer { .. }) => Err(ExpectedError::new(exit::BUS, error.to_string())),
+            Err(error @ ServeError::NoAnswer { .. }) => Err(ExpectedError::of(exit::BUS, &error)),
             Err(error @ ServeError::Start(_)) => Err(ExpectedError::bad_input(&error)),
         }
     }

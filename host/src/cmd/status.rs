@@ -47,7 +47,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     match look.told_missing() {
         Some(missing) if look.is_guess() => {
-            console::note!("{}", Place::of_bus(&args.bus).told(&missing.message));
+            console::note!("{}", missing.on(&Place::of_bus(&args.bus)));
         }
         Some(missing) => return Err(missing),
         None => {}

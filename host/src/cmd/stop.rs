@@ -81,11 +81,8 @@ fn stop(mut session: Session, machine: Machine, beside: bool) -> Result<(), Expe
         let name = session.name().to_owned();
         session.finish()?;
         if let Some(stop) = obeyed.as_ref().filter(|stop| !stop.moving.is_empty()) {
-            let text = format!(
-                "{name}: halt and stop message were sent; {}\n  next: switch the motor supply off",
-                stop.text
-            );
-            return Err(ExpectedError::new(exit::DRIVE, text));
+            let what = format!("{name}: halt and stop message were sent; {}", stop.text);
+            return Err(ExpectedError::new(exit::DRIVE, what).next("switch the motor supply off"));
         }
         let obeyed = obeyed.map_or_else(|| "the stop is over already".to_owned(), |stop| stop.text);
         console::line!(
@@ -106,11 +103,11 @@ fn stop(mut session: Session, machine: Machine, beside: bool) -> Result<(), Expe
         return Err(ExpectedError::new(
             exit::DRIVE,
             format!(
-                "{name}: the halt was sent, but module {} still moves or does not tell\n  next: switch the motor \
-                 supply off",
+                "{name}: the halt was sent, but module {} still moves or does not tell",
                 moving.join(", ")
             ),
-        ));
+        )
+        .next("switch the motor supply off"));
     }
     let halted = found.iter().filter(|report| report.is_stopped()).count();
     console::line!(

@@ -113,7 +113,7 @@ impl From<TrackerError> for ExpectedError {
             TrackerError::Interrupted => exit::INTERRUPTED,
             _ => exit::BUS,
         };
-        Self::new(code, error.to_string())
+        Self::of(code, &error)
     }
 }
 
@@ -186,11 +186,9 @@ impl TrackerArgs {
         }
         Err(ExpectedError::new(
             exit::FINDINGS,
-            format!(
-                "the target moved by {:.1} mm since it was measured; nothing was thrown\n  next: fix the target and throw again",
-                1e3 * by_m
-            ),
-        ))
+            format!("the target moved by {:.1} mm since it was measured; nothing was thrown", 1e3 * by_m),
+        )
+        .next("fix the target and throw again"))
     }
 }
 
@@ -207,7 +205,7 @@ pub(super) fn room_to_robot(path: &Path, robot: &str) -> Result<Pose, ExpectedEr
 }
 
 fn solved(calibration: &Calibration, path: &Path) -> Result<Solved, ExpectedError> {
-    let refused = |error: Unsolved| ExpectedError::bad_input(&format!("{}: {error}", path.display()));
+    let refused = |error: Unsolved| ExpectedError::bad_input(&error).at(path.display());
     let solved = solve(&calibration.pairs).map_err(refused)?;
     solved.agree().map_err(refused)?;
     Ok(solved)
@@ -221,10 +219,11 @@ fn require_robot(calibration: &Calibration, path: &Path, robot: &str) -> Result<
         return Ok(());
     }
     Err(ExpectedError::bad_input(&format!(
-        "{} is for the robot {}, not for {robot}\n  next: name another calibration, or the robot with --robot",
+        "{} is for the robot {}, not for {robot}",
         path.display(),
         calibration.robot
-    )))
+    ))
+    .next("name another calibration, or the robot with --robot"))
 }
 
 impl Measured {
@@ -309,7 +308,7 @@ fn calibrate(args: &CalibrateArgs) -> Result<(), ExpectedError> {
         tell(args, &calibration, &solved);
         solved.agree()
     });
-    judged.map_err(|error| ExpectedError::new(exit::FINDINGS, format!("{}: {error}", args.file.display())))
+    judged.map_err(|error| ExpectedError::of(exit::FINDINGS, &error).at(args.file.display()))
 }
 
 fn tell(args: &CalibrateArgs, calibration: &Calibration, solved: &Solved) {
@@ -387,9 +386,9 @@ mod tests {
         assert!(still(Some([2_500.0, 2.0, 600.0])).is_ok(), "2 mm");
         let error = still(Some([2_500.0, 4.8, 603.6])).expect_err("6 mm");
         assert_eq!(error.code, exit::FINDINGS);
-        assert!(error.message.contains("moved by 6.0 mm") && error.message.contains("nothing was thrown"));
+        assert!(error.what.contains("moved by 6.0 mm") && error.what.contains("nothing was thrown"));
         let error = still(None).expect_err("gone");
         assert_eq!(error.code, exit::FINDINGS);
-        assert!(error.message.contains("was not seen"), "{}", error.message);
+        assert!(error.what.contains("was not seen"), "{error}");
     }
 }

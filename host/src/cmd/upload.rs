@@ -122,10 +122,11 @@ pub(super) fn read(path: &Path, robot: Option<&str>, retime: &RetimeArgs) -> Res
     }
     if !bytes.trim_ascii_start().starts_with(b"{") {
         return Err(ExpectedError::bad_input(&format!(
-            "{}: neither a plan (JSON) nor a trajectory file of a controller (it does not begin with CTRJ), and no waypoints\n  next: \
-             `cubectl plan throw --out FILE` makes a plan",
+            "{}: neither a plan (JSON) nor a trajectory file of a controller (it does not begin with \
+                     CTRJ), and no waypoints",
             path.display()
-        )));
+        ))
+        .next("`cubectl plan throw --out FILE` makes a plan"));
     }
     let bad = |error: &PlanFileError| ExpectedError::bad_input(error);
     let plan = PlanRecord::read(path).map_err(|error| bad(&error))?;

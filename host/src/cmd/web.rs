@@ -61,7 +61,7 @@ impl WebArgs {
         session.add_tap(Box::new(LiveTap(Arc::clone(&state))));
         let page = live::page(robot, session.name(), plan);
         let server = LiveServer::start(address, state, page, self.web_origin.clone(), stop)
-            .map_err(|error| ExpectedError::new(exit::OUTPUT, error.to_string()))?;
+            .map_err(|error| ExpectedError::of(exit::OUTPUT, &error))?;
         console::note!("live view at {}", server.url());
         Ok(Some(server))
     }

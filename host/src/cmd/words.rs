@@ -35,10 +35,6 @@ mod tests {
         assert_eq!((args.target, args.seed, args.fast), ([1.0, -2.0, 3.0], 7, true));
         let refused = parse::<PlanArgs>("plan throw", &words("--target=1,2")).unwrap_err();
         assert_eq!(refused.code, exit::USAGE);
-        assert!(
-            refused.message.contains("expected 3 numbers separated by commas, got 2"),
-            "{}",
-            refused.message
-        );
+        assert!(refused.what.contains("expected 3 numbers separated by commas, got 2"), "{}", refused.what);
     }
 }

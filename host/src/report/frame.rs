@@ -26,10 +26,11 @@ pub(super) fn tone(outcome: Outcome) -> Tone {
 
 /// Why a job ended as it did and what to do, if its summary names a cause beyond the outcome.
 pub(super) fn cause(summary: Option<&Value>) -> Option<(String, String)> {
-    let cause = summary?.get("cause")?.as_str()?;
-    let (why, next) = cause.split_once("next: ").unwrap_or((cause, "see the events of this page"));
-    let says_more = told_outcome(summary?).is_none_or(|(_, text)| text != why.trim());
-    says_more.then(|| (why.trim().to_owned(), next.trim().to_owned()))
+    let why = summary?.get("cause")?.as_str()?;
+    // Recordings before this field have the step in the cause.
+    let next = summary?.get("next").and_then(|steps| steps.get(0)?.as_str());
+    let says_more = told_outcome(summary?).is_none_or(|(_, text)| text != why);
+    says_more.then(|| (why.to_owned(), next.unwrap_or("see the events of this page").to_owned()))
 }
 
 /// The page of a throw to a target: `more` stands beside robot, bus, time, controller and seed.
@@ -188,12 +189,14 @@ mod tests {
 
     #[test]
     fn a_cause_has_a_next_step_and_does_not_repeat_the_outcome() {
-        let of = |cause: &str| {
-            super::cause(Some(&json!({"outcome": "missed", "outcome_text": "missed: 9 mm", "cause": cause})))
+        let of = |cause: &str, next: &[&str]| {
+            super::cause(Some(
+                &json!({"outcome": "missed", "outcome_text": "missed: 9 mm", "cause": cause, "next": next}),
+            ))
         };
-        assert_eq!(of("arm: refused\n  next: home"), Some(("arm: refused".to_owned(), "home".to_owned())));
-        assert_eq!(of("missed: 9 mm\n  next: look"), None);
-        assert_eq!(of("lost").unwrap().1, "see the events of this page");
+        assert_eq!(of("arm: refused", &["home"]), Some(("arm: refused".to_owned(), "home".to_owned())));
+        assert_eq!(of("missed: 9 mm", &["look"]), None);
+        assert_eq!(of("lost", &[]).unwrap().1, "see the events of this page");
     }
 
     #[test]

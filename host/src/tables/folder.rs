@@ -11,9 +11,10 @@ use std::io::{self, ErrorKind, Write};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use super::TableError;
 use super::part::{self, Ending};
 use super::shard::Shard;
+use super::{reading, writing};
+use crate::error::ExpectedError;
 
 /// Name of the file that says what a folder is of.
 const STUDY_FILE: &str = "study.json";
@@ -123,20 +124,21 @@ impl Folder {
     ///
     /// # Errors
     /// It belongs to another sweep, or cannot be read or written.
-    pub(crate) fn for_study(path: &Path, study: Study) -> Result<Self, TableError> {
-        fs::create_dir_all(path).map_err(TableError::writing(path))?;
+    pub(crate) fn for_study(path: &Path, study: Study) -> Result<Self, ExpectedError> {
+        fs::create_dir_all(path).map_err(writing(path))?;
         let file = path.join(STUDY_FILE);
         let folder = Self { path: path.to_owned(), study };
         if !file.exists() {
-            folder.claim(&file).map_err(TableError::writing(&file))?;
+            folder.claim(&file).map_err(writing(&file))?;
         }
         let there = Self::open(path)?;
         if there.study != folder.study {
-            return Err(TableError::Refused(format!(
-                "{} has the parts of another sweep:{}\n  next: name another folder with --out, or remove this one",
+            return Err(ExpectedError::bad_input(&format!(
+                "{} has the parts of another sweep:{}",
                 path.display(),
                 there.study.differs(&folder.study)
-            )));
+            ))
+            .next("name another folder with --out, or remove this one"));
         }
         Ok(folder)
     }
@@ -145,20 +147,18 @@ impl Folder {
     ///
     /// # Errors
     /// There is none, or its [`STUDY_FILE`] cannot be read.
-    pub(crate) fn open(path: &Path) -> Result<Self, TableError> {
+    pub(crate) fn open(path: &Path) -> Result<Self, ExpectedError> {
         let file = path.join(STUDY_FILE);
         let refuse = |why: &str| {
-            TableError::Refused(format!(
-                "{}: {why}\n  next: name the folder that `cubectl plan sweep --out FOLDER` has made",
-                file.display()
-            ))
+            ExpectedError::bad_input(&format!("{}: {why}", file.display()))
+                .next("name the folder that `cubectl plan sweep --out FOLDER` has made")
         };
         let text = match study_text(&file) {
             Ok(text) => text,
             Err(error) if error.kind() == ErrorKind::NotFound => {
                 return Err(refuse("there is no sweep here"));
             }
-            Err(error) => return Err(TableError::reading(&file)(error)),
+            Err(error) => return Err(reading(&file)(error)),
         };
         let study = Study::from_json(&text).ok_or_else(|| refuse("does not say what the sweep is of"))?;
         Ok(Self { path: path.to_owned(), study })
@@ -193,7 +193,7 @@ impl Folder {
     ///
     /// # Errors
     /// The part is of another sweep, or cannot be opened.
-    pub(crate) fn has(&self, shard: Shard) -> Result<bool, TableError> {
+    pub(crate) fn has(&self, shard: Shard) -> Result<bool, ExpectedError> {
         let path = self.part(shard);
         let rows = shard.rows(self.study.targets);
         let Some(Ending { study, rows: found }) = part::ending(&path)? else { return Ok(false) };
@@ -202,10 +202,8 @@ impl Folder {
             return Ok(true);
         }
         let differs = there.map_or_else(String::new, |there| there.differs(&self.study));
-        Err(TableError::Refused(format!(
-            "{} is a part of another sweep:{differs}\n  next: remove it, or name another folder with --out",
-            path.display()
-        )))
+        Err(ExpectedError::bad_input(&format!("{} is a part of another sweep:{differs}", path.display()))
+            .next("remove it, or name another folder with --out"))
     }
 
     /// Goes through the rows of a part that is there, one in memory at a time; each gives the text of a column by its name, nothing for
@@ -217,13 +215,11 @@ impl Folder {
         &self,
         shard: Shard,
         mut see: impl for<'r> FnMut(&dyn Fn(&str) -> &'r str),
-    ) -> Result<(), TableError> {
+    ) -> Result<(), ExpectedError> {
         let path = self.part(shard);
         let damaged = |error: csv::Error| {
-            TableError::Refused(format!(
-                "{}: {error}\n  next: remove it, and run the command of the sweep again",
-                path.display()
-            ))
+            ExpectedError::bad_input(&format!("{}: {error}", path.display()))
+                .next("remove it, and run the command of the sweep again")
         };
         let mut reader = csv::ReaderBuilder::new().comment(Some(b'#')).from_path(&path).map_err(damaged)?;
         let names = reader.headers().map_err(damaged)?.clone();
@@ -240,14 +236,14 @@ impl Folder {
     ///
     /// # Errors
     /// Writing fails, or making the rows does.
-    pub(crate) fn make<E: From<TableError>>(
+    pub(crate) fn make(
         &self,
         shard: Shard,
         columns: &[String],
-        mut rows: impl FnMut(Range<u64>) -> Result<Option<Vec<Vec<String>>>, E>,
-    ) -> Result<bool, E> {
+        mut rows: impl FnMut(Range<u64>) -> Result<Option<Vec<Vec<String>>>, ExpectedError>,
+    ) -> Result<bool, ExpectedError> {
         let path = self.part(shard);
-        let fail = |error| E::from(TableError::writing(&path)(error));
+        let fail = &writing(&path);
         self.remove_left_behind(shard).map_err(fail)?;
         let mut temporary = Temporary::new(&self.path, shard).map_err(fail)?;
         let mut length = 0;

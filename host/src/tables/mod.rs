@@ -23,38 +23,26 @@ mod tests;
 
 use std::fs::File;
 use std::io::{self, Read};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-/// A table that is refused, or cannot be read or written.
-#[derive(Debug, thiserror::Error)]
-pub(crate) enum TableError {
-    /// What was given cannot be used: what, where, and what to do instead.
-    #[error("{0}")]
-    Refused(String),
-    #[error("{path}: {source}")]
-    Read { path: PathBuf, source: io::Error },
-    #[error("{path}: {source}")]
-    Write { path: PathBuf, source: io::Error },
+use crate::error::ExpectedError;
+
+/// For `map_err` of what reads `path`.
+fn reading(path: &Path) -> impl Fn(io::Error) -> ExpectedError + '_ {
+    |error| ExpectedError::io(path, &error)
 }
 
-impl TableError {
-    /// For `map_err` of what reads `path`.
-    fn reading(path: &Path) -> impl Fn(io::Error) -> Self + '_ {
-        |source| Self::Read { path: path.to_owned(), source }
-    }
-
-    /// For `map_err` of what writes `path`.
-    fn writing(path: &Path) -> impl Fn(io::Error) -> Self + '_ {
-        |source| Self::Write { path: path.to_owned(), source }
-    }
+/// For `map_err` of what writes `path`.
+fn writing(path: &Path) -> impl Fn(io::Error) -> ExpectedError + '_ {
+    |error| ExpectedError::output(path, &error)
 }
 
 /// Adds the bytes of a file to a CRC-32.
-fn add_bytes(path: &Path, crc: &mut crc32fast::Hasher) -> Result<(), TableError> {
-    let mut file = File::open(path).map_err(TableError::reading(path))?;
+fn add_bytes(path: &Path, crc: &mut crc32fast::Hasher) -> Result<(), ExpectedError> {
+    let mut file = File::open(path).map_err(reading(path))?;
     let mut bytes = vec![0; 1 << 16];
     loop {
-        match file.read(&mut bytes).map_err(TableError::reading(path))? {
+        match file.read(&mut bytes).map_err(reading(path))? {
             0 => return Ok(()),
             count => crc.update(&bytes[..count]),
         }

@@ -6,8 +6,9 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom};
 use std::path::Path;
 
-use super::TableError;
 use super::folder::STUDY_MAX_BYTES;
+use super::reading;
+use crate::error::ExpectedError;
 
 /// Begin of the last line.
 const END: &str = "# end: ";
@@ -44,11 +45,11 @@ pub(super) struct Ending {
 }
 
 /// What a part says of itself; `None` for a file that is not there or not whole.
-pub(super) fn ending(path: &Path) -> Result<Option<Ending>, TableError> {
+pub(super) fn ending(path: &Path) -> Result<Option<Ending>, ExpectedError> {
     match File::open(path).and_then(read_ending) {
         Ok(ending) => Ok(ending),
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
-        Err(error) => Err(TableError::reading(path)(error)),
+        Err(error) => Err(reading(path)(error)),
     }
 }
 

@@ -1,8 +1,9 @@
 //! What all parts of a sweep say together.
 
+use super::add_bytes;
 use super::folder::Folder;
 use super::shard::Shard;
-use super::{TableError, add_bytes};
+use crate::error::ExpectedError;
 
 /// Counts and sums over the parts that are there.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,7 +42,7 @@ impl Summary {
     ///
     /// # Errors
     /// A part cannot be read or is of another sweep.
-    pub(crate) fn of(folder: &Folder) -> Result<Self, TableError> {
+    pub(crate) fn of(folder: &Folder) -> Result<Self, ExpectedError> {
         let study = folder.study();
         let mut summary = Self {
             targets: study.targets(),
@@ -85,7 +86,7 @@ impl Summary {
         shard: Shard,
         sum: &mut f64,
         drawn: &mut Drawn,
-    ) -> Result<(), TableError> {
+    ) -> Result<(), ExpectedError> {
         folder.read(shard, |column| {
             *match column("outcome") {
                 "thrown" => &mut self.thrown,

@@ -4,7 +4,8 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Seek};
 use std::path::{Path, PathBuf};
 
-use super::{TableError, add_bytes};
+use super::{add_bytes, reading};
+use crate::error::ExpectedError;
 
 /// Columns of a list: those of the point, and groups of which all or none are there.
 const POINT: [&str; 3] = ["x_m", "y_m", "z_m"];
@@ -48,7 +49,7 @@ struct Places {
 }
 
 impl Places {
-    fn find(header: &[String], refuse: &impl Fn(String) -> TableError) -> Result<Self, TableError> {
+    fn find(header: &[String], refuse: &impl Fn(String) -> ExpectedError) -> Result<Self, ExpectedError> {
         let column = |name: &str| header.iter().position(|h| h == name);
         let known = POINT.iter().chain(&NORMAL).chain(&VELOCITY);
         let known = known.chain([&RADIUS, &INCIDENCE]);
@@ -95,7 +96,7 @@ pub(crate) struct TargetList {
 }
 
 /// Rows of a list, in order.
-pub(crate) type Rows = Box<dyn Iterator<Item = Result<TargetRow, TableError>> + Send>;
+pub(crate) type Rows = Box<dyn Iterator<Item = Result<TargetRow, ExpectedError>> + Send>;
 
 impl TargetList {
     /// Opens a list. Goes through the file once: rows are counted, every number is looked at.
@@ -103,9 +104,9 @@ impl TargetList {
     /// # Errors
     /// The file cannot be read, is longer than 16 GiB, has no target, has a column that is not known, or a field that is not a
     /// number: file, row and column are named.
-    pub(crate) fn open(path: &Path) -> Result<Self, TableError> {
-        let refuse = |what: String| TableError::Refused(format!("{}: {what}", path.display()));
-        let data = std::fs::metadata(path).map_err(TableError::reading(path))?;
+    pub(crate) fn open(path: &Path) -> Result<Self, ExpectedError> {
+        let refuse = |what: String| ExpectedError::bad_input(&format!("{}: {what}", path.display()));
+        let data = std::fs::metadata(path).map_err(reading(path))?;
         if !data.is_file() {
             return Err(refuse("a list is read more than once, so it must be a file".to_owned()));
         }
@@ -143,12 +144,12 @@ impl TargetList {
     ///
     /// # Errors
     /// The file cannot be opened.
-    pub(crate) fn rows_from(&self, from: u64) -> Result<Rows, TableError> {
+    pub(crate) fn rows_from(&self, from: u64) -> Result<Rows, ExpectedError> {
         let (path, places, header) = (self.path.clone(), self.places.clone(), self.header.clone());
         let records = (1_u64..).zip(open_csv(&self.path)?.into_records());
         let records = records.skip(usize::try_from(from).unwrap_or(usize::MAX));
         Ok(Box::new(records.map(move |(row, record)| {
-            let refuse = |what: String| TableError::Refused(format!("{}: {what}", path.display()));
+            let refuse = |what: String| ExpectedError::bad_input(&format!("{}: {what}", path.display()));
             let record = record.map_err(|error| refuse(error.to_string()))?;
             places.row(|at| {
                 let text = record.get(at).unwrap_or_default();
@@ -160,21 +161,22 @@ impl TargetList {
     }
 }
 
-fn open_csv(path: &Path) -> Result<csv::Reader<BufReader<File>>, TableError> {
-    let mut file = BufReader::new(File::open(path).map_err(TableError::reading(path))?);
+fn open_csv(path: &Path) -> Result<csv::Reader<BufReader<File>>, ExpectedError> {
+    let mut file = BufReader::new(File::open(path).map_err(reading(path))?);
     // The mark that some programs put before UTF-8 text.
-    let begin = file.fill_buf().map_err(TableError::reading(path))?;
+    let begin = file.fill_buf().map_err(reading(path))?;
     if begin.starts_with(b"PAR1") {
-        return Err(TableError::Refused(format!(
-            "{0}: a Parquet file; lists are CSV\n  next: python3 -c \"import pandas; pandas.read_parquet('{0}').to_csv('targets.csv', index=False)\"",
-            path.display()
-        )));
+        return Err(ExpectedError::bad_input(&format!("{}: a Parquet file; lists are CSV", path.display()))
+            .next(format!(
+                "python3 -c \"import pandas; pandas.read_parquet('{}').to_csv('targets.csv', index=False)\"",
+                path.display()
+            )));
     }
     let mark = begin.starts_with("\u{feff}".as_bytes());
     if mark {
         file.consume(3);
     } else {
-        file.rewind().map_err(TableError::reading(path))?;
+        file.rewind().map_err(reading(path))?;
     }
     Ok(csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(file))
 }

@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
-use super::TableError;
 use super::folder::{Folder, Study};
 use super::shard::Shard;
 use super::summary::Summary;
 use super::targets::{TargetList, TargetRow};
+use crate::error::ExpectedError;
 
 /// An empty folder of the test's own.
 fn folder(name: &str) -> PathBuf {
@@ -40,7 +40,7 @@ fn row(number: u64) -> Vec<String> {
 }
 
 fn make(folder: &Folder, shard: Shard) {
-    let made = folder.make(shard, &columns(), |rows| Ok::<_, TableError>(Some(rows.map(row).collect())));
+    let made = folder.make(shard, &columns(), |rows| Ok::<_, ExpectedError>(Some(rows.map(row).collect())));
     assert!(made.expect("makes"));
 }
 
@@ -153,10 +153,10 @@ fn a_shard_that_is_stopped_or_fails_leaves_no_file() {
     let shard = Shard::new(1, 1).unwrap();
     // In the second batch.
     let stopped = folder.make(shard, &columns(), |rows| {
-        Ok::<_, TableError>((rows.start == 0).then(|| rows.map(row).collect()))
+        Ok::<_, ExpectedError>((rows.start == 0).then(|| rows.map(row).collect()))
     });
     assert!(!stopped.expect("is no error"));
-    let failed = folder.make(shard, &columns(), |_| Err(TableError::Refused("on purpose".to_owned())));
+    let failed = folder.make(shard, &columns(), |_| Err(ExpectedError::bad_input("on purpose")));
     assert_eq!(failed.expect_err("fails").to_string(), "on purpose");
     assert_eq!(names(&path), ["study.json"]);
 }

@@ -8,12 +8,10 @@ use std::path::PathBuf;
 #[non_exhaustive]
 pub enum OpenError {
     /// An industrial robot behind its sensor interface: no CAN frames pass there.
-    #[error(
-        "rsi:{spec} leads to an industrial robot, not to a CAN bus\n  next: give `--robot kr16_2` to a verb that knows such robots (throw, identify, doctor, status, record), or name a CAN bus"
-    )]
+    #[error("rsi:{spec} leads to an industrial robot, not to a CAN bus")]
     NoCan { spec: crate::spec::RsiSpec },
     /// The host name has no address.
-    #[error("no address for host '{host}': {source}\n  next: check the name, or give the address in numbers")]
+    #[error("no address for host '{host}': {source}")]
     Resolve {
         /// Host, as written in the name of the bus.
         host: String,
@@ -21,10 +19,7 @@ pub enum OpenError {
         source: io::Error,
     },
     /// Nothing answers at the address.
-    #[error(
-        "cannot connect to {address}: {source}\n  next: check that the server runs and that host and port are \
-         right (the simulated cell: `cubectl sim --bus {spec}`)"
-    )]
+    #[error("cannot connect to {address}: {source}")]
     Connect {
         address: String,
         /// The bus as given.
@@ -33,10 +28,10 @@ pub enum OpenError {
         source: io::Error,
     },
     /// Something answers, but it is not the expected protocol.
-    #[error("{address} answers, but not as a {protocol} server: {found}\n  next: check the port")]
+    #[error("{address} answers, but not as a {protocol} server: {found}")]
     Protocol { address: String, protocol: &'static str, found: String },
     /// The server does not give access to the bus.
-    #[error("{address} refuses the bus '{bus}': {reason}\n  next: {}", refusal_advice(.reason))]
+    #[error("{address} refuses the bus '{bus}': {reason}")]
     Refused {
         address: String,
         /// The bus asked for.
@@ -45,27 +40,23 @@ pub enum OpenError {
         reason: String,
     },
     /// The server's port cannot be had.
-    #[error("cannot listen at {address}: {source}\n  next: {}", listen_advice(.source))]
+    #[error("cannot listen at {address}: {source}")]
     Listen {
         address: String,
         /// The system's answer.
         source: io::Error,
     },
     /// `sim` is not a link of the operating system.
-    #[error(
-        "'sim' is the cell inside this program, not a bus to connect to\n  next: name an interface, a server or an adapter"
-    )]
+    #[error("'sim' is the cell inside this program, not a bus to connect to")]
     Embedded,
     /// An interface is joined, not served.
-    #[error(
-        "the interface '{interface}' is a bus already; it is joined, not served\n  next: join it, or serve socketcand://127.0.0.1:29536/{interface}"
-    )]
+    #[error("the interface '{interface}' is a bus already; it is joined, not served")]
     NotServable {
         /// Interface, as written in the name of the bus.
         interface: String,
     },
     /// There is no such network interface.
-    #[error("no interface '{interface}' (CAN interfaces of this machine: {present})\n  next: {command}")]
+    #[error("no interface '{interface}' (CAN interfaces of this machine: {present})")]
     NoInterface {
         /// Interface, as written in the name of the bus.
         interface: String,
@@ -75,9 +66,7 @@ pub enum OpenError {
         command: String,
     },
     /// The interface exists, but is of another kind.
-    #[error(
-        "'{interface}' is not a CAN interface (CAN interfaces of this machine: {present})\n  next: name one of those, or `ip -details link show type can`"
-    )]
+    #[error("'{interface}' is not a CAN interface (CAN interfaces of this machine: {present})")]
     NotCan {
         /// Interface, as written in the name of the bus.
         interface: String,
@@ -85,7 +74,7 @@ pub enum OpenError {
         present: String,
     },
     /// The interface is switched off.
-    #[error("the interface '{interface}' is down\n  next: {command}")]
+    #[error("the interface '{interface}' is down")]
     InterfaceDown {
         /// Interface, as written in the name of the bus.
         interface: String,
@@ -93,17 +82,13 @@ pub enum OpenError {
         command: String,
     },
     /// The kernel does not know CAN sockets.
-    #[error(
-        "cannot open '{interface}': the kernel has no CAN sockets\n  next: `sudo modprobe can_raw`; where the kernel has no such module (containers, some virtual machines), use socketcand:// or sim"
-    )]
+    #[error("cannot open '{interface}': the kernel has no CAN sockets")]
     NoCanInKernel {
         /// Interface, as written in the name of the bus.
         interface: String,
     },
     /// The right to open CAN sockets is missing.
-    #[error(
-        "no permission to open '{interface}': {source}\n  next: in a container, run it with the capability NET_RAW; else check the seccomp or SELinux rules"
-    )]
+    #[error("no permission to open '{interface}': {source}")]
     NoPermission {
         /// Interface, as written in the name of the bus.
         interface: String,
@@ -111,14 +96,14 @@ pub enum OpenError {
         source: io::Error,
     },
     /// The serial device cannot be opened or set up.
-    #[error("cannot open {}: {source}\n  next: {}", .path.display(), device_advice(.source))]
+    #[error("cannot open {}: {source}", .path.display())]
     Device {
         path: PathBuf,
         /// The system's answer.
         source: io::Error,
     },
     /// The path is a file of another kind.
-    #[error("{} is not a serial device\n  next: `ls /dev/serial/by-id` shows those that are plugged in", .path.display())]
+    #[error("{} is not a serial device", .path.display())]
     NotSerial { path: PathBuf },
     /// A system call that always works did not.
     #[error("cannot set up {what} for {address}: {source}")]
@@ -129,6 +114,32 @@ pub enum OpenError {
         /// The system's answer.
         source: io::Error,
     },
+}
+
+impl OpenError {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::NoCan { .. } => "give `--robot kr16_2` to a verb that knows such robots (throw, identify, doctor, status, record), or name a CAN bus".to_owned(),
+            Self::Resolve { .. } => "check the name, or give the address in numbers".to_owned(),
+            Self::Connect { spec, .. } => format!("check that the server runs and that host and port are \
+         right (the simulated cell: `cubectl sim --bus {spec}`)"),
+            Self::Protocol { .. } => "check the port".to_owned(),
+            Self::Refused { reason, .. } => refusal_advice(reason).to_string(),
+            Self::Listen { source, .. } => listen_advice(source).to_string(),
+            Self::Embedded => "name an interface, a server or an adapter".to_owned(),
+            Self::NotServable { interface, .. } => format!("join it, or serve socketcand://127.0.0.1:29536/{interface}"),
+            Self::NoInterface { command, .. } => command.clone(),
+            Self::NotCan { .. } => "name one of those, or `ip -details link show type can`".to_owned(),
+            Self::InterfaceDown { command, .. } => command.clone(),
+            Self::NoCanInKernel { .. } => "`sudo modprobe can_raw`; where the kernel has no such module (containers, some virtual machines), use socketcand:// or sim".to_owned(),
+            Self::NoPermission { .. } => "in a container, run it with the capability NET_RAW; else check the seccomp or SELinux rules".to_owned(),
+            Self::Device { source, .. } => device_advice(source).to_string(),
+            Self::NotSerial { .. } => "`ls /dev/serial/by-id` shows those that are plugged in".to_owned(),
+            _ => return None,
+        })
+    }
 }
 
 fn listen_advice(source: &io::Error) -> &'static str {
@@ -168,13 +179,13 @@ fn device_advice(source: &io::Error) -> &'static str {
 #[non_exhaustive]
 pub enum LinkError {
     /// The far side closed the connection.
-    #[error("{link}: the other side closed the connection\n  next: see why it stopped, then connect again")]
+    #[error("{link}: the other side closed the connection")]
     Closed {
         /// Name of the link.
         link: String,
     },
     /// The network interface was switched off.
-    #[error("{link}: the interface went down\n  next: {command}")]
+    #[error("{link}: the interface went down")]
     InterfaceDown {
         /// Name of the link.
         link: String,
@@ -182,9 +193,7 @@ pub enum LinkError {
         command: String,
     },
     /// The system reports an error on an open link.
-    #[error(
-        "{link}: {reason}\n  next: check the cable, the adapter and the interface, then open the link again"
-    )]
+    #[error("{link}: {reason}")]
     Io {
         /// Name of the link.
         link: String,
@@ -193,6 +202,20 @@ pub enum LinkError {
         /// The system's words, for people.
         reason: String,
     },
+}
+
+impl LinkError {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::Closed { .. } => "see why it stopped, then connect again".to_owned(),
+            Self::InterfaceDown { command, .. } => command.clone(),
+            Self::Io { .. } => {
+                "check the cable, the adapter and the interface, then open the link again".to_owned()
+            }
+        })
+    }
 }
 
 impl LinkError {
@@ -218,4 +241,15 @@ pub enum SendError {
     /// The link is gone.
     #[error(transparent)]
     Link(#[from] LinkError),
+}
+
+impl SendError {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        match self {
+            Self::Link(error) => error.next(),
+            Self::QueueFull { .. } => None,
+        }
+    }
 }

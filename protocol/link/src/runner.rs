@@ -64,6 +64,17 @@ pub enum RunError {
     },
 }
 
+impl RunError {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        match self {
+            Self::Link(error) => error.next(),
+            _ => None,
+        }
+    }
+}
+
 /// What a run did so far.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RunStats {

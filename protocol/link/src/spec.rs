@@ -131,7 +131,7 @@ pub enum SlcanPort {
 
 /// Why a text is no [`BusSpec`]: what, and how to write it instead.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("--bus {text}: {problem}\n  next: write {example}")]
+#[error("--bus {text}: {problem}")]
 pub struct SpecError {
     /// The text as given.
     pub text: String,
@@ -149,6 +149,22 @@ const RSI: &str = "rsi:udp://127.0.0.1:49152";
 const SLCAN_TCP: &str = "slcan://127.0.0.1:3333";
 const SLCAN_DEVICE: &str = "slcan:/dev/ttyACM0";
 const SLCAN_OPTIONS: &str = "slcan:/dev/ttyUSB0?bitrate=1000000&baud=115200";
+
+impl SpecError {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(format!("write {}", self.example))
+    }
+}
+
+/// A bus of a command line: a refusal is printed with its next step.
+///
+/// # Errors
+/// The text is no [`BusSpec`].
+pub fn bus_of_option(text: &str) -> Result<BusSpec, String> {
+    text.parse().map_err(|error: SpecError| format!("{error}\n  next: write {}", error.example))
+}
 
 impl FromStr for BusSpec {
     type Err = SpecError;

@@ -293,7 +293,7 @@ fn a_device_in_use_is_not_opened_twice() {
         Ok::<_, OpenError>(second)
     });
     let error = result.unwrap().unwrap_err();
-    assert!(error.to_string().contains("another program uses it"), "{error}");
+    assert!(error.next().unwrap().contains("another program uses it"), "{error}");
 }
 
 #[test]
@@ -326,5 +326,5 @@ fn what_cannot_be_opened_or_served_says_what_to_do_instead() {
     assert!(error.to_string().contains("the cell inside this program"), "{error}");
     let spec = BusSpec::SocketCan { interface: "vcan0".into() };
     let error = serve(&spec, clock, ServerOptions::default()).map(|_| ()).unwrap_err();
-    assert!(error.to_string().contains("socketcand://127.0.0.1:29536/vcan0"), "{error}");
+    assert!(error.next().unwrap().contains("socketcand://127.0.0.1:29536/vcan0"), "{error}");
 }

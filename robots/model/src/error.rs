@@ -15,7 +15,7 @@ pub enum Problem {
     #[error(transparent)]
     Document(#[from] toml_reader::Problem),
     /// There is no built-in robot of this name and no such file.
-    #[error("no such file, and no built-in robot of this name\n  next: name one of {}, or the path of a robot file", .known.join(", "))]
+    #[error("no such file, and no built-in robot of this name")]
     UnknownRobot {
         /// Names of the built-in robots.
         known: Vec<&'static str>,
@@ -127,6 +127,20 @@ pub enum Problem {
     /// Both an inertial and box masses.
     #[error("give either `inertial` or box masses, not both")]
     MassTwice,
+}
+
+impl Problem {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::UnknownRobot { known, .. } => {
+                format!("name one of {}, or the path of a robot file", known.join(", "))
+            }
+            Self::Document(problem) => return problem.next(),
+            _ => return None,
+        })
+    }
 }
 
 /// Geometric condition of a kinematic family that the frames violate.

@@ -8,6 +8,23 @@ use std::path::Path;
 /// has 20 kB.
 pub const DESCRIPTION_MAX_BYTES: u64 = 4 << 20;
 
+/// What to do where the system refuses a file; `None` for other errors, and for those that the system did not report.
+#[must_use]
+pub fn next_of_file(error: &io::Error) -> Option<&'static str> {
+    error.raw_os_error()?;
+    Some(match error.kind() {
+        io::ErrorKind::NotFound => {
+            "check the name of the file; a name without a leading slash counts from the folder in which the command runs"
+        }
+        io::ErrorKind::PermissionDenied => {
+            "ask for the right to the file and its folder (`ls -l`), or use another file"
+        }
+        io::ErrorKind::IsADirectory => "name a file in that folder",
+        io::ErrorKind::NotADirectory => "check the folders in the name: one of them is a file",
+        _ => return None,
+    })
+}
+
 /// The bytes of a file.
 ///
 /// # Errors

@@ -1,6 +1,9 @@
 //! Where a document is wrong, and why.
 
 use std::fmt;
+use std::io;
+
+use crate::bounded::next_of_file;
 
 /// A document was refused: where, and why.
 ///
@@ -43,8 +46,13 @@ impl<P: fmt::Debug + fmt::Display> std::error::Error for DocumentError<P> {}
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Problem {
     /// The file could not be read.
-    #[error("cannot read the file: {0}")]
-    Unreadable(String),
+    #[error("cannot read the file: {text}")]
+    Unreadable {
+        /// What the system says.
+        text: String,
+        /// What to do, if the system's code says it.
+        next: Option<&'static str>,
+    },
     /// Not TOML.
     #[error("not valid TOML: {0}")]
     Syntax(String),
@@ -110,9 +118,35 @@ pub enum Problem {
         /// Accepted texts.
         known: Vec<&'static str>,
     },
+    /// Another document that this one names is refused.
+    #[error("{what}")]
+    Named {
+        /// Where and why.
+        what: String,
+        /// What to do.
+        next: Option<String>,
+    },
     /// Anything else; says what would be right.
     #[error("{0}")]
     Invalid(String),
+}
+
+impl Problem {
+    /// The file could not be read.
+    #[must_use]
+    pub fn unreadable(error: &io::Error) -> Self {
+        Self::Unreadable { text: error.to_string(), next: next_of_file(error) }
+    }
+
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        match self {
+            Self::Unreadable { next, .. } => next.map(str::to_owned),
+            Self::Named { next, .. } => next.clone(),
+            _ => None,
+        }
+    }
 }
 
 fn hint(same_quantity: &Option<&'static str>, known: &[&'static str]) -> String {

@@ -28,7 +28,7 @@
 //!
 //! | file | holds |
 //! |---|---|
-//! | `bounded` | [`read_text`], [`read_bytes`]: files of bounded size |
+//! | `bounded` | [`read_text`], [`read_bytes`]: files of bounded size; [`next_of_file`]: what to do where the system refuses one |
 //! | `document_error` | [`DocumentError`]: where and why; [`Problem`]: what can be wrong with any document |
 //! | `document` | [`Source`], [`Section`], [`Value`]: text, tables and values, each with its place |
 //! | `section` | reading the keys of a table, and which of them were asked for |
@@ -47,7 +47,7 @@ mod section;
 mod value;
 mod write;
 
-pub use bounded::{DESCRIPTION_MAX_BYTES, read_bytes, read_text};
+pub use bounded::{DESCRIPTION_MAX_BYTES, next_of_file, read_bytes, read_text};
 pub use document::{Section, Source, Value};
 pub use document_error::{DocumentError, Problem};
 pub use write::quoted;

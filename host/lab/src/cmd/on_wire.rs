@@ -24,10 +24,10 @@ const FLIGHT_S: (f64, f64) = (0.6, 0.9);
 pub struct Wire {
     /// Bus of the arm that throws: instead of a rally in virtual time one throw in real time, with a controller in this
     /// program on each bus. Place the arms as the court says.
-    #[arg(long, value_name = "SPEC", requires_all = ["bus_catcher", "tracker"], conflicts_with_all = ["study", "trouble", "report", "throws"], help_heading = "Over the wire")]
+    #[arg(long, value_parser = can_link::bus_of_option, value_name = "SPEC", requires_all = ["bus_catcher", "tracker"], conflicts_with_all = ["study", "trouble", "report", "throws"], help_heading = "Over the wire")]
     pub bus_thrower: Option<BusSpec>,
     /// Bus of the arm that catches.
-    #[arg(long, value_name = "SPEC", requires = "bus_thrower", help_heading = "Over the wire")]
+    #[arg(long, value_parser = can_link::bus_of_option, value_name = "SPEC", requires = "bus_thrower", help_heading = "Over the wire")]
     pub bus_catcher: Option<BusSpec>,
     /// Address of this machine to which the tracker (DTrack) sends its data. With lockstep:// for both buses: where
     /// `hil-sim serve-court` has them (its --data).
@@ -59,19 +59,23 @@ impl Wire {
         else {
             return Err(ExpectedError::new(
                 exit::USAGE,
-                "a throw over the wire needs two buses and a tracker\n  next: give --bus-thrower, --bus-catcher and --tracker",
-            ));
+                "a throw over the wire needs two buses and a tracker",
+            )
+            .next("give --bus-thrower, --bus-catcher and --tracker"));
         };
         if thrower == catcher || [thrower, catcher].contains(&&BusSpec::Sim) {
             return Err(ExpectedError::bad_input(
-                &"thrower and catcher need a bus of their own each: signs of life to the drives go to everybody on a bus\n  next: two places, as `hil-sim serve-court` has them",
-            ));
+                &"thrower and catcher need a bus of their own each: signs of life to the drives go to \
+                     everybody on a bus",
+            )
+            .next("two places, as `hil-sim serve-court` has them"));
         }
         let is_in_step = |spec: &BusSpec| matches!(spec, BusSpec::Lockstep { .. });
         if is_in_step(thrower) != is_in_step(catcher) {
             return Err(ExpectedError::bad_input(
-                &"two buses have one time: lock step or the machine's, not both\n  next: give lockstep:// for both, or for none",
-            ));
+                &"two buses have one time: lock step or the machine's, not both",
+            )
+            .next("give lockstep:// for both, or for none"));
         }
         // Both buses are real ones; the question names them together.
         Consent::on(thrower, self.yes)?.require(
@@ -83,10 +87,8 @@ impl Wire {
         let window = Window { flight_s: FLIGHT_S, ..Window::default() };
         let throws = draw_throws(&pair, &window, DRAWS, seed).unwrap_or_default();
         let aimed = throws.iter().find(|aimed| place_exists(&pair, aimed, options)).ok_or_else(|| {
-            ExpectedError::new(
-                exit::NO_THROW,
-                "no throw was found that the other arm catches\n  next: set the arms of the court 2 to 3 m apart, or another --seed",
-            )
+            ExpectedError::new(exit::NO_THROW, "no throw was found that the other arm catches")
+                .next("set the arms of the court 2 to 3 m apart, or another --seed")
         })?;
         let wire = WireOptions {
             thrower: thrower.clone(),
@@ -106,10 +108,8 @@ fn failed(why: WireError) -> ExpectedError {
         WireError::Settings(_) | WireError::Period(_) | WireError::Trajectory(_) => {
             ExpectedError::bad_input(&why)
         }
-        WireError::Tracker { .. } | WireError::Silent { .. } => {
-            ExpectedError::new(exit::BUS, why.to_string())
-        }
-        WireError::Arm { .. } | WireError::NotReady => ExpectedError::new(exit::DRIVE, why.to_string()),
+        WireError::Tracker { .. } | WireError::Silent { .. } => ExpectedError::of(exit::BUS, &why),
+        WireError::Arm { .. } | WireError::NotReady => ExpectedError::of(exit::DRIVE, &why),
     }
 }
 
@@ -118,7 +118,7 @@ pub(super) fn not_thrown(thrown: Result<(), OperatorError>) -> Option<ExpectedEr
     match thrown {
         Ok(()) => None,
         Err(why @ OperatorError::Stopped { .. }) => {
-            Some(ExpectedError::new(exit::STOPPED, format!("the thrower: {why}")))
+            Some(ExpectedError::of(exit::STOPPED, &why).at("the thrower"))
         }
         Err(why) => Some(why.into()),
     }
@@ -129,7 +129,7 @@ pub(super) fn as_text(outcome: &WireOutcome, reported: &str) -> String {
     let mut out = format!("reported: {reported}\n");
     out += &match &outcome.thrown {
         Ok(()) => "  thrower: the throw ran to its end\n".to_owned(),
-        Err(why) => format!("  thrower: {}\n", why.to_string().lines().next().unwrap_or_default()),
+        Err(why) => format!("  thrower: {why}\n"),
     };
     if let Some((after_s, probability)) = outcome.choice {
         out += &format!(

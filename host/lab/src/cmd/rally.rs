@@ -63,9 +63,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         return on_wire(args, court, &options);
     }
     let refused = |why: &dyn std::fmt::Display| {
-        ExpectedError::bad_input(&format!(
-            "an arm of the court cannot catch balls: {why}\n  next: `robot = \"powercube6\"`"
-        ))
+        ExpectedError::bad_input(&format!("an arm of the court cannot catch balls: {why}"))
+            .next("`robot = \"powercube6\"`")
     };
     let partners = Partners::new(court).map_err(|why| refused(&why))?;
     let rally = while_working("rally", "2 s a throw", |bar| {
@@ -88,7 +87,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         }
     }
     match (rally.end.not_thrown(), rally.exchanges.last()) {
-        (Some([why, next]), _) => Err(ExpectedError::new(exit::NO_THROW, format!("{why}\n  next: {next}"))),
+        (Some([why, next]), _) => Err(ExpectedError::new(exit::NO_THROW, why.to_string()).next(next)),
         (None, Some(last)) if rally.end == RallyEnd::NotCaught => ended(&last.outcome),
         (None, _) => Ok(()),
     }
@@ -156,7 +155,7 @@ fn study_of(args: &Args, court: &CourtOptions, throws: u32) -> Result<(), Expect
         }
         let next = "look at the arms of the court file: the study sets them 2, 2.5 and 3 m apart and leaves the rest; \
                     `--only \"D 2 m\"` makes the rows of that distance alone";
-        ExpectedError::new(exit::NO_THROW, format!("{why}\n  next: {next}"))
+        ExpectedError::new(exit::NO_THROW, why.to_string()).next(next)
     })?;
     if args.json {
         print_json(&json!({"rows": rows, "estimator": study.estimator, "rallies": study.rallies}));
@@ -167,10 +166,9 @@ fn study_of(args: &Args, court: &CourtOptions, throws: u32) -> Result<(), Expect
     if wrong > 0 {
         return Err(ExpectedError::new(
             exit::FINDINGS,
-            format!(
-                "{wrong} trials passed a limit or reported what did not happen\n  next: the rows above show in which setting"
-            ),
-        ));
+            format!("{wrong} trials passed a limit or reported what did not happen"),
+        )
+        .next("the rows above show in which setting"));
     }
     Ok(())
 }

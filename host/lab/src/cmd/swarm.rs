@@ -101,10 +101,11 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let seeds = args.seeds.unwrap_or(if args.time.is_some() { u64::MAX - args.first } else { 100 });
     let end = args.first.checked_add(seeds).ok_or_else(|| {
         ExpectedError::bad_input(&format!(
-            "--first {} leaves no room for {seeds} seeds below {}\n  next: a smaller --first",
+            "--first {} leaves no room for {seeds} seeds below {}",
             args.first,
             u64::MAX
         ))
+        .next("a smaller --first")
     })?;
     let work = Work {
         args,
@@ -141,12 +142,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let interrupted = stop.load(Ordering::Relaxed);
     if broken > 0 {
         let place = args.out.display();
-        return Err(ExpectedError::new(
-            exit::FINDINGS,
-            format!(
-                "{broken} of {judged} runs broke a rule\n  next: `cubelab swarm --scenario FILE` with one of the files in {place}"
-            ),
-        ));
+        return Err(ExpectedError::new(exit::FINDINGS, format!("{broken} of {judged} runs broke a rule"))
+            .next(format!("`cubelab swarm --scenario FILE` with one of the files in {place}")));
     }
     if interrupted {
         return Err(ExpectedError::new(

@@ -45,6 +45,18 @@ pub enum NoArm {
     NoJoints,
 }
 
+impl NoArm {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        match self {
+            Self::Bus(error) => error.next(),
+            Self::Operator(error) => error.next(),
+            Self::Plan | Self::Wait(_) | Self::NoJoints => None,
+        }
+    }
+}
+
 pub struct ControllerArm {
     session: Session,
     settings: Settings,

@@ -17,6 +17,7 @@
 //! In lock step both buses and the tracker's data have one virtual time ([`hil_sim::court::in_step`]). The court gives turns to the
 //! clients of one bus and then to those of the other, so the two threads of this side never have a turn at once.
 
+use host::error::Cause;
 use std::net::UdpSocket;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{self, Receiver, Sender};
@@ -97,16 +98,32 @@ pub enum WireError {
     Operator(#[from] OperatorError),
     #[error("{arm}: {why}")]
     Arm { arm: &'static str, why: Box<NoArm> },
-    #[error(
-        "{address}: {error}\n  next: name an address of this machine and a free port, where the tracker sends its data"
-    )]
+    #[error("{address}: {error}")]
     Tracker { address: String, error: std::io::Error },
-    #[error(
-        "{address}: no frame of the tracker came\n  next: start the tracker and let it send to this address; nothing was thrown"
-    )]
+    #[error("{address}: no frame of the tracker came")]
     Silent { address: String },
-    #[error("the thrower did not get ready\n  next: look at its bus with `cubectl status --bus SPEC`")]
+    #[error("the thrower did not get ready")]
     NotReady,
+}
+
+impl Cause for WireError {
+    fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::Tracker { .. } => {
+                "name an address of this machine and a free port, where the tracker sends its data".to_owned()
+            }
+            Self::Silent { .. } => {
+                "start the tracker and let it send to this address; nothing was thrown".to_owned()
+            }
+            Self::NotReady => "look at its bus with `cubectl status --bus SPEC`".to_owned(),
+            Self::Arm { why, .. } => return why.next(),
+            Self::Settings(error) => return error.next(),
+            Self::Period(error) => return error.next(),
+            Self::Trajectory(error) => return error.next(),
+            Self::Bus(error) => return error.next(),
+            Self::Operator(error) => return error.next(),
+        })
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]

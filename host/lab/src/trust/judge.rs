@@ -425,7 +425,7 @@ fn in_words(reported: &ReportedOutcome) -> String {
         ReportedOutcome::NotReleased => "not released".to_owned(),
         ReportedOutcome::Cause { cause, joint: 0 } => format!("cause {cause}"),
         ReportedOutcome::Cause { cause, joint } => format!("cause {cause} joint {joint}"),
-        ReportedOutcome::Failed(text) => format!("failed: {}", text.lines().next().unwrap_or_default()),
+        ReportedOutcome::Failed(text) => format!("failed: {text}"),
         ReportedOutcome::Panicked(text) => format!("panic: {text}"),
     }
 }

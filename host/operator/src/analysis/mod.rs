@@ -87,35 +87,42 @@ pub struct Run<'a> {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AnalysisError {
     /// Nothing in it.
-    #[error(
-        "the log has no frames\n  next: record the run with `--record`, or use the folder of a `cubectl throw`"
-    )]
+    #[error("the log has no frames")]
     Empty,
     /// No run in it.
-    #[error(
-        "no run of a plan is in the log: no controller reports that it follows one\n  next: record from before the run is \
-         ordered until it has ended"
-    )]
+    #[error("no run of a plan is in the log: no controller reports that it follows one")]
     NoRun,
     /// The robot file does not say which drive is which joint.
-    #[error(
-        "robot \"{robot}\" has no drives in its file, so the joint of an address is not known\n  next: give each [[joint]] a [joint.drive] table with its address"
-    )]
+    #[error("robot \"{robot}\" has no drives in its file, so the joint of an address is not known")]
     NoDrives {
         /// Name of the robot.
         robot: String,
     },
     /// A drive that is never heard during the run.
-    #[error(
-        "{}joint {joint} tells no position during the run\n  next: check that the log is of this robot; \
-         `cubectl record` must hear all drives", .module.map_or(String::new(), |module| format!("drive {module}, "))
-    )]
+    #[error("{}joint {joint} tells no position during the run", .module.map_or(String::new(), |module| format!("drive {module}, ")))]
     Silent {
         /// Joint, by name.
         joint: String,
         /// Address of its drive, if it has one.
         module: Option<u8>,
     },
+}
+
+impl AnalysisError {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::Empty => {
+                "record the run with `--record`, or use the folder of a `cubectl throw`".to_owned()
+            }
+            Self::NoRun => "record from before the run is ordered until it has ended".to_owned(),
+            Self::NoDrives { .. } => "give each [[joint]] a [joint.drive] table with its address".to_owned(),
+            Self::Silent { .. } => {
+                "check that the log is of this robot; `cubectl record` must hear all drives".to_owned()
+            }
+        })
+    }
 }
 
 /// What a run was like.

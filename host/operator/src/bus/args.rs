@@ -27,7 +27,7 @@ use crate::machine::Machine;
 pub struct BusArgs {
     /// Bus: sim (the cell inside this program, in virtual time), can0, socketcand://host:port/bus,
     /// slcan:/dev/ttyACM0 or slcan://host:port.
-    #[arg(long, default_value = "sim", value_name = "SPEC", help_heading = "Bus")]
+    #[arg(long, value_parser = can_link::bus_of_option, default_value = "sim", value_name = "SPEC", help_heading = "Bus")]
     pub bus: BusSpec,
     /// The simulated cell.
     #[command(flatten)]

@@ -5,8 +5,16 @@ use firmware::authority::{SEED_LEN, Seed};
 
 /// The operating system gives no random bytes.
 #[derive(Debug, thiserror::Error)]
-#[error("no random bytes for tokens: {0}\n  next: check that /dev/urandom can be read")]
+#[error("no random bytes for tokens: {0}")]
 pub struct NoEntropy(String);
+
+impl NoEntropy {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some("check that /dev/urandom can be read".to_owned())
+    }
+}
 
 /// Seed of a controller that runs on `clock`: random bytes, or [`Seed::FORESEEABLE`] on a manual clock. In virtual time
 /// nothing real moves, and a run must repeat byte for byte.

@@ -26,10 +26,7 @@ pub enum BusFailure {
     #[error(transparent)]
     Scenario(Box<hil_sim::scenario::ScenarioError>),
     /// A controller for drives that nobody has described, on a bus with real ones.
-    #[error(
-        "the drives of {robot} are assumed ([generic_drives]), and {bus} has real ones\n  next: `cubectl robot check FILE` lists the \
-         lines that describe real drives; the simulated cell (without --bus) takes assumed ones"
-    )]
+    #[error("the drives of {robot} are assumed ([generic_drives]), and {bus} has real ones")]
     AssumedDrives {
         /// Name of the robot.
         robot: String,
@@ -55,18 +52,39 @@ pub enum BusFailure {
     #[error("simulated bus: {0}")]
     Sim(#[from] hil_sim::world::RunError),
     /// Somebody else stopped the arm.
-    #[error(
-        "stopped from outside: {0}; what this program moved was stopped too\n  next: find out who stopped it and why before the next order"
-    )]
+    #[error("stopped from outside: {0}; what this program moved was stopped too")]
     StoppedByOther(StopSeen),
     /// The recording cannot be written; the arm was stopped first where this session moved it.
-    #[error("the recording cannot be written: {source}{}\n  next: {}", if *.halted { " (the arm was halted first)" } else { "" }, disk_advice(.source))]
+    #[error("the recording cannot be written: {source}{}", if *.halted { " (the arm was halted first)" } else { "" })]
     Recording {
         /// What the disk said.
         source: io::Error,
         /// A halt was sent before the session ended.
         halted: bool,
     },
+}
+
+impl BusFailure {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::AssumedDrives { .. } => "`cubectl robot check FILE` lists the \
+         lines that describe real drives; the simulated cell (without --bus) takes assumed ones"
+                .to_owned(),
+            Self::StoppedByOther(..) => "find out who stopped it and why before the next order".to_owned(),
+            Self::Recording { source, .. } => disk_advice(source).to_string(),
+            Self::Open(error) => return error.next(),
+            Self::Link(error) => return error.next(),
+            Self::Runner(error) => return error.next(),
+            Self::Robot(error) => return error.problem.next(),
+            Self::Scenario(error) => return error.problem.next(),
+            Self::Settings(error) => return error.next(),
+            Self::Key(error) => return error.next(),
+            Self::Entropy(error) => return error.next(),
+            _ => return None,
+        })
+    }
 }
 
 fn disk_advice(error: &io::Error) -> &'static str {

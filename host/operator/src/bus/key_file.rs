@@ -16,9 +16,7 @@ const NOT_OWNER: u32 = 0o077;
 #[derive(Debug, thiserror::Error)]
 pub enum KeyFileError {
     /// It cannot be read or written.
-    #[error(
-        "key file {path}: {source}\n  next: name a key file that exists; `cubectl key make FILE` makes one"
-    )]
+    #[error("key file {path}: {source}")]
     Io {
         /// Path of the file.
         path: PathBuf,
@@ -26,9 +24,7 @@ pub enum KeyFileError {
         source: io::Error,
     },
     /// Others can read or change it.
-    #[error(
-        "key file {path}: others than its owner may use it (mode {mode:03o})\n  next: `chmod 600 {path}`; if others could read it, make and set a new key"
-    )]
+    #[error("key file {path}: others than its owner may use it (mode {mode:03o})")]
     Open {
         /// Path of the file.
         path: PathBuf,
@@ -36,11 +32,25 @@ pub enum KeyFileError {
         mode: u32,
     },
     /// It holds no key.
-    #[error("key file {path}: not a key of {KEY_LEN} bytes in {} hexadecimal digits\n  next: `cubectl key make FILE` makes one", 2 * KEY_LEN)]
+    #[error("key file {path}: not a key of {KEY_LEN} bytes in {} hexadecimal digits", 2 * KEY_LEN)]
     NoKey {
         /// Path of the file.
         path: PathBuf,
     },
+}
+
+impl KeyFileError {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::Io { .. } => "name a key file that exists; `cubectl key make FILE` makes one".to_owned(),
+            Self::Open { path, .. } => {
+                format!("`chmod 600 {}`; if others could read it, make and set a new key", path.display())
+            }
+            Self::NoKey { .. } => "`cubectl key make FILE` makes one".to_owned(),
+        })
+    }
 }
 
 /// Which key.

@@ -41,10 +41,7 @@ pub struct Choice {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NoPeriod {
     /// The one that was asked for does not hold here.
-    #[error(
-        "a control period of {} ms does not hold here: {timing}\n  {granted}\n  next: {next}; nothing has moved",
-        f64::from(*.period_us) * 1e-3, timing = .timing, granted = .timing.granted
-    )]
+    #[error("a control period of {} ms does not hold here: {timing}\n  {granted}", f64::from(*.period_us) * 1e-3, timing = .timing, granted = .timing.granted)]
     TooShort {
         /// Asked for, µs.
         period_us: u32,
@@ -53,12 +50,7 @@ pub enum NoPeriod {
         next: String,
     },
     /// None up to the longest one.
-    #[error(
-        "no control period holds here: {timing}; the longest one is {} ms\n  {granted}\n  next: end what else \
-         runs on this machine, or let a controller of its own close the loop (`cubectl throw --controller NODE-ID`); \
-         nothing has moved",
-        f64::from(*.longest_us) * 1e-3, timing = .timing, granted = .timing.granted
-    )]
+    #[error("no control period holds here: {timing}; the longest one is {} ms\n  {granted}", f64::from(*.longest_us) * 1e-3, timing = .timing, granted = .timing.granted)]
     None {
         /// Longest, µs.
         longest_us: u32,
@@ -67,6 +59,20 @@ pub enum NoPeriod {
     /// No gains for the period.
     #[error(transparent)]
     NoGains(#[from] NoGains),
+}
+
+impl NoPeriod {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::TooShort { next, .. } => format!("{next}; nothing has moved"),
+            Self::None { .. } => "end what else \
+         runs on this machine, or let a controller of its own close the loop (`cubectl throw --controller NODE-ID`); \
+         nothing has moved".to_owned(),
+            Self::NoGains(error) => return error.next(),
+        })
+    }
 }
 
 /// Bits of one joint in a control cycle, stuff bits included. At 1 Mbit/s six joints fit into 3 ms, seven do not.
@@ -222,8 +228,8 @@ mod tests {
     #[test]
     fn a_period_that_is_too_short_is_refused_with_the_measured_duration_and_a_period_that_fits() {
         let timing = CycleTiming::that_needs(4_800);
-        let text =
-            choose(PeriodRequest::Period(3_000), Some(&timing), &robot(), 3_000).unwrap_err().to_string();
+        let error = choose(PeriodRequest::Period(3_000), Some(&timing), &robot(), 3_000).unwrap_err();
+        let text = format!("{error} {}", error.next().unwrap());
         for part in
             ["3 ms does not hold", "4.0 ms at worst", "5 ms would hold", "--period 5", "nothing has moved"]
         {
@@ -285,11 +291,10 @@ mod tests {
             let timing = CycleTiming::that_needs(needs_us);
             for wish in [PeriodRequest::Any, PeriodRequest::Period(3_000), PeriodRequest::Period(30_000)] {
                 let Err(refused) = choose(wish, Some(&timing), &robot(), 3_000) else { continue };
-                let text = refused.to_string();
-                let next = text.split("next: ").nth(1).unwrap();
-                let named = next.split(" ms would hold").next().unwrap().parse::<f64>();
+                let text = refused.next().unwrap();
+                let named = text.split(" ms would hold").next().unwrap().parse::<f64>();
                 let option =
-                    next.split("--period ").nth(1).map(|rest| rest.split([' ', '`']).next().unwrap());
+                    text.split("--period ").nth(1).map(|rest| rest.split([' ', '`']).next().unwrap());
                 let Ok(ms) = named else {
                     assert!(option.is_none(), "{needs_us}: {text}");
                     continue;

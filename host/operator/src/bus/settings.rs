@@ -15,18 +15,13 @@ const SLOW_CURRENT_SHARE: f64 = 0.5;
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoSettings {
     /// Its file describes no drives.
-    #[error(
-        "robot {robot} has no drives to control\n  next: give each [[joint]] of its file a [joint.drive] table with address and current"
-    )]
+    #[error("robot {robot} has no drives to control")]
     NoDrives {
         /// Name of the robot.
         robot: String,
     },
     /// A module that is the drive of no joint.
-    #[error(
-        "module {module} is the drive of no joint of this robot\n  next: name the robot of this arm with --robot; `cubectl scan` \
-         shows which modules are there"
-    )]
+    #[error("module {module} is the drive of no joint of this robot")]
     NoSuchModule { module: ModuleId },
     /// Limits that do not go together.
     #[error("the limits of robot {robot} make no settings of a controller: {cause}")]
@@ -36,6 +31,22 @@ pub enum NoSettings {
         /// What the controller says.
         cause: String,
     },
+}
+
+impl NoSettings {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::NoDrives { .. } => {
+                "give each [[joint]] of its file a [joint.drive] table with address and current".to_owned()
+            }
+            Self::NoSuchModule { .. } => "name the robot of this arm with --robot; `cubectl scan` \
+         shows which modules are there"
+                .to_owned(),
+            _ => return None,
+        })
+    }
 }
 
 /// Checksum by which plan, gains and controller agree on the robot: of the fingerprint in the plan file; never 0, which
@@ -195,6 +206,6 @@ mod tests {
     #[test]
     fn a_robot_without_drives_is_refused_with_the_next_step() {
         let error = settings_of(&RobotModel::load("kr16_2").unwrap()).unwrap_err();
-        assert!(error.to_string().contains("next: give each [[joint]]"), "{error}");
+        assert!(error.next().unwrap().contains("give each [[joint]]"), "{error}");
     }
 }

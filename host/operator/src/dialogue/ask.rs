@@ -16,11 +16,25 @@ pub enum AskError {
     #[error(transparent)]
     Bus(#[from] BusFailure),
     /// The module did not answer, or refused.
-    #[error("{0}\n  next: check power, cable and address of the module; `cubectl doctor` looks at the bus")]
+    #[error("{0}")]
     Request(#[from] RequestFailed),
     /// Ctrl-C.
     #[error("interrupted")]
     Interrupted,
+}
+
+impl AskError {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::Request(..) => {
+                "check power, cable and address of the module; `cubectl doctor` looks at the bus".to_owned()
+            }
+            Self::Bus(error) => return error.next(),
+            _ => return None,
+        })
+    }
 }
 
 /// Most time that all requests of one round may take; far beyond what the deadlines of the client allow.

@@ -24,19 +24,16 @@ pub enum OperatorError {
     #[error("interrupted")]
     Interrupted,
     /// No controller.
-    #[error(
-        "no controller is heard on this bus\n  next: start it, or check its power and its `group_state` subject; `cubectl throw`, `home` and `jog` \
-         without --controller use one in this program"
-    )]
+    #[error("no controller is heard on this bus")]
     NoController,
     /// The request table is full or the message too long; does not happen to a single operator.
     #[error("cannot ask the controller: {0}")]
     Start(StartError),
     /// It does not answer.
-    #[error("controller {} does not answer\n  next: `cubectl doctor`; look at the bus load", .node.get())]
+    #[error("controller {} does not answer", .node.get())]
     NoAnswer { node: NodeId },
     /// The answer cannot be read.
-    #[error("the answer of controller {} cannot be read\n  next: use a cubectl and a controller of the same version", .node.get())]
+    #[error("the answer of controller {} cannot be read", .node.get())]
     Unreadable { node: NodeId },
     /// It says no.
     #[error("the controller refuses {what}: {}", refusal_text(.status, .refusal))]
@@ -48,35 +45,26 @@ pub enum OperatorError {
         refusal: Option<Refusal>,
     },
     /// A piece of the file was refused.
-    #[error("upload: at byte {} the controller refuses the file (code {})\n  next: disarm, look for another host that uploads, then upload again", .0.offset, .0.error.0)]
+    #[error("upload: at byte {} the controller refuses the file (code {})", .0.offset, .0.error.0)]
     Upload(UploadError),
     /// The file is longer than a file can be.
     #[error("a file of {0} bytes is too long for a controller")]
     TooLong(usize),
     /// It has no such register.
-    #[error(
-        "the controller has no register {name}\n  next: `cubectl registers list`; use a cubectl and a controller of the same \
-         version"
-    )]
+    #[error("the controller has no register {name}")]
     NoRegister {
         /// Name asked for.
         name: String,
     },
     /// It keeps its value because it works for somebody.
-    #[error(
-        "the controller is {state}: another program works with the arm, so {name} cannot be changed\n  next: wait until it has \
-         ended (`cubectl monitor` shows it), or end it with `cubectl stop`"
-    )]
+    #[error("the controller is {state}: another program works with the arm, so {name} cannot be changed")]
     InUse {
         /// What it does.
         state: State,
         name: String,
     },
     /// It keeps another value.
-    #[error(
-        "the controller does not take {name} = {wanted}, it keeps {found}\n  next: the value must be in the register's \
-         range, go with the other settings, and nothing may move or be armed"
-    )]
+    #[error("the controller does not take {name} = {wanted}, it keeps {found}")]
     RegisterRefused {
         name: String,
         /// Written.
@@ -86,12 +74,11 @@ pub enum OperatorError {
     },
     /// With a key: another file than this session uploaded, or other settings than it has read.
     #[error(
-        "the controller would arm another file than was uploaded here, or with other settings than it reports; nothing moves\n  \
-         next: look for another node that writes on this bus (`cubectl doctor`), then upload again"
+        "the controller would arm another file than was uploaded here, or with other settings than it reports; nothing moves"
     )]
     OtherContent,
     /// A robot that is led was stopped, or its program has ended.
-    #[error("{}", robot_text(.cause, .joint, .by_itself, .start_moves))]
+    #[error("{}", robot_text(.cause, .joint, .by_itself))]
     RobotStopped {
         /// Number of the cause.
         cause: u16,
@@ -105,13 +92,10 @@ pub enum OperatorError {
         was_ready: bool,
     },
     /// A robot that is heard and cannot be led.
-    #[error(
-        "the robot is not ready to be led after 10 s; {heard}\n  next: `cubectl doctor` looks at its telegrams; end the robot's program \
-         and start it again at its start pose"
-    )]
+    #[error("the robot is not ready to be led after 10 s; {heard}")]
     RobotNotReady { heard: String },
     /// The socket of a robot.
-    #[error("{0}\n  next: check the network interface, then run it again")]
+    #[error("{0}")]
     Socket(std::io::Error),
     /// It stopped, or reports a fault.
     #[error("the controller {}: {}", if *.state == State::Fault { "reports a fault" } else { "has stopped" }, fault_text(.cause, .joint))]
@@ -124,41 +108,67 @@ pub enum OperatorError {
         joint: u8,
     },
     /// The controller fell silent.
-    #[error(
-        "the controller has not been heard for {} s; it may be without power, or the bus may be broken\n  next: `cubectl doctor`, \
-         then start the controller again", PRESENCE.as_secs_f64()
-    )]
+    #[error("the controller has not been heard for {} s; it may be without power, or the bus may be broken", PRESENCE.as_secs_f64())]
     Lost,
     /// A run with a start time did not begin.
-    #[error(
-        "the run did not begin at its time: the controller is {state} and not armed any more\n  next: `cubectl explain` tells \
-         the refusal in its trace (`cubectl doctor`); arm again"
-    )]
+    #[error("the run did not begin at its time: the controller is {state} and not armed any more")]
     NotStarted {
         /// Where it is.
         state: State,
     },
     /// An end state that was not sent.
-    #[error("the end state was not sent: {what}\n  next: send one that fits")]
+    #[error("the end state was not sent: {what}")]
     TargetNotSaid { what: &'static str },
     /// The clock of the controller does not go on from where it was.
-    #[error(
-        "the clock of controller {} has jumped by about {jump_ms:.1} ms; it may have been started again\n  next: look whether \
-         the arm stands, then read the clock again", .node.get()
-    )]
+    #[error("the clock of controller {} has jumped by about {jump_ms:.1} ms; it may have been started again", .node.get())]
     ClockJumped {
         node: NodeId,
         /// By how much, ms.
         jump_ms: f64,
     },
     /// A state did not come.
-    #[error("the controller is still {state:?} after {limit}\n  next: `cubectl monitor`")]
+    #[error("the controller is still {state:?} after {limit}")]
     NoProgress {
         /// Where it is.
         state: State,
         /// The bound.
         limit: Duration,
     },
+}
+
+impl OperatorError {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::NoController => "start it, or check its power and its `group_state` subject; `cubectl throw`, `home` and `jog` \
+         without --controller use one in this program".to_owned(),
+            Self::NoAnswer { .. } => "`cubectl doctor`; look at the bus load".to_owned(),
+            Self::Unreadable { .. } => "use a cubectl and a controller of the same version".to_owned(),
+            Self::Upload(..) => "disarm, look for another host that uploads, then upload again".to_owned(),
+            Self::NoRegister { .. } => "`cubectl registers list`; use a cubectl and a controller of the same \
+         version".to_owned(),
+            Self::InUse { .. } => "wait until it has \
+         ended (`cubectl monitor` shows it), or end it with `cubectl stop`".to_owned(),
+            Self::RegisterRefused { .. } => "the value must be in the register's \
+         range, go with the other settings, and nothing may move or be armed".to_owned(),
+            Self::OtherContent => "look for another node that writes on this bus (`cubectl doctor`), then upload again".to_owned(),
+            Self::RobotNotReady { .. } => "`cubectl doctor` looks at its telegrams; end the robot's program \
+         and start it again at its start pose".to_owned(),
+            Self::Socket(..) => "check the network interface, then run it again".to_owned(),
+            Self::Lost => "`cubectl doctor`, then start the controller again".to_owned(),
+            Self::NotStarted { .. } => "`cubectl explain` tells \
+         the refusal in its trace (`cubectl doctor`); arm again".to_owned(),
+            Self::TargetNotSaid { .. } => "send one that fits".to_owned(),
+            Self::ClockJumped { .. } => "look whether the arm stands, then read the clock again".to_owned(),
+            Self::NoProgress { .. } => "`cubectl monitor`".to_owned(),
+            Self::Bus(error) => return error.next(),
+            Self::Refused { refusal: Some(refusal), .. } => return next_of_refusal(refusal),
+            Self::Stopped { cause, .. } => return recovery(*cause),
+            Self::RobotStopped { cause, start_moves, .. } => next_of_robot(*cause, *start_moves),
+            _ => return None,
+        })
+    }
 }
 
 impl From<BusFailure> for OperatorError {
@@ -189,42 +199,48 @@ impl OperatorError {
 }
 
 fn refusal_text(status: &Status, refusal: &Option<Refusal>) -> String {
-    match refusal {
-        Some(refusal) => {
-            let index = refusal.index;
-            let detail = match Cause::from_code(refusal.cause) {
-                _ if index == 0 => String::new(),
-                Some(Cause::CycleTooShort) if u32::from(index) > PERIOD_MAX_US => format!(
-                    "; it needs {:.1} ms, and the longest control period is {} ms: take drives off the bus, or raise its bit \
-                     rate",
-                    f64::from(index) / 1e3,
-                    PERIOD_MAX_US / 1_000
-                ),
-                Some(Cause::CycleTooShort) => {
-                    format!(
-                        "; {:.1} ms would do: `cubectl tune --period {}`",
-                        f64::from(index) / 1e3,
-                        f64::from(index) / 1e3
-                    )
-                }
-                _ => format!(" (place {index})"),
-            };
-            fault_text(&refusal.cause, &refusal.joint) + &detail
+    let Some(refusal) = refusal else { return format!("status {}", status.0) };
+    let text = fault_text(&refusal.cause, &refusal.joint);
+    // With a next step it stands behind that.
+    if recovery(refusal.cause).is_some() { text } else { text + &detail(refusal) }
+}
+
+fn next_of_refusal(refusal: &Refusal) -> Option<String> {
+    recovery(refusal.cause).map(|step| step + &detail(refusal))
+}
+
+/// What the place of a refusal says.
+fn detail(refusal: &Refusal) -> String {
+    let index = refusal.index;
+    let period_ms = f64::from(index) / 1e3;
+    match Cause::from_code(refusal.cause) {
+        _ if index == 0 => String::new(),
+        Some(Cause::CycleTooShort) if u32::from(index) > PERIOD_MAX_US => format!(
+            "; it needs {period_ms:.1} ms, and the longest control period is {} ms: take drives off the bus, or raise its bit rate",
+            PERIOD_MAX_US / 1_000
+        ),
+        Some(Cause::CycleTooShort) => {
+            format!("; {period_ms:.1} ms would do: `cubectl tune --period {period_ms}`")
         }
-        None => format!("status {}", status.0),
+        _ => format!(" (place {index})"),
     }
+}
+
+/// What the fault table advises.
+fn recovery(cause: u16) -> Option<String> {
+    Cause::from_code(cause).and_then(Cause::info).map(|info| info.recovery.to_owned())
 }
 
 fn fault_text(cause: &u16, joint: &u8) -> String {
     let place = if *joint == 0 { String::new() } else { format!("joint {joint}: ") };
     match Cause::from_code(*cause).and_then(Cause::info) {
-        Some(info) => format!("{place}{} (fault {cause})\n  next: {}", info.what, info.recovery),
+        Some(info) => format!("{place}{} (fault {cause})", info.what),
         None => format!("{place}cause {cause}"),
     }
 }
 
 /// The words of drives on a bus do not fit a robot that is led.
-fn robot_text(cause: &u16, joint: &u8, by_itself: &Option<String>, start_moves: &bool) -> String {
+fn robot_text(cause: &u16, joint: &u8, by_itself: &Option<String>) -> String {
     let cause = Cause::from_code(*cause);
     let what = match cause {
         Some(Cause::DriveSilent) => "no telegram came from the robot in time",
@@ -234,8 +250,13 @@ fn robot_text(cause: &u16, joint: &u8, by_itself: &Option<String>, start_moves: 
     let axis = if *joint == 0 { String::new() } else { format!(" (A{joint})") };
     let by_itself =
         by_itself.as_ref().map_or(String::new(), |why| format!("; the robot stopped by itself: {why}"));
-    let next = match cause {
-        Some(Cause::RobotRestarted) if *start_moves => {
+    format!("{what}{axis}, fault {code}{by_itself}")
+}
+
+/// What to do where a robot that is led was stopped.
+fn next_of_robot(cause: u16, start_moves: bool) -> String {
+    match Cause::from_code(cause) {
+        Some(Cause::RobotRestarted) if start_moves => {
             "the start pose (ASPos) moves with the axes: send DEF_ASPos, the programmed axes without corrections, or leave it out"
                 .to_owned()
         }
@@ -243,8 +264,7 @@ fn robot_text(cause: &u16, joint: &u8, by_itself: &Option<String>, start_moves: 
             "look at the pendant why the robot's program ended, and at the network".to_owned()
         }
         Some(cause) => format!("`cubectl explain {}` says what to do", cause.code()),
-    };
-    format!("{what}{axis}, fault {code}{by_itself}\n  next: {next}")
+    }
 }
 
 /// What a controller in this program refuses.

@@ -38,16 +38,14 @@ pub enum ExperimentError {
     #[error(transparent)]
     Ask(#[from] AskError),
     /// Not homed.
-    #[error(
-        "module {module} is not homed, so that its position is not known; nothing moved\n  next: `cubectl home`, or add --home"
-    )]
+    #[error("module {module} is not homed, so that its position is not known; nothing moved")]
     NotHomed {
         /// Address of the module.
         module: ModuleId,
     },
     /// An error of the drive, in the middle of it.
     #[error(
-        "joint {joint} is blocked or in error: module {module} reports {state}; nothing is concluded, everything was halted\n  next: remove what blocks the joint or the cause, `cubectl status`, then identify again"
+        "joint {joint} is blocked or in error: module {module} reports {state}; nothing is concluded, everything was halted"
     )]
     Drive {
         /// Joint number.
@@ -58,7 +56,7 @@ pub enum ExperimentError {
     },
     /// It was sent off and does not move.
     #[error(
-        "joint {joint} is blocked: it moved {moved_rad:.4} rad of {wanted_rad:.3} rad and draws {current_a:.1} A; nothing is concluded, everything was halted\n  next: remove what blocks the joint (brake, cable, end stop), then identify again"
+        "joint {joint} is blocked: it moved {moved_rad:.4} rad of {wanted_rad:.3} rad and draws {current_a:.1} A; nothing is concluded, everything was halted"
     )]
     Blocked {
         /// Joint number.
@@ -72,7 +70,7 @@ pub enum ExperimentError {
     },
     /// Too much current.
     #[error(
-        "joint {joint} drew {current_a:.1} A, more than the {bound_a:.1} A allowed; nothing is concluded, everything was halted\n  next: see what brakes the joint; `--current` raises the bound"
+        "joint {joint} drew {current_a:.1} A, more than the {bound_a:.1} A allowed; nothing is concluded, everything was halted"
     )]
     OverCurrent {
         /// Joint number.
@@ -83,7 +81,7 @@ pub enum ExperimentError {
     },
     /// No way to turn.
     #[error(
-        "joint {joint} can only turn from {low_rad:.2} to {high_rad:.2} rad here before a limit or a collision; {needed_rad:.2} rad are needed\n  next: bring the arm to another pose (`cubectl jog`), or lower --speed"
+        "joint {joint} can only turn from {low_rad:.2} to {high_rad:.2} rad here before a limit or a collision; {needed_rad:.2} rad are needed"
     )]
     NoRoom {
         /// Joint number.
@@ -92,6 +90,27 @@ pub enum ExperimentError {
         high_rad: f64,
         needed_rad: f64,
     },
+}
+
+impl ExperimentError {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::NotHomed { .. } => "`cubectl home`, or add --home".to_owned(),
+            Self::Drive { .. } => {
+                "remove what blocks the joint or the cause, `cubectl status`, then identify again".to_owned()
+            }
+            Self::Blocked { .. } => {
+                "remove what blocks the joint (brake, cable, end stop), then identify again".to_owned()
+            }
+            Self::OverCurrent { .. } => "see what brakes the joint; `--current` raises the bound".to_owned(),
+            Self::NoRoom { .. } => {
+                "bring the arm to another pose (`cubectl jog`), or lower --speed".to_owned()
+            }
+            Self::Ask(error) => return error.next(),
+        })
+    }
 }
 
 impl From<BusFailure> for ExperimentError {

@@ -40,8 +40,7 @@ pub enum JointError {
     },
     /// The settings are of another arm.
     #[error(
-        "{source_of_it} know no drive of address {address}, which robot {robot} has at joint {joint}; nothing moved\n  next: name the \
-         robot of this arm with --robot, or the settings of its controller with --registers"
+        "{source_of_it} know no drive of address {address}, which robot {robot} has at joint {joint}; nothing moved"
     )]
     NoSuchDrive {
         source_of_it: String,
@@ -50,6 +49,20 @@ pub enum JointError {
         joint: usize,
         address: u8,
     },
+}
+
+impl JointError {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::NoSuchDrive { .. } => "name the \
+         robot of this arm with --robot, or the settings of its controller with --registers"
+                .to_owned(),
+            Self::Experiment(error) => return error.next(),
+            _ => return None,
+        })
+    }
 }
 
 /// Measures and concludes; `progress` hears the part that begins and how many there are at most.

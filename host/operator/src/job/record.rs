@@ -84,15 +84,13 @@ pub enum JobError {
     #[error(transparent)]
     Operator(#[from] OperatorError),
     /// No way to the start.
-    #[error("{0}\n  next: {next}", next = next_of(.0))]
+    #[error("{0}")]
     Way(#[from] WayError),
     /// A motion is nothing for a controller.
     #[error(transparent)]
     Trajectory(#[from] TrajectoryError),
     /// Gains for another period.
-    #[error(
-        "the controller runs at {controller_us} us, the gains are for {gains_us} us\n  next: tune for its period \
-         (`cubectl tune --period {}`), or set register cycle.period_us", .controller_us / 1e3)]
+    #[error("the controller runs at {controller_us} us, the gains are for {gains_us} us")]
     Period {
         /// Of the controller, µs.
         controller_us: f64,
@@ -100,27 +98,23 @@ pub enum JobError {
         gains_us: f64,
     },
     /// Gains for another number of joints.
-    #[error("the gains are for joints {found}, the robot has {wanted}\n  next: `cubectl tune --joint all`")]
+    #[error("the gains are for joints {found}, the robot has {wanted}")]
     GainsJoints {
         /// Numbers in the file.
         found: String,
         wanted: usize,
     },
     /// Gains of another robot.
-    #[error("{0}\n  next: `cubectl tune --robot ROBOT --joint all`")]
+    #[error("{0}")]
     GainsRobot(GainsFileError),
     /// The controller was started for another number of joints.
-    #[error(
-        "the controller has {found} joints, the robot {wanted}\n  next: name the robot of this controller with --robot"
-    )]
+    #[error("the controller has {found} joints, the robot {wanted}")]
     Joints { found: usize, wanted: usize },
     /// Joints without a zero, in a job that does not home.
-    #[error("not all joints are homed; nothing moved\n  next: `cubectl run --home`, or `cubectl home` first")]
+    #[error("not all joints are homed; nothing moved")]
     NotHomed,
     /// Two drives answer where one should.
-    #[error(
-        "two modules answer at address {addresses}\n  next: unplug one of them and give the other a free address (parameter DefAddress, or the maker's tool)"
-    )]
+    #[error("two modules answer at address {addresses}")]
     Double { addresses: String },
     /// A person declined.
     #[error("not confirmed; {}", if *.moved { "the arm stands at the start" } else { "nothing has moved" })]
@@ -128,6 +122,26 @@ pub enum JobError {
         /// The arm has homed or gone to the start before.
         moved: bool,
     },
+}
+
+impl JobError {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::Period { controller_us, .. } => format!("tune for its period \
+         (`cubectl tune --period {}`), or set register cycle.period_us", controller_us / 1e3),
+            Self::GainsJoints { .. } => "`cubectl tune --joint all`".to_owned(),
+            Self::GainsRobot(..) => "`cubectl tune --robot ROBOT --joint all`".to_owned(),
+            Self::Joints { .. } => "name the robot of this controller with --robot".to_owned(),
+            Self::NotHomed => "`cubectl run --home`, or `cubectl home` first".to_owned(),
+            Self::Double { .. } => "unplug one of them and give the other a free address (parameter DefAddress, or the maker's tool)".to_owned(),
+            Self::Way(error) => next_of(error).to_owned(),
+            Self::Operator(error) => return error.next(),
+            Self::Trajectory(error) => return error.next(),
+            _ => return None,
+        })
+    }
 }
 
 impl From<BusFailure> for JobError {

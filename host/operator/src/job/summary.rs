@@ -34,7 +34,9 @@ pub struct Circumstances<'a> {
     /// Exit code of the program.
     pub exit_code: u8,
     /// What ended the job early, as people read it.
-    pub cause: Option<&'a str>,
+    pub cause: Option<String>,
+    /// What to do then.
+    pub next: Vec<String>,
     /// Errors that the bus reported.
     pub bus_errors: usize,
     /// Time of each step by the wall, in the order of the record.
@@ -82,6 +84,7 @@ pub fn summary(order: &Order<'_>, record: &Record, about: &Circumstances<'_>) ->
         "outcome_text": verdict.text,
         "exit_code": about.exit_code,
         "cause": about.cause,
+        "next": about.next,
         "tolerance_m": order.judge.tolerance_m(),
         "ball": record.ball.json_name(),
         "ended_in_step": record.at_work.map(|(step, _)| step.name()),

@@ -19,10 +19,21 @@ pub enum Target {
 /// A target of an arm with another number of joints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TargetError {
-    #[error("{angles} angles for an arm of {joints} joints\n  next: give one for each joint")]
+    #[error("{angles} angles for an arm of {joints} joints")]
     Angles { angles: usize, joints: usize },
-    #[error("joint {joint} of an arm of {joints} joints\n  next: name a joint from 1 to {joints}")]
+    #[error("joint {joint} of an arm of {joints} joints")]
     Joint { joint: usize, joints: usize },
+}
+
+impl TargetError {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::Angles { .. } => "give one for each joint".to_owned(),
+            Self::Joint { joints, .. } => format!("name a joint from 1 to {joints}"),
+        })
+    }
 }
 
 impl Target {

@@ -118,14 +118,12 @@ pub fn judge(order: &Order<'_>, record: &Record) -> Verdict {
                 _ => Outcome::NotThrown,
             };
             let step = record.at_work.map_or("start", |(step, _)| step.name());
-            let text = error.to_string();
-            let first = text.lines().next().unwrap_or_default();
             let ball = match judge {
                 Judge::Throw { .. } => throw::ball_after_stop(record),
                 Judge::Follow { .. } => follow::ball_after_stop(record),
                 Judge::Reach => String::new(),
             };
-            (outcome, format!("{} in the step \"{step}\": {first}{ball}", outcome.words()))
+            (outcome, format!("{} in the step \"{step}\": {error}{ball}", outcome.words()))
         }
         (None, Judge::Throw { tolerance_m, .. }) => throw::verdict(record, *tolerance_m),
         (None, Judge::Follow { tolerance_m, .. }) => follow::verdict(record, *tolerance_m),

@@ -39,19 +39,29 @@ const STOP: &str = "stop";
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
     /// The port would be reached from other machines.
-    #[error(
-        "{0} is not an address of this machine's loopback\n  next: give a port, or 127.0.0.1:PORT; from another machine use a tunnel \
-         (`ssh -L PORT:127.0.0.1:PORT`)"
-    )]
+    #[error("{0} is not an address of this machine's loopback")]
     NotLoopback(SocketAddr),
     /// The port cannot be had.
-    #[error("cannot listen at {address}: {source}\n  next: choose another port, or 0 for any that is free")]
+    #[error("cannot listen at {address}: {source}")]
     Listen {
         /// Where.
         address: SocketAddr,
         /// The system's answer.
         source: io::Error,
     },
+}
+
+impl ServeError {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::NotLoopback(..) => "give a port, or 127.0.0.1:PORT; from another machine use a tunnel \
+         (`ssh -L PORT:127.0.0.1:PORT`)"
+                .to_owned(),
+            Self::Listen { .. } => "choose another port, or 0 for any that is free".to_owned(),
+        })
+    }
 }
 
 /// What a job has come to.

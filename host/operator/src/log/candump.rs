@@ -137,18 +137,27 @@ pub enum ReadError {
         at: Instant,
     },
     /// No line of a log is that long.
-    #[error(
-        "line {line} has more than {LINE_MAX_BYTES} bytes\n  next: name a candump log (`candump -L`, `cubectl record`)"
-    )]
+    #[error("line {line} has more than {LINE_MAX_BYTES} bytes")]
     LongLine {
         /// Number, from 1.
         line: usize,
     },
     /// More than fits in memory.
-    #[error(
-        "the log has more than {FRAMES_MAX} frames\n  next: cut the part of interest out of it (`split -l`)"
-    )]
+    #[error("the log has more than {FRAMES_MAX} frames")]
     TooMany,
+}
+
+impl ReadError {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::LongLine { .. } => "name a candump log (`candump -L`, `cubectl record`)".to_owned(),
+            Self::Io(error) => return toml_reader::next_of_file(error).map(str::to_owned),
+            Self::TooMany => "cut the part of interest out of it (`split -l`)".to_owned(),
+            _ => return None,
+        })
+    }
 }
 
 /// Reads the frames of a log; error frames and empty lines are left out. A last line without its end is not an error:
@@ -211,6 +220,8 @@ pub struct UnreadableFile {
     pub path: std::path::PathBuf,
     /// What is wrong with it, with the line where there is one.
     pub cause: String,
+    /// What to do.
+    pub next: Option<String>,
 }
 
 /// Reads the log at `path`.
@@ -218,13 +229,15 @@ pub struct UnreadableFile {
 /// # Errors
 /// The file and what is wrong with it.
 pub fn read_file(path: &Path) -> Result<Recording, UnreadableFile> {
-    let refuse = |cause: String| UnreadableFile { path: path.to_owned(), cause };
-    let file = std::fs::File::open(path).map_err(|error| refuse(error.to_string()))?;
+    let refuse = |cause: String, next| UnreadableFile { path: path.to_owned(), cause, next };
+    let file = std::fs::File::open(path)
+        .map_err(ReadError::from)
+        .map_err(|error| refuse(error.to_string(), error.next()))?;
     // A device, to which a recording can be written, has no end to read to.
     if file.metadata().is_ok_and(|found| !found.is_file()) {
-        return Err(refuse("not a file that can be read again".to_owned()));
+        return Err(refuse("not a file that can be read again".to_owned(), None));
     }
-    read(io::BufReader::new(file)).map_err(|error| refuse(error.to_string()))
+    read(io::BufReader::new(file)).map_err(|error| refuse(error.to_string(), error.next()))
 }
 
 #[cfg(test)]
@@ -294,6 +307,6 @@ mod tests {
             }
         }
         let error = read(io::BufReader::new(Endless(0))).unwrap_err();
-        assert!(error.to_string().starts_with("line 1 has more than 1024 bytes\n  next: "), "{error}");
+        assert!(error.to_string() == "line 1 has more than 1024 bytes" && error.next().is_some(), "{error}");
     }
 }

@@ -85,18 +85,14 @@ pub struct MeasuredGripper {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Unclear {
     /// Too little.
-    #[error(
-        "{0} cycles with motion; {CYCLES_MIN} are needed\n  next: let the robot move, with larger --wiggle-deg"
-    )]
+    #[error("{0} cycles with motion; {CYCLES_MIN} are needed")]
     TooFew(usize),
     /// Telegrams are missing.
-    #[error(
-        "{0} telegrams in a row are missing\n  next: use a cable and a network card of its own, end other programs on this machine, then measure again"
-    )]
+    #[error("{0} telegrams in a row are missing")]
     Gap(u64),
     /// The model does not fit.
     #[error(
-        "the residual of the model ({residual_deg:.3} deg) is more than a tenth of the motion ({motion_deg:.3} deg)\n  next: widen the limits of the corrections in the robot's program if they clamp, see that no override slows the robot, then measure again"
+        "the residual of the model ({residual_deg:.3} deg) is more than a tenth of the motion ({motion_deg:.3} deg)"
     )]
     NoFit {
         /// Left.
@@ -104,10 +100,21 @@ pub enum Unclear {
         motion_deg: f64,
     },
     /// No edge of the sensor.
-    #[error(
-        "the finger sensor told {0} openings; {OPENINGS_MIN} are needed\n  next: check its wiring and its name in the configuration file"
-    )]
+    #[error("the finger sensor told {0} openings; {OPENINGS_MIN} are needed")]
     NoOpenings(usize),
+}
+
+impl Unclear {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::TooFew(..) => "let the robot move, with larger --wiggle-deg".to_owned(),
+            Self::Gap(..) => "use a cable and a network card of its own, end other programs on this machine, then measure again".to_owned(),
+            Self::NoFit { .. } => "widen the limits of the corrections in the robot's program if they clamp, see that no override slows the robot, then measure again".to_owned(),
+            Self::NoOpenings(..) => "check its wiring and its name in the configuration file".to_owned(),
+        })
+    }
 }
 
 /// A motion that tells the lag: all axes swing about the pose `q_rad` with up to `swing_rad`, each with its own signs, and come to

@@ -39,13 +39,11 @@ pub enum NoStation {
     #[error(transparent)]
     Plan(#[from] TrajectoryError),
     /// Another period.
-    #[error(
-        "the plan has a set point every {plan_ms} ms, the robot sends a telegram every {robot_ms} ms\n  next: plan for this robot controller (`cubectl plan throw --period {robot_ms}`)"
-    )]
+    #[error("the plan has a set point every {plan_ms} ms, the robot sends a telegram every {robot_ms} ms")]
     Period { plan_ms: f64, robot_ms: f64 },
     /// More than the robot's program lets pass.
     #[error(
-        "the plan needs a correction of {offset_deg:.1} deg on A{axis}; the robot's program passes {low} to {high} deg from its start pose\n  next: widen the limits in the robot's program and in its description, or choose a start pose nearer to the plan"
+        "the plan needs a correction of {offset_deg:.1} deg on A{axis}; the robot's program passes {low} to {high} deg from its start pose"
     )]
     Correction {
         /// Axis, from 1.
@@ -60,33 +58,45 @@ pub enum NoStation {
     /// The robot's program adds each correction to the one before.
     #[error(
         "the description says relative = true: the robot adds a correction in every cycle, and offsets from the start pose would \
-         make it run away\n  next: let the robot's program take absolute corrections (KR C2: ST_AXISCORR parameter 1 = 0; KR C4: \
-         RSI_ON (#ABSOLUTE, ...)), then set relative = false in [correction] of the description"
+         make it run away"
     )]
     Relative,
     /// The robot's program corrects the pose of the tool.
     #[error(
-        "the description says space = \"{space}\": the robot corrects the pose of its tool, and offsets of axes in degrees are sent\n  \
-         next: let the robot's program take axis corrections (KR C2: ST_AXISCORR; KR C4: AXISCORR), then set space = \"axes\" in \
-         [correction] of the description"
+        "the description says space = \"{space}\": the robot corrects the pose of its tool, and offsets of axes in degrees are sent"
     )]
     NotAxes {
         /// What the description says.
         space: &'static str,
     },
     /// The motion leads an axis out of its range, or bodies together.
-    #[error(
-        "the motion from the start pose {what}\n  next: let the robot's program begin elsewhere (start_deg of the description), or swing less (--wiggle-deg)"
-    )]
+    #[error("the motion from the start pose {what}")]
     Unfree {
         /// What is in the way.
         what: String,
     },
     /// No gripper.
-    #[error(
-        "the robot has no output that opens the gripper\n  next: set output_bit in [gripper] of the scenario"
-    )]
+    #[error("the robot has no output that opens the gripper")]
     NoGripper,
+}
+
+impl NoStation {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::Period { robot_ms, .. } => format!("plan for this robot controller (`cubectl plan throw --period {robot_ms}`)"),
+            Self::Correction { .. } => "widen the limits in the robot's program and in its description, or choose a start pose nearer to the plan".to_owned(),
+            Self::Relative => "let the robot's program take absolute corrections (KR C2: ST_AXISCORR parameter 1 = 0; KR C4: \
+         RSI_ON (#ABSOLUTE, ...)), then set relative = false in [correction] of the description".to_owned(),
+            Self::NotAxes { .. } => "let the robot's program take axis corrections (KR C2: ST_AXISCORR; KR C4: AXISCORR), then set space = \"axes\" in \
+         [correction] of the description".to_owned(),
+            Self::Unfree { .. } => "let the robot's program begin elsewhere (start_deg of the description), or swing less (--wiggle-deg)".to_owned(),
+            Self::NoGripper => "set output_bit in [gripper] of the scenario".to_owned(),
+            Self::Config(error) => return error.next(),
+            Self::Plan(error) => return error.next(),
+        })
+    }
 }
 
 /// What is known of the lag between a set point and the axes.

@@ -15,34 +15,42 @@ const DECIMALS: u8 = 6;
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ConfigUnfit {
     /// No six axis corrections.
-    #[error(
-        "the RSI configuration receives no axis corrections A1 to A6\n  next: add six RECEIVE elements AKorr.A1 to AKorr.A6 with HOLDON=\"1\""
-    )]
+    #[error("the RSI configuration receives no axis corrections A1 to A6")]
     NoAxes,
     /// A late answer would throw the arm back to its start in one cycle.
-    #[error(
-        "{tag} has HOLDON=\"0\": after one late answer the robot would leap back to its start pose\n  next: set HOLDON=\"1\" for all axis corrections"
-    )]
+    #[error("{tag} has HOLDON=\"0\": after one late answer the robot would leap back to its start pose")]
     NoHold {
         /// Name of the XML element.
         tag: String,
     },
     /// Nothing opens the gripper.
-    #[error(
-        "the RSI configuration receives no {name}\n  next: add a RECEIVE element {name} of TYPE LONG for the outputs, HOLDON=\"1\""
-    )]
+    #[error("the RSI configuration receives no {name}")]
     NoOutput {
         /// Name that was looked for.
         name: String,
     },
     /// The robot does not send its axes.
-    #[error("the RSI configuration sends no actual axes\n  next: add a SEND element DEF_AIPos")]
+    #[error("the RSI configuration sends no actual axes")]
     NoPositions,
     /// The robot does not wait for answers.
-    #[error(
-        "the RSI configuration says ONLYSEND: the robot takes no corrections\n  next: set ONLYSEND to FALSE"
-    )]
+    #[error("the RSI configuration says ONLYSEND: the robot takes no corrections")]
     OnlySend,
+}
+
+impl ConfigUnfit {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::NoAxes => "add six RECEIVE elements AKorr.A1 to AKorr.A6 with HOLDON=\"1\"".to_owned(),
+            Self::NoHold { .. } => "set HOLDON=\"1\" for all axis corrections".to_owned(),
+            Self::NoOutput { name, .. } => {
+                format!("add a RECEIVE element {name} of TYPE LONG for the outputs, HOLDON=\"1\"")
+            }
+            Self::NoPositions => "add a SEND element DEF_AIPos".to_owned(),
+            Self::OnlySend => "set ONLYSEND to FALSE".to_owned(),
+        })
+    }
 }
 
 /// Scalars of the configuration file, by the names that the user gave them.

@@ -78,31 +78,23 @@ impl Solved {
 pub enum Unsolved {
     /// Too few.
     #[error(
-        "{0} points; four are needed that do not lie in a plane: with three a wrong point and a mirrored room fit too\n  next: bring the tool to another place and add it"
+        "{0} points; four are needed that do not lie in a plane: with three a wrong point and a mirrored room fit too"
     )]
     TooFew(usize),
     /// On a line, or in one place.
-    #[error(
-        "the points lie within {spread_mm:.0} mm of a line; the rotation about it is open\n  next: add a point at least 50 mm, better half a metre, beside it"
-    )]
+    #[error("the points lie within {spread_mm:.0} mm of a line; the rotation about it is open")]
     OnALine {
         /// How far the farthest is from the line.
         spread_mm: f64,
     },
-    #[error(
-        "the points lie within {spread_mm:.0} mm of a plane; a mirrored room would fit as well\n  next: add a point at least 50 mm, better half a metre, above or below it"
-    )]
+    #[error("the points lie within {spread_mm:.0} mm of a plane; a mirrored room would fit as well")]
     InAPlane { spread_mm: f64 },
-    #[error(
-        "a metre of the tracker is {ratio:.4} m of the robot\n  next: give --tool-at in metres, and check the units of the tracker's output (DTrack sends mm, VRPN m) and its room calibration"
-    )]
+    #[error("a metre of the tracker is {ratio:.4} m of the robot")]
     OtherUnits { ratio: f64 },
-    #[error(
-        "one of the frames is mirrored: the points fit as in a mirror, within {rms_mm:.1} mm\n  next: check the signs and the order of x, y, z of --tool-at, and that the tracker's room is right-handed"
-    )]
+    #[error("one of the frames is mirrored: the points fit as in a mirror, within {rms_mm:.1} mm")]
     Mirrored { rms_mm: f64 },
     #[error(
-        "the points disagree by {rms_mm:.1} mm; point {point} is {by_mm:.1} mm from where the others put it\n  next: take the worst point out of the file, or measure it again"
+        "the points disagree by {rms_mm:.1} mm; point {point} is {by_mm:.1} mm from where the others put it"
     )]
     Disagree {
         rms_mm: f64,
@@ -110,6 +102,21 @@ pub enum Unsolved {
         point: usize,
         by_mm: f64,
     },
+}
+
+impl Unsolved {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::TooFew(..) => "bring the tool to another place and add it".to_owned(),
+            Self::OnALine { .. } => "add a point at least 50 mm, better half a metre, beside it".to_owned(),
+            Self::InAPlane { .. } => "add a point at least 50 mm, better half a metre, above or below it".to_owned(),
+            Self::OtherUnits { .. } => "give --tool-at in metres, and check the units of the tracker's output (DTrack sends mm, VRPN m) and its room calibration".to_owned(),
+            Self::Mirrored { .. } => "check the signs and the order of x, y, z of --tool-at, and that the tracker's room is right-handed".to_owned(),
+            Self::Disagree { .. } => "take the worst point out of the file, or measure it again".to_owned(),
+        })
+    }
 }
 
 impl RoomToRobot {
@@ -235,7 +242,7 @@ impl Calibration {
     pub fn load(path: &Path) -> Result<Self, FileError> {
         let file = path.display().to_string();
         let text = read_text(path, DESCRIPTION_MAX_BYTES)
-            .map_err(|error| DocumentError::of_file(&file, Problem::Unreadable(error.to_string())))?;
+            .map_err(|error| DocumentError::of_file(&file, Problem::unreadable(&error)))?;
         Self::from_toml(&file, &text)
     }
 

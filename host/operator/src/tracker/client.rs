@@ -93,7 +93,7 @@ impl fmt::Display for Place {
 /// No target came of it.
 #[derive(Debug, thiserror::Error)]
 pub enum TrackerError {
-    #[error("{place}: {error}\n  next: {next}")]
+    #[error("{place}: {error}")]
     Socket {
         place: String,
         /// What the system says.
@@ -102,22 +102,17 @@ pub enum TrackerError {
         next: &'static str,
     },
     /// Nothing comes.
-    #[error(
-        "{place}: no frame within {} s\n  next: start the measurement of the tracker and let it send to this machine; with ?commands=HOST:PORT this program does both",
-        FRAME_LIMIT.as_secs_f64()
-    )]
+    #[error("{place}: no frame within {} s", FRAME_LIMIT.as_secs_f64())]
     Silent { place: String },
     /// A datagram or stream is none.
-    #[error("{place}: {what}\n  next: check that a tracker of this kind sends there")]
+    #[error("{place}: {what}")]
     Unreadable {
         place: String,
         /// What is wrong.
         what: String,
     },
     /// The tracker refuses a command.
-    #[error(
-        "{place}: the tracker answers \"{answer}\" to \"{command}\"\n  next: end the other program that commands the tracker"
-    )]
+    #[error("{place}: the tracker answers \"{answer}\" to \"{command}\"")]
     Refused {
         place: String,
         /// What was asked.
@@ -131,6 +126,21 @@ pub enum TrackerError {
     /// The caller ended it.
     #[error("interrupted")]
     Interrupted,
+}
+
+impl TrackerError {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::Socket { next, .. } => (*next).to_owned(),
+            Self::Silent { .. } => "start the measurement of the tracker and let it send to this machine; with ?commands=HOST:PORT this program does both".to_owned(),
+            Self::Unreadable { .. } => "check that a tracker of this kind sends there".to_owned(),
+            Self::Refused { .. } => "end the other program that commands the tracker".to_owned(),
+            Self::NoTarget(error) => return error.next(),
+            _ => return None,
+        })
+    }
 }
 
 /// Measures a target.

@@ -63,14 +63,10 @@ pub struct Target {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NoTarget {
     /// Frames come, the body was never in them.
-    #[error(
-        "body {body} was not seen in {frames} frames\n  next: free the view of the cameras, switch the body on, or name another one with --tracker-body"
-    )]
+    #[error("body {body} was not seen in {frames} frames")]
     NotSeen { body: u32, frames: usize },
     /// It was seen and is gone.
-    #[error(
-        "body {body} was lost after {seen} frames: it is missing in {missing} frames in a row\n  next: free the view of the cameras"
-    )]
+    #[error("body {body} was lost after {seen} frames: it is missing in {missing} frames in a row")]
     Lost {
         body: u32,
         /// Frames with it.
@@ -79,25 +75,41 @@ pub enum NoTarget {
         missing: usize,
     },
     /// Frames are old, or their time stands.
-    #[error(
-        "the frames of the tracker are stale: {what}\n  next: check its network and start its measurement again"
-    )]
+    #[error("the frames of the tracker are stale: {what}")]
     Stale { what: String },
     /// From one frame to the next farther than a body at rest comes.
-    #[error(
-        "body {body} jumps by {by_mm:.1} mm from one frame to the next\n  next: look for a second body with a similar arrangement of spheres, or for reflections"
-    )]
+    #[error("body {body} jumps by {by_mm:.1} mm from one frame to the next")]
     Jumps {
         body: u32,
         /// How far.
         by_mm: f64,
     },
     /// It does not stand.
-    #[error("body {body} moves: {what}\n  next: fix it; a target that moves is not thrown at")]
+    #[error("body {body} moves: {what}")]
     Moves { body: u32, what: String },
     /// Its pose is no pose.
-    #[error("body {body}: {what}\n  next: calibrate the body in the tracker again")]
+    #[error("body {body}: {what}")]
     NotAPose { body: u32, what: String },
+}
+
+impl NoTarget {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::NotSeen { .. } => {
+                "free the view of the cameras, switch the body on, or name another one with --tracker-body"
+                    .to_owned()
+            }
+            Self::Lost { .. } => "free the view of the cameras".to_owned(),
+            Self::Stale { .. } => "check its network and start its measurement again".to_owned(),
+            Self::Jumps { .. } => {
+                "look for a second body with a similar arrangement of spheres, or for reflections".to_owned()
+            }
+            Self::Moves { .. } => "fix it; a target that moves is not thrown at".to_owned(),
+            Self::NotAPose { .. } => "calibrate the body in the tracker again".to_owned(),
+        })
+    }
 }
 
 /// One frame as the tracker sent it.

@@ -46,25 +46,33 @@ pub enum WaypointError {
     Form { why: String },
     #[error("line {line}: {why}")]
     Line { line: u64, why: String },
-    #[error(
-        "joint \"{joint}\" of the arm has no column; it needs one named {joint} (rad) or {joint}_deg\n  next: name the columns {}",
-        .known.join(",")
-    )]
+    #[error("joint \"{joint}\" of the arm has no column; it needs one named {joint} (rad) or {joint}_deg")]
     NoJoint { joint: String, known: Vec<String> },
-    #[error("\"{name}\" is no joint of this arm\n  next: name them {}", .known.join(","))]
+    #[error("\"{name}\" is no joint of this arm")]
     NoSuchJoint { name: String, known: Vec<String> },
     #[error("\"{name}\" stands there twice")]
     Twice { name: String },
     #[error("point {point}: {found} {what}, there are {wanted} joints")]
     Length { point: usize, what: &'static str, found: usize, wanted: usize },
-    #[error(
-        "point {point}: no {what}, but other points have them\n  next: give them in all points or in none"
-    )]
+    #[error("point {point}: no {what}, but other points have them")]
     Uneven { point: usize, what: &'static str },
     #[error("it has no points")]
     Empty,
     #[error("it has more than {ROWS_MAX} points")]
     TooLong,
+}
+
+impl WaypointError {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::NoJoint { known, .. } => format!("name the columns {}", known.join(",")),
+            Self::NoSuchJoint { known, .. } => format!("name them {}", known.join(",")),
+            Self::Uneven { .. } => "give them in all points or in none".to_owned(),
+            _ => return None,
+        })
+    }
 }
 
 /// Reads waypoints for an arm with these joints.

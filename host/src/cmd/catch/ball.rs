@@ -47,15 +47,14 @@ pub(super) fn trial(args: &Args, ball: &[f64; 6]) -> Result<Trial, ExpectedError
     let (p, v) = (Vector3::new(x, y, z), Vector3::new(vx, vy, vz));
     if p.norm() > BALL_MAX.0 || v.norm() > BALL_MAX.1 {
         return Err(ExpectedError::bad_input(&format!(
-            "--ball: farther than {} m or faster than {} m/s\n  next: place in m, velocity in m/s, in the base frame of the arm",
+            "--ball: farther than {} m or faster than {} m/s",
             BALL_MAX.0, BALL_MAX.1
-        )));
+        ))
+        .next("place in m, velocity in m/s, in the base frame of the arm"));
     }
     let x_wb = court.arms[1].x_wb;
     let pair = Pair::new(court).map_err(|why| {
-        ExpectedError::bad_input(&format!(
-            "the robot cannot catch balls: {why}\n  next: `--robot powercube6`"
-        ))
+        ExpectedError::bad_input(&format!("the robot cannot catch balls: {why}")).next("`--robot powercube6`")
     })?;
     let aimed = pair.ball(x_wb.transform_point(&p), x_wb.rot * v);
     let outcome = pair.run(&aimed, &options, args.catching.seed);
@@ -67,9 +66,10 @@ fn place_robot(court: &mut CourtOptions, robot: &str) -> Result<(), ExpectedErro
     let model = RobotModel::load(robot).map_err(|e| ExpectedError::bad_input(&e))?;
     if model.n() != 6 {
         return Err(ExpectedError::bad_input(&format!(
-            "robot \"{robot}\" cannot catch balls: it has {} joints instead of six\n  next: `--robot powercube6`, or `--disc` for a disc",
+            "robot \"{robot}\" cannot catch balls: it has {} joints instead of six",
             model.n()
-        )));
+        ))
+        .next("`--robot powercube6`, or `--disc` for a disc"));
     }
     court.arms[1].model = model;
     Ok(())

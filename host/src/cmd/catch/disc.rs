@@ -118,20 +118,16 @@ impl Looked {
     /// There is no catch within the limits, the witness refutes it, or the run of the controller did not catch.
     pub(super) fn ended(&self, air: bool) -> Result<(), ExpectedError> {
         match &self.plan {
-            Some(Err(why)) => Err(ExpectedError::new(
-                exit::NO_THROW,
-                format!(
-                    "no catch within the joint limits: {why}\n  next: throw slower or from farther away{}",
-                    if air { "" } else { "; `--no-limits` shows the rule of the paper alone" }
-                ),
-            )),
+            Some(Err(why)) => {
+                Err(ExpectedError::new(exit::NO_THROW, format!("no catch within the joint limits: {why}"))
+                    .next(format!(
+                        "throw slower or from farther away{}",
+                        if air { "" } else { "; `--no-limits` shows the rule of the paper alone" }
+                    )))
+            }
             Some(Ok((_, verdict))) if verdict.caught.is_none() || !verdict.within_limits(&self.arm) => {
-                Err(ExpectedError::new(
-                    exit::BUG,
-                    format!(
-                        "the plan is refuted by the witness: {verdict:?}\n  next: report it with the command line"
-                    ),
-                ))
+                Err(ExpectedError::new(exit::BUG, format!("the plan is refuted by the witness: {verdict:?}"))
+                    .next("report it with the command line"))
             }
             _ => self.executed.as_ref().map_or(Ok(()), on_controller::ended),
         }
@@ -140,10 +136,8 @@ impl Looked {
 
 fn arm(robot: &RobotModel) -> Result<DiscArm, ExpectedError> {
     let refused = |why: String| {
-        ExpectedError::bad_input(&format!(
-            "robot \"{}\" cannot catch discs: {why}\n  next: `--robot pincher4`, or a file like it",
-            robot.name()
-        ))
+        ExpectedError::bad_input(&format!("robot \"{}\" cannot catch discs: {why}", robot.name()))
+            .next("`--robot pincher4`, or a file like it")
     };
     match robot.n() {
         4 => DiscArm::new(robot.clone()).map_err(|e| refused(e.to_string())),
@@ -159,10 +153,9 @@ fn throw(args: &Args) -> Result<Throw, ExpectedError> {
     let start_m = args.start.map(Vector3::from).or(named.map(|t| t.start_m));
     let velocity_m_s = args.velocity.map(Vector3::from).or(named.map(|t| t.velocity_m_s));
     let (Some(start_m), Some(velocity_m_s)) = (start_m, velocity_m_s) else {
-        return Err(ExpectedError::new(
-            exit::USAGE,
-            "no throw\n  next: `--disc flat`, or `--start` and `--velocity`",
-        ));
+        return Err(
+            ExpectedError::new(exit::USAGE, "no throw").next("`--disc flat`, or `--start` and `--velocity`")
+        );
     };
     let wind = args.wind.map_or(0.0, |w| Vector3::from(w).norm());
     for (what, value, most) in [
@@ -172,16 +165,16 @@ fn throw(args: &Args) -> Result<Throw, ExpectedError> {
         ("spin", args.spin.abs(), 300.0),
     ] {
         if value.is_nan() || value > most {
-            return Err(ExpectedError::bad_input(&format!(
-                "--{what}: {value} is beyond {most}\n  next: lengths are m, speeds m/s, spin rad/s"
-            )));
+            return Err(ExpectedError::bad_input(&format!("--{what}: {value} is beyond {most}"))
+                .next("lengths are m, speeds m/s, spin rad/s"));
         }
     }
     if start_m.z <= 0.0 {
         return Err(ExpectedError::bad_input(&format!(
-            "--start: the disc starts at a height of {} m, in the floor\n  next: give a height above 0",
+            "--start: the disc starts at a height of {} m, in the floor",
             start_m.z
-        )));
+        ))
+        .next("give a height above 0"));
     }
     Ok(Throw { start_m, velocity_m_s })
 }
@@ -303,10 +296,7 @@ mod tests {
         ended("catch --robot pincher4 --disc flat").unwrap();
         let error = ended("catch --robot pincher4 --disc oblique").unwrap_err();
         assert_eq!(error.code, exit::NO_THROW);
-        assert!(
-            error.message.contains("times its joint speeds") && error.message.contains("next:"),
-            "{error}"
-        );
+        assert!(error.what.contains("times its joint speeds") && !error.next.is_empty(), "{error}");
         ended("catch --disc oblique --no-limits").unwrap();
     }
 
@@ -331,7 +321,7 @@ mod tests {
         ] {
             let error = ended(words).unwrap_err();
             assert_eq!(error.code, code, "{words}: {error}");
-            assert!(code == exit::USAGE || error.message.contains("next:"), "{words}: {error}");
+            assert!(code == exit::USAGE || !error.next.is_empty(), "{words}: {error}");
         }
     }
 

@@ -22,7 +22,7 @@ const ROWS_MAX: f64 = 100_000.0;
 pub fn ball(words: &[String], step_s: f64) -> Result<Value, ExpectedError> {
     let args = args(words, step_s)?;
     let Some(thrown) = args.ball else {
-        return Err(ExpectedError::new(exit::USAGE, "no ball\n  next: name it with --ball"));
+        return Err(ExpectedError::new(exit::USAGE, "no ball").next("name it with --ball"));
     };
     let trial = ball::trial(&args, &thrown)?;
     let outcome = &trial.outcome;
@@ -31,7 +31,7 @@ pub fn ball(words: &[String], step_s: f64) -> Result<Value, ExpectedError> {
     let end = outcome::ended(outcome).err();
     let x_wb = trial.pair.court.arms[1].x_wb.to_matrix();
     result["exit_code"] = json!(end.as_ref().map_or(exit::OK, |error| error.code));
-    result["text"] = json!(end.map_or_else(|| "caught".to_owned(), |error| error.message));
+    result["text"] = json!(end.map_or_else(|| "caught".to_owned(), |error| error.to_string()));
     result["x_wb"] = json!(rows(&x_wb));
     result["within_limits"] = json!(outcome.within_limits(args.catching.jerk));
     result["events"] =
@@ -56,14 +56,14 @@ pub fn ball(words: &[String], step_s: f64) -> Result<Value, ExpectedError> {
 pub fn disc(words: &[String], step_s: f64) -> Result<Value, ExpectedError> {
     let args = args(words, step_s)?;
     if args.ball.is_some() {
-        return Err(ExpectedError::new(exit::USAGE, "--ball is no disc\n  next: leave --ball out"));
+        return Err(ExpectedError::new(exit::USAGE, "--ball is no disc").next("leave --ball out"));
     }
     let looked = disc::look(&args)?;
     let mut result = looked.as_json();
     let end = looked.ended(args.air).err();
     result["exit_code"] = json!(end.as_ref().map_or(exit::OK, |error| error.code));
     let good = if looked.plan.is_some() { "caught" } else { "only the rule of the paper was looked at" };
-    result["text"] = json!(end.map_or_else(|| good.to_owned(), |error| error.message));
+    result["text"] = json!(end.map_or_else(|| good.to_owned(), |error| error.to_string()));
     let planned = looked.plan.as_ref().and_then(|plan| plan.as_ref().ok()).map(|(plan, _)| &plan.motion);
     let until_s = planned.map_or(looked.path.end_s(), |motion| motion.end_s().min(looked.path.end_s()));
     let flight: Vec<_> = steps(0.0, until_s, step_s).map(|t_s| (t_s, looked.path.at(t_s))).collect();

@@ -32,10 +32,8 @@ pub(super) fn run(
         [] => None,
         [Trouble::DriveLost { at_s }] => Some(DriveLost { joint: LOST_JOINT, at_s: *at_s }),
         _ => {
-            return Err(ExpectedError::new(
-                exit::USAGE,
-                "with --on-controller only one trouble is known\n  next: `--trouble drive-lost:SECONDS`",
-            ));
+            return Err(ExpectedError::new(exit::USAGE, "with --on-controller only one trouble is known")
+                .next("`--trouble drive-lost:SECONDS`"));
         }
     };
     run_plan(robot, arm, path, plan, lost).map_err(|why| match why {
@@ -59,19 +57,15 @@ pub(super) fn ended(run: &Judged) -> Result<(), ExpectedError> {
             OperatorError::Interrupted => exit::INTERRUPTED,
             _ => exit::DRIVE,
         };
-        return Err(ExpectedError::new(code, why.to_string()));
+        return Err(ExpectedError::of(code, why));
     }
     if run.verdict.caught.is_none() {
         let what = match &run.verdict.touched {
             Some(touch) => format!("the disc touched the {} at {:.3} s", touch.body, touch.t_s),
             None => "it was not between the fingers while they closed".to_owned(),
         };
-        return Err(ExpectedError::new(
-            exit::MISSED,
-            format!(
-                "the disc was not caught: {what}\n  next: `--report` shows the tracking error of each joint"
-            ),
-        ));
+        return Err(ExpectedError::new(exit::MISSED, format!("the disc was not caught: {what}"))
+            .next("`--report` shows the tracking error of each joint"));
     }
     Ok(())
 }
@@ -82,7 +76,7 @@ pub(super) fn as_text(arm: &DiscArm, run: &Judged, planned: &Verdict) -> String 
     let mut out = format!("on the controller, period {:.0} ms:\n", executed.period_s * 1e3);
     out += &match &executed.told {
         Ok(()) => "  told: the motion ran to its end\n".to_owned(),
-        Err(why) => format!("  told: {}\n", why.to_string().lines().next().unwrap_or_default()),
+        Err(why) => format!("  told: {why}\n"),
     };
     out += &match (&run.verdict.caught, &run.verdict.touched) {
         (Some((_, seen)), _) => format!(

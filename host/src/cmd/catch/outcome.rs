@@ -23,21 +23,23 @@ pub fn ended(outcome: &Outcome) -> Result<(), ExpectedError> {
 
 /// Why a ball was not caught, with the exit code.
 pub fn why_not_caught(reported: CatchOutcome) -> ExpectedError {
-    let (code, what) = match reported {
-        CatchOutcome::Caught => (exit::MISSED, "the ball was not caught, although the catcher reports a catch\n  next: `--report` shows where it passed".to_owned()),
-        CatchOutcome::Declined(why) => (exit::NO_THROW, format!("declined: {why}\n  next: throw slower, higher or nearer to the arm")),
-        CatchOutcome::Missed => (exit::MISSED, "the ball was not caught\n  next: `--report` shows where it passed".to_owned()),
+    let (code, what, next) = match reported {
+        CatchOutcome::Caught => (exit::MISSED, "the ball was not caught, although the catcher reports a catch".to_owned(), "`--report` shows where it passed"),
+        CatchOutcome::Declined(why) => (exit::NO_THROW, format!("declined: {why}"), "throw slower, higher or nearer to the arm"),
+        CatchOutcome::Missed => (exit::MISSED, "the ball was not caught".to_owned(), "`--report` shows where it passed"),
         CatchOutcome::Unknown => (
             exit::MISSED,
-            "whether the ball was caught is not known: the tracker saw nothing after the catch, or the ball still moved in the cup\n  next: look at the tracker and at the cup".to_owned(),
+            "whether the ball was caught is not known: the tracker saw nothing after the catch, or the ball still moved in the cup".to_owned(),
+            "look at the tracker and at the cup",
         ),
         CatchOutcome::NothingThrown => (
             exit::NOT_RELEASED,
-            "no ball was seen in flight; the arm stayed where it was\n  next: look at the thrower and the tracker".to_owned(),
+            "no ball was seen in flight; the arm stayed where it was".to_owned(),
+            "look at the thrower and the tracker",
         ),
-        CatchOutcome::Halted => (exit::STOPPED, "the catcher's arm stopped because of a fault\n  next: `cubectl doctor`".to_owned()),
+        CatchOutcome::Halted => (exit::STOPPED, "the catcher's arm stopped because of a fault".to_owned(), "`cubectl doctor`"),
     };
-    ExpectedError::new(code, what)
+    ExpectedError::new(code, what).next(next)
 }
 
 /// What the catcher reports, as text.

@@ -164,7 +164,7 @@ pub(crate) fn throw_for(setting: &Setting<'_>, search: &Search) -> Result<Found,
         let next = while_working("looking for the nearest target with a plan", USUAL_SEARCH, |_| {
             next_step(setting, search, &none)
         });
-        ExpectedError::new(exit::NO_THROW, format!("{none}\n  next: {next}"))
+        ExpectedError::new(exit::NO_THROW, none.to_string()).next(next)
     })
 }
 

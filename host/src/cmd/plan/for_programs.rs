@@ -23,9 +23,9 @@ pub fn plan(words: &[String], stop: &AtomicBool) -> Result<Planned<PlanFile>, Ex
     let robot = crate::cmd::robot(&args.search.options.robot)?;
     if robot.n() == AXES && args.follow.apply_to(&robot) {
         return Err(ExpectedError::bad_input(
-            &"this throw would follow the flight of the ball, which is another kind of plan\n  next: call `plan_follow`, or add \
-                  the option --no-follow",
-        ));
+            &"this throw would follow the flight of the ball, which is another kind of plan",
+        )
+        .next("call `plan_follow`, or add the option --no-follow"));
     }
     args.require_ordinary()?;
     let starts = args.search.options.starts(&robot);
@@ -41,9 +41,10 @@ pub fn follow(words: &[String]) -> Result<FollowPlan, ExpectedError> {
     let arm = crate::cmd::six_axes(&args.search.options.robot)?;
     if !args.follow.apply_to(&arm) {
         return Err(ExpectedError::bad_input(&format!(
-            "robot \"{}\" throws in the ordinary way unless told otherwise\n  next: add the option --follow",
+            "robot \"{}\" throws in the ordinary way unless told otherwise",
             arm.name()
-        )));
+        ))
+        .next("add the option --follow"));
     }
     Ok(super::follow::plan(&args, &arm)?.plan)
 }

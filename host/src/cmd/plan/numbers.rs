@@ -46,7 +46,7 @@ pub(super) fn require_metres(target_m: [f64; 3]) -> Result<(), ExpectedError> {
     }
     let ([x, y, z], [a, b, c]) = (target_m.map(short), target_m.map(|mm| short(1e-3 * mm)));
     Err(ExpectedError::bad_input(&format!(
-        "target {x},{y},{z} m lies more than {TARGET_MAX_M} m away: metres?\n  next: targets are in m; if these are millimetres, \
-         --target {a},{b},{c}"
-    )))
+        "target {x},{y},{z} m lies more than {TARGET_MAX_M} m away: metres?"
+    ))
+    .next(format!("targets are in m; if these are millimetres, --target {a},{b},{c}")))
 }

@@ -319,7 +319,11 @@ impl SearchOptions {
             if asked.finger_release {
                 ExpectedError::new(
                     exit::NO_THROW,
-                    "the ball stays between the fingers in some openings that the noise allows\n  next: fingers that open faster or farther in [fingers] of the robot file, or leave --finger-release out",
+                    "the ball stays between the fingers in some openings that the noise allows",
+                )
+                .next(
+                    "fingers that open faster or farther in [fingers] of the robot file, or leave \
+                     --finger-release out",
                 )
             } else {
                 ExpectedError::new(
@@ -388,7 +392,7 @@ fn no_throw(e: &NoThrow) -> ExpectedError {
     }
     let in_reach = "choose a target in reach; `cubectl plan sweep` finds what is";
     let next = e.obstruction.as_deref().map_or(in_reach, Obstruction::next_step);
-    ExpectedError::new(exit::NO_THROW, format!("{e}\n  next: {next}"))
+    ExpectedError::new(exit::NO_THROW, e.to_string()).next(next)
 }
 
 /// Runs a search that a watcher may stop; what was found by then is kept. On a terminal a progress bar appears after a second.

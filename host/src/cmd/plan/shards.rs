@@ -14,7 +14,6 @@ use super::search::{Draws, Landings, Progress, SearchOptions, Solved, Watcher, w
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::reach::{self, Cell};
-use crate::tables::TableError;
 use crate::tables::folder::{Folder, Study};
 use crate::tables::shard::Shard;
 use crate::tables::summary::Summary;
@@ -56,7 +55,7 @@ impl Targets {
     }
 
     /// The targets from row `from` on.
-    fn rows_from(&self, from: u64) -> Result<Rows, TableError> {
+    fn rows_from(&self, from: u64) -> Result<Rows, ExpectedError> {
         match self {
             Self::Grid(grid) => {
                 let grid = *grid;
@@ -86,15 +85,6 @@ pub struct Made {
     pub there: u32,
 }
 
-/// As an error of the program.
-pub(super) fn table_error(error: TableError) -> ExpectedError {
-    match error {
-        TableError::Refused(what) => ExpectedError::bad_input(&what),
-        TableError::Read { path, source } => ExpectedError::io(&path, &source),
-        TableError::Write { path, source } => ExpectedError::output(&path, &source),
-    }
-}
-
 impl Sweep<'_> {
     /// Makes those of the shards that are not there yet.
     ///
@@ -111,11 +101,11 @@ impl Sweep<'_> {
         let count = shards.first().map_or(1, Shard::count);
         let starts = self.search.options.starts(self.arm);
         let study = self.study(count, &starts)?;
-        let folder = Folder::for_study(out, study).map_err(table_error)?;
+        let folder = Folder::for_study(out, study)?;
         let mut made = Made::default();
         let mut missing = Vec::new();
         for shard in shards {
-            if folder.has(*shard).map_err(table_error)? {
+            if folder.has(*shard)? {
                 made.there += 1;
             } else {
                 missing.push(*shard);
@@ -127,7 +117,7 @@ impl Sweep<'_> {
             let mut source = None;
             for shard in missing {
                 // Another process may have made it since.
-                if folder.has(shard).map_err(table_error)? {
+                if folder.has(shard)? {
                     made.there += 1;
                 } else if self.make_one(&folder, shard, &mut source, &starts, watch, done)? {
                     made.made += 1;
@@ -135,12 +125,13 @@ impl Sweep<'_> {
                     return Err(ExpectedError::new(
                         exit::INTERRUPTED,
                         format!(
-                            "stopped; {} of {} shards are in {}\n  next: run the same command again, it continues there",
+                            "stopped; {} of {} shards are in {}",
                             made.made + made.there,
                             shards.len(),
                             out.display()
                         ),
-                    ));
+                    )
+                    .next("run the same command again, it continues there"));
                 }
             }
             Ok(made)
@@ -153,9 +144,10 @@ impl Sweep<'_> {
             return Ok(());
         }
         Err(ExpectedError::bad_input(
-            &"--time-budget does not go with a sweep: how long a search takes differs between machines, and parts must not depend on \
-              that\n  next: leave --time-budget out; --starts bounds a search",
-        ))
+            &"--time-budget does not go with a sweep: how long a search takes differs between machines, \
+                     and parts must not depend on that",
+        )
+        .next("leave --time-budget out; --starts bounds a search"))
     }
 
     /// Everything that the rows follow from, by name.
@@ -192,7 +184,7 @@ impl Sweep<'_> {
         let own = shard.rows(self.targets.count());
         let mut targets = match source.take() {
             Some((next, targets)) if next == own.start => targets,
-            _ => self.targets.rows_from(own.start).map_err(table_error)?,
+            _ => self.targets.rows_from(own.start)?,
         };
         let stopped = || watch.stop.load(Ordering::Relaxed);
         let made = folder.make(shard, &columns(self.arm.n()), |rows| {
@@ -200,12 +192,9 @@ impl Sweep<'_> {
                 .clone()
                 .zip(targets.by_ref())
                 .map(|(number, target)| Ok((number, target?)))
-                .collect::<Result<_, TableError>>()?;
+                .collect::<Result<_, ExpectedError>>()?;
             if batch.len() as u64 != rows.end - rows.start {
-                return Err(TableError::Refused(
-                    "the list of targets has changed while it was read".to_owned(),
-                )
-                .into());
+                return Err(ExpectedError::bad_input("the list of targets has changed while it was read"));
             }
             let made: Result<Vec<Option<Vec<String>>>, ExpectedError> =
                 try_each(&batch, |(number, target)| {
@@ -216,15 +205,12 @@ impl Sweep<'_> {
                     done.fetch_add(1, Ordering::Relaxed);
                     Ok(Some(row))
                 });
-            let made: Option<Vec<Vec<String>>> = made.map_err(Failure::Planning)?.into_iter().collect();
+            let made: Option<Vec<Vec<String>>> = made?.into_iter().collect();
             // A search that was stopped has found less than it would have.
             Ok(made.filter(|_| !stopped()))
         });
         *source = Some((own.end, targets));
-        made.map_err(|failure| match failure {
-            Failure::Table(error) => table_error(error),
-            Failure::Planning(error) => error,
-        })
+        made
     }
 
     fn row(
@@ -253,7 +239,7 @@ impl Sweep<'_> {
                 (outcome, of_plan(&plan, landings), note.unwrap_or_default().to_owned())
             }
             Err(e) if [exit::NO_THROW, exit::BAD_INPUT].contains(&e.code) => {
-                ("refused", none(self.arm.n()), e.message.lines().next().unwrap_or_default().to_owned())
+                ("refused", none(self.arm.n()), e.what)
             }
             // A search that was stopped; the row is dropped.
             Err(e) if e.code == exit::INTERRUPTED => ("refused", none(self.arm.n()), "stopped".to_owned()),
@@ -311,19 +297,6 @@ fn of_plan(plan: &PlanFile, landings: Option<Landings>) -> Vec<String> {
     numbers.map(|value| value.map_or_else(String::new, |value| value.to_string())).collect()
 }
 
-/// Why a shard was not made.
-#[derive(Debug)]
-enum Failure {
-    Table(TableError),
-    Planning(ExpectedError),
-}
-
-impl From<TableError> for Failure {
-    fn from(error: TableError) -> Self {
-        Self::Table(error)
-    }
-}
-
 /// Runs the sweep with a watch that the watcher stops; on a terminal a progress bar appears after a second.
 fn watched<T: Send>(rows: u64, watcher: Watcher<'_>, work: impl FnOnce(&Watch, &AtomicU64) -> T + Send) -> T {
     let (own, done) = (Watch::default(), AtomicU64::new(0));
@@ -341,8 +314,8 @@ fn watched<T: Send>(rows: u64, watcher: Watcher<'_>, work: impl FnOnce(&Watch, &
 /// # Errors
 /// There is no sweep, or a part cannot be read.
 pub(super) fn summary(folder: &Path) -> Result<(Summary, serde_json::Value), ExpectedError> {
-    let folder = Folder::open(folder).map_err(table_error)?;
-    let s = Summary::of(&folder).map_err(table_error)?;
+    let folder = Folder::open(folder)?;
+    let s = Summary::of(&folder)?;
     let [least, mean, most] = s.objective.map_or([None; 3], |values| values.map(Some));
     let told = json!({
         "targets": s.targets,
@@ -365,22 +338,23 @@ pub(super) fn summary(folder: &Path) -> Result<(Summary, serde_json::Value), Exp
 /// # Errors
 /// There is no sweep, a part cannot be read, or there are too many targets.
 pub(super) fn picture(folder: &Path) -> Result<String, ExpectedError> {
-    let folder = Folder::open(folder).map_err(table_error)?;
+    let folder = Folder::open(folder)?;
     let targets = folder.study().targets();
     if targets > PICTURE_MAX {
         return Err(ExpectedError::bad_input(&format!(
-            "--picture: {targets} targets; a picture has at most {PICTURE_MAX}\n  next: plan a coarser grid, or draw the CSV parts with another program"
-        )));
+            "--picture: {targets} targets; a picture has at most {PICTURE_MAX}"
+        ))
+        .next("plan a coarser grid, or draw the CSV parts with another program"));
     }
     let mut cells = Vec::new();
     for shard in Shard::all(folder.study().shards()) {
-        if folder.has(shard).map_err(table_error)? {
+        if folder.has(shard)? {
             let read = folder.read(shard, |column| {
                 let number = |name| column(name).parse().ok();
                 let target = ["x_m", "y_m", "z_m"].map(|name| number(name).unwrap_or_default());
                 cells.push(Cell { target, objective: number("objective") });
             });
-            read.map_err(table_error)?;
+            read?;
         }
     }
     Ok(reach::svg(&cells, folder.study().word("robot")))

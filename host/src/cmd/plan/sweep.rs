@@ -120,7 +120,7 @@ pub(super) fn make_shards(args: &Args, watcher: Watcher<'_>) -> Result<Made, Exp
         )));
     }
     let targets = match (&args.targets, args.x, args.z) {
-        (Some(list), ..) => Targets::List(Box::new(TargetList::open(list).map_err(shards::table_error)?)),
+        (Some(list), ..) => Targets::List(Box::new(TargetList::open(list)?)),
         (None, Some(x), Some(z)) => Targets::Grid(Grid { x, y: args.y, z }),
         _ => {
             return Err(ExpectedError::bad_input(&"name targets with --targets, or with --x and --z"));

@@ -38,7 +38,7 @@ impl Args {
 fn run_for(arm: &RobotModel, args: &Args) -> Result<(), ExpectedError> {
     let Planned { plan, took, .. } = args.search.plan_for(arm, args.target, args.seed, args.fast)?;
     if let Some(path) = &args.out {
-        plan.write(path).map_err(|e| ExpectedError::new(exit::OUTPUT, e.to_string()))?;
+        plan.write(path).map_err(|e| ExpectedError::of(exit::OUTPUT, &e))?;
     }
     if let Some(path) = &args.report {
         std::fs::write(path, plan_report::html(arm, &plan)).map_err(|e| ExpectedError::output(path, &e))?;

@@ -57,10 +57,10 @@ pub(super) fn mounting_in(path: &Path, source: Source) -> Result<Mounting, Expec
         value::parse(&like, texts.iter().map(String::as_str)).map_err(|_| missing())
     })
     .map_err(|error| match error {
-        OperatorError::NoRegister { name } => ExpectedError::bad_input(&format!(
-            "{}: no usable {name}\n  next: use a file of `cubectl registers export`",
-            path.display()
-        )),
+        OperatorError::NoRegister { name } => {
+            ExpectedError::bad_input(&format!("{}: no usable {name}", path.display()))
+                .next("use a file of `cubectl registers export`")
+        }
         error => error.into(),
     })
 }

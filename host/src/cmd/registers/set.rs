@@ -106,21 +106,15 @@ fn write(session: &mut Session, node: NodeId, wanted: &[(String, Numbers)]) -> R
             return Ok(changed.len());
         }
         if !progress && !refused.is_empty() {
-            return Err(ExpectedError::new(
-                exit::DRIVE,
-                format!(
-                    "controller {} does not take {}\n  next: `cubectl registers list` shows ranges and when each may be written; \
-                     nothing may move or be armed, another host may hold the session, and a controller with a key wants --key-file",
-                    node.get(),
-                    refused.join("; ")
-                ),
+            let what = format!("controller {} does not take {}", node.get(), refused.join("; "));
+            return Err(ExpectedError::new(exit::DRIVE, what).next(
+                "`cubectl registers list` shows ranges and when each may be written; nothing may move or be armed, another host \
+                 may hold the session, and a controller with a key wants --key-file",
             ));
         }
     }
-    Err(ExpectedError::new(
-        exit::DRIVE,
-        "some registers change each other and cannot all have these values\n  next: set them one after the other",
-    ))
+    Err(ExpectedError::new(exit::DRIVE, "some registers change each other and cannot all have these values")
+        .next("set them one after the other"))
 }
 
 /// A value that was taken may have been changed by a later one, as a certificate by a gain.
@@ -144,9 +138,8 @@ pub(super) fn read(path: &Path) -> Result<Vec<(String, Vec<String>)>, ExpectedEr
         .map_err(|error| ExpectedError::io(path, &error))?;
     let file: toml::Table = toml::from_str(&text).map_err(|error| refuse(error.to_string()))?;
     if file.get("schema_version").and_then(toml::Value::as_integer) != Some(SCHEMA_VERSION) {
-        return Err(refuse(format!(
-            "schema_version is not {SCHEMA_VERSION}\n  next: use a file of `cubectl registers export`"
-        )));
+        let refused = refuse(format!("schema_version is not {SCHEMA_VERSION}"));
+        return Err(refused.next("use a file of `cubectl registers export`"));
     }
     let registers = file.get("registers").and_then(toml::Value::as_table);
     let registers = registers.ok_or_else(|| refuse("no table [registers]".to_owned()))?;

@@ -85,15 +85,18 @@ fn uses(file: &str, text: &str) -> Result<(Vec<Missing>, String), ExpectedError>
     let mut lacking = missing(&robot, file, text).map_err(|e| ExpectedError::bad_input(&e))?;
     if robot.drives().is_some() && robot.drive_loop().is_some() {
         // What a throw does before anything moves.
-        let refused = settings_of(&robot).map_err(|e| e.to_string()).and_then(|settings| {
+        let refused = settings_of(&robot).map_err(|e| ExpectedError::bad_input(&e)).and_then(|settings| {
             let usual_us = period_for(SimSetup::default().cycle(robot.n()), settings.cycle_period_us);
-            choose(PeriodRequest::Any, None, &robot, usual_us).map(drop).map_err(|e| e.to_string())
+            choose(PeriodRequest::Any, None, &robot, usual_us)
+                .map(drop)
+                .map_err(|e| ExpectedError::bad_input(&e))
         });
-        lacking.extend(refused.err().map(|what| Missing {
+        lacking.extend(refused.err().map(|refused| Missing {
             purpose: Use::Simulate,
             key: "joint".to_owned(),
-            what,
-            lines: "(another value; `cubectl registers list` shows the limits of a controller)".to_owned(),
+            what: refused.what,
+            lines: refused.next.join("\n")
+                + "\n(another value; `cubectl registers list` shows the limits of a controller)",
         }));
     }
     let works = |name: Use| lacking.iter().all(|m| m.purpose != name);

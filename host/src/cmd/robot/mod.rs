@@ -36,13 +36,10 @@ fn write(path: &std::path::Path, text: &str, force: bool) -> Result<(), Expected
     let options = options.write(true).create(true).truncate(true).create_new(!force);
     let written = options.open(path).and_then(|mut file| file.write_all(text.as_bytes()));
     written.map_err(|e| match e.kind() {
-        std::io::ErrorKind::AlreadyExists => ExpectedError::new(
-            crate::exit::OUTPUT,
-            format!(
-                "{}: the file is there already\n  next: --force overwrites it, --out names another",
-                path.display()
-            ),
-        ),
+        std::io::ErrorKind::AlreadyExists => {
+            ExpectedError::new(crate::exit::OUTPUT, format!("{}: the file is there already", path.display()))
+                .next("--force overwrites it, --out names another")
+        }
         _ => ExpectedError::output(path, &e),
     })
 }

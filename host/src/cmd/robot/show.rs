@@ -46,10 +46,11 @@ fn pose(arm: &RobotModel, pose_deg: Option<&[f64]>) -> Result<JointVec, Expected
     let n = arm.n();
     if given.len() != n || given.iter().any(|q| !q.is_finite()) {
         return Err(ExpectedError::bad_input(&format!(
-            "--pose-deg gives {} angles; {} has {n} joints\n  next: give {n} numbers in degrees, separated by commas",
+            "--pose-deg gives {} angles; {} has {n} joints",
             given.len(),
             arm.name()
-        )));
+        ))
+        .next(format!("give {n} numbers in degrees, separated by commas")));
     }
     Ok(JointVec::from_fn(n, |k| given[k].to_radians()))
 }

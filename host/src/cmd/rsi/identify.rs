@@ -111,14 +111,17 @@ impl RobotIdentification<'_> {
             }
             other => {
                 return Err(ExpectedError::bad_input(&format!(
-                    "--bus {other} is a CAN bus; this robot is led over RSI\n  next: --bus rsi:udp://0.0.0.0:49152, or leave it out"
-                )));
+                    "--bus {other} is a CAN bus; this robot is led over RSI"
+                ))
+                .next("--bus rsi:udp://0.0.0.0:49152, or leave it out"));
             }
         };
         if !matches!(station.stage(), Stage::Finished { .. }) {
-            let why =
-                station.failure(None).map_or("the robot was never ready".to_owned(), |why| why.to_string());
-            return Err(ExpectedError::new(exit::DRIVE, format!("the robot was not led to the end: {why}")));
+            let why = station.failure(None).map_or_else(
+                || ExpectedError::new(exit::DRIVE, "the robot was never ready"),
+                |why| ExpectedError::of(exit::DRIVE, &why),
+            );
+            return Err(why.at("the robot was not led to the end"));
         }
         let krc = &described.options;
         let table = cycles(&lines, &described.config, &krc.outputs_name, krc.sensor_name.as_deref());
@@ -128,7 +131,7 @@ impl RobotIdentification<'_> {
     fn conclude(&self, described: &KrcScenario, table: &[Cycle]) -> Result<(), ExpectedError> {
         let krc = &described.options;
         let period_s = krc.cycle.as_secs_f64();
-        let unclear = |error: Unclear| ExpectedError::new(exit::FINDINGS, error.to_string());
+        let unclear = |error: Unclear| ExpectedError::of(exit::FINDINGS, &error);
         let lag = lag(table, period_s).map_err(unclear)?;
         let bit = krc.hand.output_bit.unwrap_or(0);
         let fingers = krc.sensor_name.as_ref().map(|_| gripper(table, period_s, bit));

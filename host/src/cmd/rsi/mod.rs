@@ -268,7 +268,7 @@ pub fn listen(
 }
 
 fn failed(spec: &RsiSpec, what: &dyn std::fmt::Display, next: &str) -> ExpectedError {
-    ExpectedError::new(exit::BUS, format!("rsi:{spec}: {what}\n  next: {next}"))
+    ExpectedError::new(exit::BUS, format!("rsi:{spec}: {what}")).next(next)
 }
 
 /// Serves the robot at `spec` until the end.

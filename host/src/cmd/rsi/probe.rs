@@ -66,7 +66,8 @@ fn hold(spec: &RsiSpec, described: &KrcScenario, arm: &Arm, quiet: bool) -> Resu
 pub fn status(spec: &RsiSpec, described: &KrcScenario, arm: &Arm, json: bool) -> Result<(), ExpectedError> {
     let seen = hold(spec, described, arm, json)?;
     let Some(last) = seen.cycles.last() else {
-        return Err(ExpectedError::new(exit::BUS, no_robot(spec, &seen)));
+        let (what, next) = no_robot(spec, &seen);
+        return Err(ExpectedError::new(exit::BUS, what).next(next));
     };
     if json {
         print_json(&serde_json::json!({
@@ -101,13 +102,14 @@ pub fn status(spec: &RsiSpec, described: &KrcScenario, arm: &Arm, json: bool) ->
     Ok(())
 }
 
-fn no_robot(spec: &RsiSpec, seen: &Seen) -> String {
-    format!(
-        "rsi:{spec}: no telegram with axes within {} s; {}\n  next: start the robot's program after this one; check IP_NUMBER, PORT \
-         and PROTOCOL of its configuration file, and the firewall (`cubectl sim --robot kr16_2 --rsi {spec}` plays the robot)",
-        WAIT.as_secs(),
-        seen.heard
-    )
+/// What happened and what to do.
+fn no_robot(spec: &RsiSpec, seen: &Seen) -> (String, String) {
+    let what = format!("rsi:{spec}: no telegram with axes within {} s; {}", WAIT.as_secs(), seen.heard);
+    let next = format!(
+        "start the robot's program after this one; check IP_NUMBER, PORT and PROTOCOL of its configuration file, and the firewall \
+         (`cubectl sim --robot kr16_2 --rsi {spec}` plays the robot)"
+    );
+    (what, next)
 }
 
 /// Looks at the exchange and the description, and says what is wrong and what to do. Nothing moves.
@@ -143,8 +145,7 @@ pub fn doctor(spec: &RsiSpec, described: &KrcScenario, arm: &Arm, json: bool) ->
 
 fn examine(seen: &Seen, spec: &RsiSpec, described: &KrcScenario, arm: &Arm) -> Vec<Finding> {
     let (Some(first), Some(last)) = (seen.cycles.first(), seen.cycles.last()) else {
-        let text = no_robot(spec, seen);
-        let (what, next) = text.split_once("\n  next: ").unwrap_or((&text, ""));
+        let (what, next) = no_robot(spec, seen);
         return vec![finding(Level::Problem, "telegrams", what, next)];
     };
     let krc = &described.options;

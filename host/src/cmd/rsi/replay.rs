@@ -55,13 +55,16 @@ pub fn history(folder: &Path) -> Result<[Vec<u8>; 2], ExpectedError> {
         return Err(ExpectedError::new(
             exit::FINDINGS,
             format!(
-                "{}: the controller of this version answers otherwise from {:.6} s on, so it cannot tell what happened\n  next: \
-                 `cubectl replay {}` shows the difference; use the version that made the recording",
+                "{}: the controller of this version answers otherwise from {:.6} s on, so it cannot tell \
+                     what happened",
                 folder.join(LOG).display(),
-                at.as_secs_f64(),
-                folder.display()
+                at.as_secs_f64()
             ),
-        ));
+        )
+        .next(format!(
+            "`cubectl replay {}` shows the difference; use the version that made the recording",
+            folder.display()
+        )));
     }
     Ok(station.history())
 }
@@ -100,14 +103,14 @@ pub fn replay(folder: &Path, json: bool) -> Result<(), ExpectedError> {
         Some(Difference { at, recorded, given }) => Err(ExpectedError::new(
             exit::FINDINGS,
             format!(
-                "{}, {:.6} s: recorded {}, but the controller answers {} ({} answers before were the same)\n  next: same \
-                 version and files as in the recording? then the controller has changed",
+                "{}, {:.6} s: recorded {}, but the controller answers {} ({} answers before were the same)",
                 log.display(),
                 at.as_secs_f64(),
                 show(recorded),
                 show(given),
                 replayed.same
             ),
-        )),
+        )
+        .next("same version and files as in the recording? then the controller has changed")),
     }
 }

@@ -168,11 +168,12 @@ impl Drives {
             && error.code == exit::DRIVE
             && let Ok(Some(found)) = session.put_back(|session| diagnosis(session, &self.arm, |_| true))
         {
-            error.message = format!("{}\n{found}", error.message);
+            error.also.extend(found);
         }
         if record.verdict.outcome == Outcome::Stopped && !session.is_simulated() {
             // Drives stay halted, and a controller of its own keeps its fault.
-            error.message += &format!("; then `cubectl clear --bus {bus}`");
+            let clear = format!("; then `cubectl clear --bus {bus}`");
+            *error.next.last_mut().unwrap_or(&mut error.what) += &clear;
         }
         error
     }
@@ -218,22 +219,22 @@ fn preflight(arm: &Arm, plan: &PlanFile) -> Result<(), ExpectedError> {
         return match touch.filter(|_| !plan.search.touch_allowed) {
             None => Ok(()),
             Some(touch) => Err(ExpectedError::bad_input(&format!(
-                "the ball would touch the arm after its release: {}: {}; the form of this plan does not forbid it\n  \
-                 next: plan with `--clean-release true`, or with `--clean-release false` to throw it all the same; nothing has \
-                 moved",
+                "the ball would touch the arm after its release: {}: {}; the form of this plan does not forbid it",
                 touch.what, touch.worst
-            ))),
+            ))
+            .next(
+                "plan with `--clean-release true`, or with `--clean-release false` to throw it all the \
+                     same; nothing has moved",
+            )),
         };
     }
     let failed = report.findings.iter().filter(|f| !f.ok && f.enforced);
     let list: Vec<String> = failed.map(|f| format!("{}: {}", f.what, f.worst)).collect();
     Err(ExpectedError::new(
         exit::CHECK_FAILED,
-        format!(
-            "the plan does not hold what it claims: {}\n  next: plan again; nothing has moved",
-            list.join("; ")
-        ),
-    ))
+        format!("the plan does not hold what it claims: {}", list.join("; ")),
+    )
+    .next("plan again; nothing has moved"))
 }
 
 /// What decides the control period: given gains, a given period, or the measurement.
@@ -286,20 +287,27 @@ fn without_period(refused: NoPeriod, args: &Args, arm: &Arm) -> ExpectedError {
     });
     let refused = ExpectedError::from(refused);
     match found {
-        Some(found) => ExpectedError::new(exit::DRIVE, format!("{found}\n{}", refused.message)),
+        Some(mut found) => {
+            let mut first = found.remove(0);
+            first.also.extend(found.into_iter().chain([refused]));
+            first
+        }
         None => refused,
     }
 }
 
 /// What is wrong with the drives, asked by the host itself with the controller out of the way; only checks that count.
-pub(super) fn diagnosis(session: &mut Session, arm: &Arm, counts: impl Fn(&str) -> bool) -> Option<String> {
+pub(super) fn diagnosis(
+    session: &mut Session,
+    arm: &Arm,
+    counts: impl Fn(&str) -> bool,
+) -> Option<Vec<ExpectedError>> {
     session.switch_controller_off();
     // Answers to it may still be under way.
     session.sleep_until(session.now() + ANSWERS_MAX).ok()?;
     let (modules, findings) = examine_modules(session, &Wanted::of_robot(arm)).ok()?;
     let problems = findings.iter().filter(|f| f.level == Level::Problem && counts(f.check));
     let shown = if modules.is_empty() { 1 } else { usize::MAX };
-    let list: Vec<String> =
-        problems.take(shown).map(|f| format!("{}\n  next: {}", f.text(), f.next)).collect();
-    (!list.is_empty()).then(|| list.join("\n"))
+    let found = problems.take(shown).map(|f| ExpectedError::new(exit::DRIVE, f.text()).next(&f.next));
+    Some(found.collect()).filter(|found: &Vec<_>| !found.is_empty())
 }

@@ -16,7 +16,7 @@ use planner::follow::plan::FollowPlan;
 use planner::follow::search::Search;
 use planner::follow::setting::{CommandRange, Setting};
 use planner::follow::verify::verify_commands;
-use planner::plan::file::RobotId;
+use planner::plan::file::{PlanFileError, RobotId};
 use planner::store::robot_fingerprint;
 
 use super::{Args, Done};
@@ -182,22 +182,18 @@ impl Led {
 fn explained(record: &Record, mut shown: ExpectedError, heard: &str) -> ExpectedError {
     match &record.ended {
         Some(JobError::Way(way)) => {
-            shown = ExpectedError::new(
-                exit::BAD_INPUT,
-                format!(
-                    "{}: {way}\n  next: let the robot's program begin at another start pose (start_deg of the description), or plan \
+            shown = ExpectedError::new(exit::BAD_INPUT, format!("{}: {way}", Step::Approach.name())).next(
+                "let the robot's program begin at another start pose (start_deg of the description), or plan \
                      another throw",
-                    Step::Approach.name()
-                ),
             );
         }
         Some(JobError::Operator(OperatorError::Interrupted))
             if record.at_work.is_some_and(|(step, _)| step == Step::Drives) =>
         {
-            shown.message += &format!("; {heard}");
+            shown.what += &format!("; {heard}");
         }
         Some(JobError::Operator(OperatorError::RobotStopped { .. })) => {
-            shown.message += "; motion.csv shows where the arm was";
+            *shown.next.last_mut().unwrap_or(&mut shown.what) += "; motion.csv shows where the arm was";
         }
         _ => {}
     }
@@ -239,7 +235,8 @@ pub fn simulate(
     let wrong = done.wrong.take().or_else(|| off_target(&done.record, &order.judge));
     let about = Circumstances {
         exit_code: wrong.as_ref().map_or(exit::OK, |error| error.code),
-        cause: wrong.as_ref().map(|error| error.message.as_str()),
+        cause: wrong.as_ref().map(ExpectedError::all_that_happened),
+        next: wrong.as_ref().map_or_else(Vec::new, ExpectedError::all_steps),
         ..done.circumstances(args.seed.unwrap_or(1))
     };
     let summary = summary(&order, &done.record, &about);
@@ -276,10 +273,10 @@ fn described(args: &Args, truth: Option<&KrcScenario>) -> Result<KrcScenario, Ex
 pub(super) fn require_meaning(args: &Args) -> Result<(), ExpectedError> {
     if !matches!(args.bus, BusSpec::Sim | BusSpec::Rsi(_)) {
         return Err(ExpectedError::bad_input(&format!(
-            "--bus {} is a CAN bus; {} has a controller of its own and is led over RSI\n  next: --bus rsi:udp://0.0.0.0:49152, or \
-             leave --bus out for the robot inside this program",
+            "--bus {} is a CAN bus; {} has a controller of its own and is led over RSI",
             args.bus, args.search.options.robot
-        )));
+        ))
+        .next("--bus rsi:udp://0.0.0.0:49152, or leave --bus out for the robot inside this program"));
     }
     let form = args.search.options.form.search_of_following();
     args.given.require_meaning(&args.deeds(&[Deed::Led, Deed::Following, form]))
@@ -345,8 +342,8 @@ fn opened(
     let (lag, gripper) = (&described.options.lag, &described.options.hand.gripper);
     let (lag_s, jitter_s) = (lag.time_constant.as_secs_f64(), gripper.jitter.as_secs_f64());
     plan.require_lag(arm, lag_s, jitter_s, args.tolerance.unwrap_or(BOTTLE_M)).map_err(|other| {
-        ExpectedError::bad_input(&format!(
-            "{other}\n  next: leave --plan out, or plan again with `cubectl plan throw --robot {} --lag-ms {:.0}`",
+        ExpectedError::bad_input(&other).next(format!(
+            "leave --plan out, or plan again with `cubectl plan throw --robot {} --lag-ms {:.0}`",
             arm.name(),
             other.lag_ms
         ))
@@ -358,17 +355,14 @@ fn opened(
         None => Ok(plan),
         Some(finding) => Err(ExpectedError::new(
             exit::CHECK_FAILED,
-            format!(
-                "the plan does not hold what it claims: {finding}\n  next: plan again; nothing has moved"
-            ),
-        )),
+            format!("the plan does not hold what it claims: {finding}"),
+        )
+        .next("plan again; nothing has moved")),
     }
 }
 
-fn refused_plan(path: &Path, error: &impl std::fmt::Display) -> ExpectedError {
-    ExpectedError::bad_input(&format!(
-        "{}: {error}\n  next: make one with `cubectl plan throw --robot ... --out {}`",
-        path.display(),
-        path.display()
-    ))
+fn refused_plan(path: &Path, error: &PlanFileError) -> ExpectedError {
+    ExpectedError::bad_input(error)
+        .at(path.display())
+        .next(format!("make one with `cubectl plan throw --robot ... --out {}`", path.display()))
 }

@@ -58,7 +58,7 @@ pub struct Args {
     pub plan: Option<PathBuf>,
     /// Bus: sim (the cell inside this program, in virtual time), can0, socketcand://host:port/bus,
     /// slcan:/dev/ttyACM0 or slcan://host:port.
-    #[arg(long, default_value = "sim", value_name = "SPEC", help_heading = "Bus")]
+    #[arg(long, value_parser = can_link::bus_of_option, default_value = "sim", value_name = "SPEC", help_heading = "Bus")]
     pub bus: BusSpec,
     /// Key of the controller.
     #[command(flatten)]
@@ -262,7 +262,8 @@ impl Prepared {
             Self::Led(_) => done.circumstances(args.seed.unwrap_or(1)),
         };
         about.exit_code = wrong.map_or(exit::OK, |error| error.code);
-        about.cause = wrong.map(|error| error.message.as_str());
+        about.cause = wrong.map(ExpectedError::all_that_happened);
+        about.next = wrong.map_or_else(Vec::new, ExpectedError::all_steps);
         let mut value = summary(&self.order(args), &done.record, &about);
         value["command_line"] = std::env::args().collect::<Vec<_>>().join(" ").into();
         if let Some(before) = tracked {
@@ -291,7 +292,8 @@ impl Prepared {
         }
         let written: Result<(), ExpectedError> = results.into_iter().collect();
         if let (Err(lost), None) = (&written, wrong) {
-            (value["exit_code"], value["cause"]) = (lost.code.into(), lost.message.as_str().into());
+            (value["exit_code"], value["cause"]) = (lost.code.into(), lost.all_that_happened().into());
+            value["next"] = lost.all_steps().into();
         }
         if args.json {
             print_json(&value);
@@ -336,7 +338,7 @@ impl From<NoPeriod> for ExpectedError {
     fn from(error: NoPeriod) -> Self {
         match error {
             NoPeriod::NoGains(_) => Self::bad_input(&error),
-            NoPeriod::TooShort { .. } | NoPeriod::None { .. } => Self::new(exit::BUS, error.to_string()),
+            NoPeriod::TooShort { .. } | NoPeriod::None { .. } => Self::of(exit::BUS, &error),
         }
     }
 }

@@ -3,6 +3,8 @@
 //! The controller takes gains only while nothing moves and nothing is armed. The registers of the joints hold the gains of
 //! all of them, so three writes change all joints. Each change voids the certificate, which is written last.
 
+use crate::error::{Cause, ExpectedError};
+use crate::exit;
 use firmware::settings::{JointSettings, Settings};
 use protocol::cyphal::bits::Decode;
 use protocol::cyphal::client::Policy;
@@ -39,7 +41,7 @@ const CYCLE_PERIOD: &str = "cycle.period_us";
 /// Named numbers of a controller.
 pub(super) trait Registers {
     /// What goes wrong on the way.
-    type Error: std::fmt::Display;
+    type Error: Cause;
     /// Numbers of a register; empty for an unknown one.
     ///
     /// # Errors
@@ -149,10 +151,7 @@ pub(in crate::cmd) struct InForce {
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub(super) enum ApplyError {
     /// The controller runs at another period.
-    #[error(
-        "the controller runs at {found_us} us, the gains are for {wanted_us} us; nothing was changed\n  next: tune with that \
-         --period, or change cycle.period_us of the controller"
-    )]
+    #[error("the controller runs at {found_us} us, the gains are for {wanted_us} us; nothing was changed")]
     Period {
         /// Of the controller.
         found_us: u32,
@@ -162,7 +161,7 @@ pub(super) enum ApplyError {
     /// Gains for some joints only, at another period than the rest.
     #[error(
         "the gains in the controller are for {found_us} us, the new ones for {wanted_us} us and not for all joints; nothing \
-         was changed\n  next: tune all joints"
+         was changed"
     )]
     SomeJoints {
         /// Of the gains in force.
@@ -171,11 +170,8 @@ pub(super) enum ApplyError {
         wanted_us: u32,
     },
     /// Gains for some joints only, for another estimator than the rest.
-    #[error(
-        "the gains in the controller are for estimator weights {} and {}, the new ones for {} and {} and not for all joints; \
-         nothing was changed\n  next: tune all joints, or with the --estimator-alpha and --estimator-beta of the controller",
-        found.alpha, found.beta, wanted.alpha, wanted.beta
-    )]
+    #[error("the gains in the controller are for estimator weights {} and {}, the new ones for {} and {} and not for all joints; \
+         nothing was changed", found.alpha, found.beta, wanted.alpha, wanted.beta)]
     SomeEstimators {
         /// Of the gains in force.
         found: Estimator,
@@ -191,16 +187,13 @@ pub(super) enum ApplyError {
         wanted: usize,
     },
     /// Nothing was written.
-    #[error("nothing was changed: {0}")]
-    Untouched(String),
+    #[error("nothing was changed: {}", .0.what)]
+    Untouched(ExpectedError),
     /// Writing or reading back failed; the gains from before are in force again, as read back.
     #[error("{cause}; the gains from before are in force again")]
     RolledBack { cause: String },
     /// As before, and the way back failed too.
-    #[error(
-        "{cause}; writing the old gains back failed too: {second}\n  registers: {held}\n  next: do not arm; `cubectl tune --rollback` with \
-         the gains from before, once the controller answers again (after a restart it holds what it has stored)"
-    )]
+    #[error("{cause}; writing the old gains back failed too: {second}\n  registers: {held}")]
     Mixed {
         /// What happened first.
         cause: String,
@@ -209,6 +202,23 @@ pub(super) enum ApplyError {
         /// What is where.
         held: String,
     },
+}
+
+impl ApplyError {
+    /// What to do.
+    #[must_use]
+    pub(crate) fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::Period { .. } => "tune with that \
+         --period, or change cycle.period_us of the controller".to_owned(),
+            Self::SomeJoints { .. } => "tune all joints".to_owned(),
+            Self::SomeEstimators { .. } => "tune all joints, or with the --estimator-alpha and --estimator-beta of the controller".to_owned(),
+            Self::Untouched(error) => return error.next.first().cloned(),
+            Self::Mixed { .. } => "do not arm; `cubectl tune --rollback` with \
+         the gains from before, once the controller answers again (after a restart it holds what it has stored)".to_owned(),
+            _ => return None,
+        })
+    }
 }
 
 /// A write that ended early.
@@ -237,35 +247,35 @@ impl InForce {
     /// Reads them.
     ///
     /// # Errors
-    /// As text.
-    pub(super) fn read<T: Registers>(target: &mut T) -> Result<Self, String> {
+    /// The transport, or a register that is not there.
+    pub(super) fn read<T: Registers>(target: &mut T) -> Result<Self, ExpectedError> {
         let mut rows: Vec<Vec<f32>> = Vec::new();
         for name in GAINS {
-            let row = target.floats(name).map_err(|e| e.to_string())?;
+            let row = target.floats(name).map_err(unread)?;
             if row.is_empty() || rows.first().is_some_and(|first| first.len() != row.len()) {
-                return Err(format!(
+                return Err(unread(format!(
                     "the controller's register {name} does not hold the gains of its joints"
-                ));
+                )));
             }
             rows.push(row);
         }
         let [mut estimator_alpha, mut estimator_beta] = [0.0; 2];
         for (name, weight) in ESTIMATOR.into_iter().zip([&mut estimator_alpha, &mut estimator_beta]) {
-            *weight = match target.floats(name).map_err(|e| e.to_string())?.as_slice() {
+            *weight = match target.floats(name).map_err(unread)?.as_slice() {
                 [weight] => *weight,
-                _ => return Err(format!("the controller has no register {name}")),
+                _ => return Err(unread(format!("the controller has no register {name}"))),
             };
         }
         let mut natural = |name: &str| match target.natural(name) {
             Ok(Some(value)) => Ok(value),
-            Ok(None) => Err(format!("the controller has no register {name}")),
-            Err(e) => Err(e.to_string()),
+            Ok(None) => Err(unread(format!("the controller has no register {name}"))),
+            Err(e) => Err(unread(e)),
         };
         let (period_us, robot_crc32, certificate_crc32) =
             (natural(GAINS_PERIOD)?, natural(ROBOT)?, natural(CERTIFICATE)?);
         let delay_us = [natural(DELAY[0])?, natural(DELAY[1])?];
         let lags_us = [natural(LAGS[0])?, natural(LAGS[1])?];
-        let a_max_rad_s2 = target.floats(ACCELERATION).map_err(|e| e.to_string())?;
+        let a_max_rad_s2 = target.floats(ACCELERATION).map_err(unread)?;
         let mut rows = rows.into_iter();
         let mut next = || rows.next().unwrap_or_default();
         let (k_pos_1_s2, k_vel_1_s, k_last) = (next(), next(), next());
@@ -410,19 +420,19 @@ impl InForce {
     }
 }
 
-/// What happened, without the advice that comes with it: there is better advice here.
+/// Why a register is not read.
 #[allow(clippy::needless_pass_by_value)]
-fn first_line(error: impl std::fmt::Display) -> String {
-    error.to_string().lines().next().unwrap_or_default().to_owned()
+fn unread(error: impl Cause) -> ExpectedError {
+    ExpectedError::of(exit::DRIVE, &error)
 }
 
 fn write_floats<T: Registers>(target: &mut T, name: &str, wanted: &[f32]) -> Result<(), String> {
-    let back = target.set_floats(name, wanted).map_err(first_line)?;
+    let back = target.set_floats(name, wanted).map_err(|e| e.to_string())?;
     if back == wanted { Ok(()) } else { Err(format!("{name} reads back {back:?} instead of {wanted:?}")) }
 }
 
 fn write_natural<T: Registers>(target: &mut T, name: &str, wanted: u32) -> Result<(), String> {
-    let back = target.set_natural(name, wanted).map_err(first_line)?;
+    let back = target.set_natural(name, wanted).map_err(|e| e.to_string())?;
     if back == Some(wanted) { Ok(()) } else { Err(format!("{name} reads back {back:?} instead of {wanted}")) }
 }
 
@@ -436,7 +446,7 @@ pub(super) fn put<T: Registers>(
     before: &InForce,
     wanted: &InForce,
 ) -> Result<(), ApplyError> {
-    let found = target.natural(CYCLE_PERIOD).map_err(|e| ApplyError::Untouched(e.to_string()))?;
+    let found = target.natural(CYCLE_PERIOD).map_err(|e| ApplyError::Untouched(unread(e)))?;
     match found {
         Some(found_us) if found_us != wanted.period_us => {
             return Err(ApplyError::Period { found_us, wanted_us: wanted.period_us });
@@ -447,7 +457,7 @@ pub(super) fn put<T: Registers>(
         let cause = match InForce::read(target) {
             Ok(all) if all == *wanted => return Ok(()),
             Ok(all) => format!("the controller holds {all:?} instead of {wanted:?}"),
-            Err(cause) => cause,
+            Err(error) => error.what,
         };
         Err(Broken { done: REGISTERS.to_vec(), at: CERTIFICATE, cause })
     });

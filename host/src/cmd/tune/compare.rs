@@ -48,10 +48,10 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
         console::text!("{about}{}", trial::text(&rows));
     }
     match rows.iter().find_map(|row| Some((row, row.failed.as_ref()?))) {
-        Some((row, why)) => Err(ExpectedError::new(
-            exit::FINDINGS,
-            format!("{} in {}: {why}\n  next: use other gains for this throw", row.gains, row.throw),
-        )),
+        Some((row, why)) => {
+            Err(ExpectedError::new(exit::FINDINGS, format!("{} in {}: {why}", row.gains, row.throw))
+                .next("use other gains for this throw"))
+        }
         None => Ok(()),
     }
 }
@@ -62,12 +62,13 @@ fn read(path: &Path, work: &Work, of_robot: &Settings) -> Result<(InForce, Strin
     if let Ok(held) = InForce::from_toml(&text) {
         if held.k_pos_1_s2.len() != work.robot.n() {
             return Err(ExpectedError::bad_input(&format!(
-                "{}: gains of {} joints; {} has {}\n  next: name the robot of the gains with --robot",
+                "{}: gains of {} joints; {} has {}",
                 path.display(),
                 held.k_pos_1_s2.len(),
                 work.machine.robot,
                 work.robot.n()
-            )));
+            ))
+            .next("name the robot of the gains with --robot"));
         }
         return Ok((held, "held by a controller; the file has no certificate to verify".to_owned()));
     }
@@ -75,10 +76,11 @@ fn read(path: &Path, work: &Work, of_robot: &Settings) -> Result<(InForce, Strin
     let joints = file.joint.len();
     if joints != work.robot.n() {
         return Err(ExpectedError::bad_input(&format!(
-            "{}: gains of {joints} of {} joints\n  next: tune all joints",
+            "{}: gains of {joints} of {} joints",
             path.display(),
             work.robot.n()
-        )));
+        ))
+        .next("tune all joints"));
     }
     let error_rad =
         file.joint.iter().map(|joint| joint.problem.error_position_rad).fold(f64::INFINITY, f64::min);
@@ -98,8 +100,7 @@ fn recorded(
         ["plan.json", "bus.log", "summary.json", "gains.toml"].map(|name| folder.join(name));
     let file = PlanFile::read(&plan).map_err(|e| ExpectedError::bad_input(&e))?;
     let seen = report::read(&plan, &log, Some(&summary), Some(&work.source), BIT_RATE)?;
-    let analysis =
-        seen.analysis.map_err(|why| ExpectedError::bad_input(&format!("{}: {why}", log.display())))?;
+    let analysis = seen.analysis.map_err(|why| ExpectedError::bad_input(&why).at(log.display()))?;
     let (its, _) = read(&gains, work, of_robot)?;
     let ran_with = |set: &&Named| {
         let numbers = |gains: &InForce| {

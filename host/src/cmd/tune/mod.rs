@@ -72,16 +72,16 @@ pub enum TuneError {
 impl From<TuneError> for ExpectedError {
     fn from(error: TuneError) -> Self {
         match error {
-            TuneError::Write { .. } => Self::new(exit::OUTPUT, error.to_string()),
+            TuneError::Write { ref cause, .. } => Self::new(exit::OUTPUT, error.to_string()).next_of(cause),
             TuneError::File(_) => Self::new(exit::BUG, error.to_string()),
-            _ => Self::bad_input(&error),
+            _ => Self::bad_input(&error.to_string()),
         }
     }
 }
 
 impl From<ApplyError> for ExpectedError {
     fn from(error: ApplyError) -> Self {
-        Self::new(exit::DRIVE, error.to_string())
+        Self { next: error.next().into_iter().collect(), ..Self::new(exit::DRIVE, error.to_string()) }
     }
 }
 
@@ -236,10 +236,10 @@ impl Work {
     }
 
     /// The design, what it replaces and the yardsticks in the same throw on the simulated cell.
-    fn try_out(&self, before: Option<&(&str, InForce)>, file: &GainsFile) -> Result<Vec<Row>, String> {
-        let of_robot = settings_of(&self.robot).map_err(|why| why.to_string())?;
+    fn try_out(&self, before: Option<&(&str, InForce)>, file: &GainsFile) -> Result<Vec<Row>, ExpectedError> {
+        let of_robot = settings_of(&self.robot).map_err(|why| ExpectedError::bad_input(&why))?;
         let under = before.map_or_else(|| InForce::of(&of_robot), |(_, gains)| gains.clone());
-        let after = under.with(file, crc32_of(&self.robot)).map_err(|why| why.to_string())?;
+        let after = under.with(file, crc32_of(&self.robot)).map_err(ExpectedError::from)?;
         let named = |name: &str, gains: &InForce| Named { name: name.to_owned(), gains: gains.clone() };
         let mut sets: Vec<Named> = before.map(|(name, gains)| named(name, gains)).into_iter().collect();
         sets.push(named("this design", &after));
@@ -316,13 +316,11 @@ impl Work {
 /// What is reported when the gains are for smaller errors than asked for.
 fn short_of(demand: &Demand, cause: &str) -> ExpectedError {
     let (position_rad, velocity_rad_s) = (demand.error_position_rad, demand.error_velocity_rad_s);
-    ExpectedError::new(
-        exit::FINDINGS,
-        format!(
-            "{cause}\n  next: the gains above are certified for {position_rad} rad and {velocity_rad_s:.4} rad/s, the largest errors \
-             of that shape; take them with --error {position_rad} {velocity_rad_s:.4}, or plan a slower motion"
-        ),
-    )
+    let next = format!(
+        "the gains above are certified for {position_rad} rad and {velocity_rad_s:.4} rad/s, the largest errors of that shape; take \
+         them with --error {position_rad} {velocity_rad_s:.4}, or plan a slower motion"
+    );
+    ExpectedError::new(exit::FINDINGS, cause).next(next)
 }
 
 /// Gains file.
@@ -364,8 +362,8 @@ impl ControllerOnBus {
     /// Keeps `before` in a file, then puts `wanted` in force.
     fn apply(&mut self, before: &InForce, wanted: &InForce, backup: &Path) -> Result<(), ExpectedError> {
         std::fs::write(backup, before.to_toml()).map_err(|cause| {
-            let cause = format!("{}: {cause}; nothing was changed", backup.display());
-            ExpectedError::new(exit::OUTPUT, cause)
+            let what = format!("{}: {cause}; nothing was changed", backup.display());
+            ExpectedError::new(exit::OUTPUT, what).next_of(&cause)
         })?;
         put(&mut self.registers(), before, wanted)?;
         console::line!(
@@ -490,7 +488,7 @@ mod tests {
         args.rollback = None;
         (args.period_ms, args.joint) = (17.0, Joints::All);
         let refused = run(&args).unwrap_err();
-        assert!(refused.code == exit::DRIVE && refused.message.contains("3000 us"), "{refused}");
+        assert!(refused.code == exit::DRIVE && refused.what.contains("3000 us"), "{refused}");
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }

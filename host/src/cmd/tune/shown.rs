@@ -23,9 +23,7 @@ pub(super) fn page(
     };
     let mut tables = vec![("Gains and figures", joints)];
     tables.extend(rows.map(|rows| ("On the simulated cell", trial::table(rows))));
-    let short = short.map(ExpectedError::parts);
-    let short = short.map(|(what, next)| (what, next.join("; ")));
-    let short = short.as_ref().map(|(what, next)| (what.as_str(), next.as_str()));
+    let short = short.map(|short| (short.what.as_str(), short.next.first().map_or("", String::as_str)));
     let under = demanded(&work.demand);
     report::html(&work.machine.robot, &under, short, tuned, &tables)
 }

@@ -61,7 +61,7 @@ pub fn text_of(name_or_path: &str) -> Result<(String, String), LoadError> {
             let problem = if e.kind() == std::io::ErrorKind::NotFound {
                 Problem::UnknownRobot { known: built_in_robots() }
             } else {
-                DocumentProblem::Unreadable(e.to_string()).into()
+                DocumentProblem::unreadable(&e).into()
             };
             Err(LoadError::of_file(name_or_path, problem))
         }

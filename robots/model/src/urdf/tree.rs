@@ -58,10 +58,7 @@ pub enum UrdfProblem {
     #[error("joint `{0}` mimics another joint, which a serial arm cannot have")]
     Mimic(String),
     /// Two moving joints start from one body.
-    #[error(
-        "the arm branches at link `{link}`: joints {} both move from it\n  next: `--end-effector LINK` names the end of the arm",
-        .joints.join(" and ")
-    )]
+    #[error("the arm branches at link `{link}`: joints {} both move from it", .joints.join(" and "))]
     Branch {
         /// The link.
         link: String,
@@ -89,10 +86,7 @@ pub enum UrdfProblem {
     #[error("no joint moves")]
     NoJoints,
     /// More joints in a row than an arm may have.
-    #[error(
-        "{found} joints move in a row; at most {max} can be led\n  next: `--end-effector LINK` ends the arm at a link before (`{last}` is \
-         the {max}th)"
-    )]
+    #[error("{found} joints move in a row; at most {max} can be led")]
     TooManyJoints {
         /// Joints in a row.
         found: usize,
@@ -109,6 +103,20 @@ pub enum UrdfProblem {
         /// Links of the file.
         there: Vec<String>,
     },
+}
+
+impl UrdfProblem {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::Branch { .. } => "`--end-effector LINK` names the end of the arm".to_owned(),
+            Self::TooManyJoints { max, last, .. } => {
+                format!("`--end-effector LINK` ends the arm at a link before (`{last}` is the {max}th)")
+            }
+            _ => return None,
+        })
+    }
 }
 
 /// Mass, centre and inertia (about the centre, axes of the link).

@@ -35,10 +35,10 @@ pub enum PlanFileError {
     )]
     Newer { path: PathBuf, found: u64 },
     #[error(
-        "plan {path} is for a thing with an attitude at its arrival (target.attitude), and only balls are thrown\n  next: plan again for a ball, with `cubectl plan throw`"
+        "plan {path} is for a thing with an attitude at its arrival (target.attitude), and only balls are thrown"
     )]
     NotABall { path: PathBuf },
-    #[error("plan {path} is of kind \"{}\", here one of kind \"{}\" is wanted\n  next: {}", .found.name(), .wanted.name(), next_for(*.found))]
+    #[error("plan {path} is of kind \"{}\", here one of kind \"{}\" is wanted", .found.name(), .wanted.name())]
     OtherKind { path: PathBuf, found: Kind, wanted: Kind },
     #[error(
         "plan {path} is for robot \"{found}\" ({found_fingerprint}), not for \"{wanted}\" ({wanted_fingerprint}): plan again, or name the robot with --robot"
@@ -50,6 +50,19 @@ pub enum PlanFileError {
         wanted: String,
         wanted_fingerprint: String,
     },
+}
+
+impl PlanFileError {
+    /// What to do.
+    #[must_use]
+    pub fn next(&self) -> Option<String> {
+        Some(match self {
+            Self::Io { source, .. } => return toml_reader::next_of_file(source).map(str::to_owned),
+            Self::NotABall { .. } => "plan again for a ball, with `cubectl plan throw`".to_owned(),
+            Self::OtherKind { found, .. } => next_for(*found).to_owned(),
+            _ => return None,
+        })
+    }
 }
 
 const fn next_for(kind: Kind) -> &'static str {
