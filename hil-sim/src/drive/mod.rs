@@ -17,7 +17,7 @@
 //! | `servo` | position loop and torque left of the current limit |
 //! | `faults` | what is broken in it |
 //! | [`mit`], [`odrive`] | a Damiao motor, an axis of an ODrive instead of a PowerCube |
-//! | [`bench`] | such motors with an inertia each, as participants of a bus |
+//! | [`mod@bench`] | such motors with an inertia each, as participants of a bus |
 //!
 //! # State
 //!
