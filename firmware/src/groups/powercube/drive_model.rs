@@ -26,7 +26,7 @@
 //! |d| <= D0 + loose                          in each answer
 //! |m| <= R0 + |v| T_J + loose · 0.05 s + L   in each answer; m: way by commands since the answer last changed; only half of
 //!                                            R0 while |v| < D0; L: way since then of a speed of `loose` at its
-//!                                            beginning and a step of the encoder
+//!                                            beginning, a step of the encoder, and what late answers make it wrong
 //! ```
 //!
 //! `loose` is the uncertainty of the speed after an unanswered motion command: the drive may or may not have taken it. Its size
@@ -45,8 +45,10 @@
 use protocol::Instant;
 
 use crate::fault::Cause;
+use crate::groups::powercube::generator::after;
 use crate::groups::powercube::ramp::RampState;
 use crate::joints::{at_least, at_most, clamp};
+use crate::root::square_root;
 use crate::span;
 
 /// Largest position residual of a drive at rest, rad: eight and a half steps of the encoder (0.35 mrad). Healthy drives of 200
@@ -59,6 +61,8 @@ pub const T_JITTER_S: f32 = 0.8e-3;
 pub const D0_RAD_S: f32 = 0.06;
 /// Speed that one step of the encoder (0.35 mrad) leaves in the observer at most, rad/s: step / (e · 0.1 s), a tenth more.
 const STEP_RAD_S: f32 = 1.4e-3;
+/// Late answers make the speed wrong by as many times the root of the sum of their squares at most.
+const TIMING_SIGMAS: f32 = 2.0;
 /// Position residuals above the bound in a row that stop the group: one may be an answer that was mixed up on the bus.
 pub const OVER_ROW: u8 = 2;
 
@@ -93,8 +97,12 @@ pub struct DriveModel {
     alone: RampState,
     alone_from_rad: f32,
     behind_from_rad: f32,
-    /// How wrong the speed of `alone` may be, rad/s: a step of the encoder, a motion that was taken or not; and its way by now, rad.
+    /// Sum of the squares of what late answers make the speed wrong, rad²/s²: each on its own, so they seldom add up.
+    timing_rad2_s2: f32,
+    /// How wrong the speed of `alone` may be: a step of the encoder and a motion that was taken or not, rad/s; late answers,
+    /// rad²/s²; and the way by now, rad.
     alone_loose_rad_s: f32,
+    alone_timing_rad2_s2: f32,
     alone_loose_rad: f32,
     /// The first residual above the bound came in one step of this size, rad.
     step_rad: f32,
@@ -171,10 +179,20 @@ impl DriveModel {
         after(from, self.target_rad, self.v_ramp_rad_s, self.a_ramp_rad_s2, dt_s)
     }
 
-    /// The drive has answered a motion: this is what it does from the last compared answer on.
-    pub const fn command(&mut self, target_rad: f32, v_ramp_rad_s: f32, a_ramp_rad_s2: f32) {
+    /// The drive has answered a motion: this is what it does from the last compared answer on. The answer came `late_s` later than usual, so
+    /// the motion may have begun so much earlier.
+    pub fn command(&mut self, target_rad: f32, v_ramp_rad_s: f32, a_ramp_rad_s2: f32, late_s: f32) {
+        let before_rad_s2 = self.acceleration_rad_s2();
         (self.target_rad, self.v_ramp_rad_s, self.a_ramp_rad_s2) = (target_rad, v_ramp_rad_s, a_ramp_rad_s2);
+        let wrong_rad_s = (self.acceleration_rad_s2() - before_rad_s2) * late_s;
+        self.timing_rad2_s2 += wrong_rad_s * wrong_rad_s;
+        self.alone_timing_rad2_s2 += wrong_rad_s * wrong_rad_s;
         self.doubt_rad_s2 = 0.0;
+    }
+
+    /// Acceleration towards the target, rad/s².
+    fn acceleration_rad_s2(&self) -> f32 {
+        libm::copysignf(self.a_ramp_rad_s2, self.target_rad - self.generator.q_rad)
     }
 
     /// A motion was not answered: the drive may have taken it or not.
@@ -207,6 +225,7 @@ impl DriveModel {
                 (q_rad, self.generator, self.generator.q_rad);
             self.behind_from_rad = self.behind_rad;
             (self.alone_loose_rad_s, self.alone_loose_rad) = (STEP_RAD_S + self.loose_rad_s, 0.0);
+            self.alone_timing_rad2_s2 = self.timing_rad2_s2;
         }
         self.still_rad = (self.alone.q_rad - self.alone_from_rad) - (self.behind_rad - self.behind_from_rad);
         if near {
@@ -262,7 +281,8 @@ impl DriveModel {
         let more_rad_s = self.doubt_rad_s2 * dt_s;
         self.loose_rad_s += more_rad_s;
         self.alone_loose_rad_s += more_rad_s;
-        self.alone_loose_rad += self.alone_loose_rad_s * dt_s;
+        let timing_rad_s = TIMING_SIGMAS * square_root(self.alone_timing_rad2_s2);
+        self.alone_loose_rad += (self.alone_loose_rad_s + timing_rad_s) * dt_s;
         self.generator.q_rad - before.q_rad - self.behind_rad + behind_before
     }
 
@@ -278,6 +298,7 @@ impl DriveModel {
         self.drift_rad_s = self.drift_rad_s * fade + dv_rad_s;
         // As slowly as what it explains.
         self.loose_rad_s *= fade;
+        self.timing_rad2_s2 *= fade * fade;
     }
 }
 
@@ -295,101 +316,16 @@ pub fn excursion_max_rad(v_rad_s: f32, v_max_rad_s: f32, a_max_rad_s2: f32, peri
     way_rad + v_stop * wait_s + 0.5 * v_stop * v_stop / a_max_rad_s2
 }
 
-/// Ramp generator `dt_s` later: towards the target with at most `v_ramp`, changing its speed with `a`.
-fn after(from: RampState, target_rad: f32, v_ramp_rad_s: f32, a_rad_s2: f32, dt_s: f32) -> RampState {
-    let RampState { q_rad, v_rad_s } = from;
-    if a_rad_s2 <= 0.0 {
-        // No motion was commanded yet.
-        return RampState { q_rad: q_rad + v_rad_s * dt_s, v_rad_s };
-    }
-    let a = a_rad_s2;
-    let rest_rad = target_rad - (q_rad + 0.5 * v_rad_s * v_rad_s.abs() / a);
-    let s = if rest_rad > 0.0 || (rest_rad == 0.0 && v_rad_s > 0.0) { 1.0 } else { -1.0 };
-    // All in the direction of travel from here on.
-    let (d, u, v_max) = (s * (target_rad - q_rad), s * v_rad_s, at_least(v_ramp_rad_s, 1e-6));
-    let give = |way: f32, v: f32| RampState { q_rad: q_rad + s * way, v_rad_s: s * v };
-    let way_of = |a: f32, t: f32| t * (u + 0.5 * a * t);
-
-    // Mostly it still changes its speed after the whole time.
-    let (first_a, w, t1) = if u > v_max {
-        (-a, v_max, (u - v_max) / a)
-    } else {
-        let u1 = u + a * dt_s;
-        if u1 <= v_max && d - way_of(a, dt_s) >= 0.5 * u1 * u1.abs() / a {
-            return give(way_of(a, dt_s), u1);
-        }
-        let peak = libm::sqrtf(at_least(a * d + 0.5 * u * u, 0.0));
-        let w = at_most(peak, v_max);
-        (a, w, at_least((w - u) / a, 0.0))
-    };
-    if dt_s <= t1 {
-        return give(way_of(first_a, dt_s), u + first_a * dt_s);
-    }
-    let (way1, t) = (way_of(first_a, t1), dt_s - t1);
-    let cruise = at_least(d - way1 - 0.5 * w * w / a, 0.0);
-    if w * t <= cruise {
-        return give(way1 + w * t, w);
-    }
-    let t3 = t - cruise / at_least(w, 1e-6);
-    if a * t3 < w {
-        return give(way1 + cruise + t3 * (w - 0.5 * a * t3), w - a * t3);
-    }
-    RampState { q_rad: target_rad, v_rad_s: 0.0 }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
     use protocol::Duration;
-
-    /// Generator in small steps in double precision: an oracle that switches by itself.
-    fn by_steps(from: RampState, target: f64, v_ramp: f64, a: f64, seconds: f64) -> (f64, f64) {
-        let (mut q, mut v, dt) = (f64::from(from.q_rad), f64::from(from.v_rad_s), 2e-6);
-        for _ in 0..(seconds / dt).round() as usize {
-            let d = target - q;
-            let towards = d * v > 0.0;
-            let wanted = if towards && v * v / (2.0 * a) >= d.abs() { 0.0 } else { d.signum() * v_ramp };
-            let dv = (wanted - v).clamp(-a * dt, a * dt);
-            q += dt * (v + 0.5 * dv);
-            v += dv;
-        }
-        (q, v)
-    }
-
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(60))]
-        #[test]
-        fn generator_in_closed_form_agrees_with_small_steps(
-            v in -2.5f32..2.5, target in -1.0f32..1.0, v_ramp in 0.05f32..2.6, a in 0.3f32..10.0, t in 0.0f32..0.4,
-        ) {
-            let from = RampState { q_rad: 0.1, v_rad_s: v };
-            let (q, speed) = by_steps(from, target.into(), v_ramp.into(), a.into(), t.into());
-            let model = after(from, target, v_ramp, a, t);
-            prop_assert!((f64::from(model.q_rad) - q).abs() < 2e-4, "{model:?}, {q} {speed}");
-            prop_assert!((f64::from(model.v_rad_s) - speed).abs() < 8e-3, "{model:?}, {q} {speed}");
-        }
-
-        /// Many short looks see what one long one sees.
-        #[test]
-        fn generator_does_not_depend_on_how_often_it_is_looked_at(
-            v in -2.5f32..2.5, target in -1.0f32..1.0, a in 0.3f32..10.0, looks in 2u16..60,
-        ) {
-            let from = RampState { q_rad: 0.1, v_rad_s: v };
-            let once = after(from, target, 1.5, a, 0.3);
-            let mut often = from;
-            for _ in 0..looks {
-                often = after(often, target, 1.5, a, 0.3 / f32::from(looks));
-            }
-            prop_assert!((once.q_rad - often.q_rad).abs() < 1e-4, "{once:?} {often:?}");
-        }
-    }
 
     /// A joint on a ramp of 2 rad/s2 to 1 rad/s, answers every 3 ms; the reported position is what `report` makes of the
     /// true one. The time at which the model objects, and how.
     fn watched(report: impl Fn(f32, f32) -> f32) -> Option<(u64, Cause)> {
         let mut model = DriveModel::at_rest(Instant::ZERO, 0.0);
-        model.command(3.0, 1.0, 2.0);
+        model.command(3.0, 1.0, 2.0, 0.0);
         let start = RampState { q_rad: 0.0, v_rad_s: 0.0 };
         for k in 1..300u64 {
             let t = k as f32 * 0.003;
@@ -409,7 +345,7 @@ mod tests {
     fn position_is_behind_the_generator_like_the_output_of_a_first_order_lag() {
         for dt_s in [1e-3f32, 3e-3] {
             let mut model = DriveModel::at_rest(Instant::ZERO, 0.0);
-            model.command(3.0, 1.0, 2.0);
+            model.command(3.0, 1.0, 2.0, 0.0);
             let (mut y, mut moved_rad) = (0.0f64, 0.0f32);
             for k in 1..=300 {
                 let t = dt_s * k as f32;
@@ -432,7 +368,7 @@ mod tests {
     fn drive_that_begins_to_move_at_any_time_and_place_is_not_objected_to() {
         let begin = Instant::from_micros(5_000_000);
         let mut model = DriveModel::at_rest(begin, -1.5);
-        model.command(0.5, 1.0, 2.0);
+        model.command(0.5, 1.0, 2.0, 0.0);
         let start = RampState { q_rad: -1.5, v_rad_s: 0.0 };
         for k in 1..200u64 {
             let q_rad = after(start, 0.5, 1.0, 2.0, 3e-3 * k as f32).q_rad;
@@ -485,7 +421,7 @@ mod tests {
     fn drive_that_moves_while_it_is_commanded_to_rest_is_found() {
         for speed in [0.2f32, -0.5, 1.5] {
             let mut model = DriveModel::at_rest(Instant::ZERO, 1.0);
-            model.command(1.0, 0.5, 1.0);
+            model.command(1.0, 0.5, 1.0, 0.0);
             let found = (1..200u64).find_map(|k| {
                 let q_rad = 1.0 + speed * k as f32 * 0.003;
                 Some((k, model.compare(Instant::from_micros(3_000 * k), q_rad, 0.005)?))
@@ -506,7 +442,7 @@ mod tests {
             let mut truth = RampState { q_rad: 0.0, v_rad_s: 0.0 };
             let mut found = None;
             for k in 1..400u64 {
-                model.command(3.0, 0.02, a);
+                model.command(3.0, 0.02, a, 0.0);
                 truth = after(truth, 3.0, 0.02, a, 3e-3);
                 let q_rad = if frozen { 0.0 } else { (truth.q_rad / STEP_RAD).round() * STEP_RAD };
                 found = model.compare(Instant::from_micros(3_000 * k), q_rad, 0.0);
@@ -526,7 +462,7 @@ mod tests {
         for period_us in [3_000u64, 17_000] {
             for beside_rad in [1.7e-4, -1.7e-4, 6e-4, -2e-3] {
                 let mut model = DriveModel::at_rest(Instant::ZERO, 0.0);
-                model.command(0.01, 0.25, 1.0);
+                model.command(0.01, 0.25, 1.0, 0.0);
                 let mut truth = RampState { q_rad: 0.0, v_rad_s: 0.0 };
                 for k in 1..2_000u64 {
                     truth = after(truth, 0.01, 0.25, 1.0, period_us as f32 * 1e-6);
@@ -547,7 +483,7 @@ mod tests {
                 let mut truth = RampState { q_rad: 0.0, v_rad_s: 0.0 };
                 let dt = period_us as f32 * 1e-6;
                 let (mut believed, mut real) = (3.0f32, 3.0f32);
-                model.command(believed, 2.0, a);
+                model.command(believed, 2.0, a, 0.0);
                 for k in 1..100u64 {
                     truth = after(truth, real, 2.0, a, dt);
                     let lost = k == 10;
@@ -564,7 +500,7 @@ mod tests {
                         "{period_us} us, taken {taken}, {a} rad/s2, answer {k}: {model:?}"
                     );
                     (believed, real) = (next, next);
-                    model.command(believed, 2.0, a);
+                    model.command(believed, 2.0, a, 0.0);
                 }
             }
         }
@@ -593,7 +529,36 @@ mod tests {
                         11 => (-3.0, a),
                         _ => (-target, 0.01),
                     };
-                    if k == 11 { model.doubt(a) } else { model.command(target, 2.0, a_real) }
+                    if k == 11 { model.doubt(a) } else { model.command(target, 2.0, a_real, 0.0) }
+                }
+            }
+        }
+    }
+
+    /// An answer that is late by less than what counts as held up is timed when it comes.
+    #[test]
+    fn joint_that_is_held_after_a_late_answer_is_not_taken_for_a_frozen_drive() {
+        const STEP_RAD: f32 = 3.5e-4;
+        for (period_us, a) in [(3_000u64, 10.0f32), (10_000, 6.0), (17_000, 3.0)] {
+            for late_us in [400u64, 800, 1_600] {
+                let mut model = DriveModel::at_rest(Instant::ZERO, 0.0);
+                let mut truth = RampState { q_rad: 0.0, v_rad_s: 0.0 };
+                let (mut target, mut a_real) = (3.0f32, 0.01);
+                for k in 1..2_000u64 {
+                    truth = after(truth, target, 2.0, a_real, period_us as f32 * 1e-6);
+                    let q_rad = (truth.q_rad / STEP_RAD).round() * STEP_RAD;
+                    let late_us = if k == 11 { late_us } else { 0 };
+                    let cause = model.compare(Instant::from_micros(period_us * k + late_us), q_rad, 0.0);
+                    assert_eq!(
+                        cause, None,
+                        "{period_us} us, {a} rad/s2, {late_us} us late, answer {k}: {model:?}"
+                    );
+                    (target, a_real) = match k {
+                        10 => (3.0, a),
+                        11 => (-3.0, a),
+                        _ => (-target, 0.01),
+                    };
+                    model.command(target, 2.0, a_real, late_us as f32 * 1e-6);
                 }
             }
         }
@@ -605,7 +570,7 @@ mod tests {
         let period_s = 3e-3;
         let mut model = DriveModel::at_rest(Instant::ZERO, 0.0);
         let mut truth = RampState { q_rad: 0.0, v_rad_s: 0.0 };
-        model.command(3.0, 2.0, 6.0);
+        model.command(3.0, 2.0, 6.0, 0.0);
         let mut found = None;
         for k in 1..400u64 {
             truth = after(truth, 3.0, 2.0, 0.5, period_s);
@@ -616,7 +581,7 @@ mod tests {
             if found.is_some() {
                 break;
             }
-            model.command(3.0, 2.0, 0.5);
+            model.command(3.0, 2.0, 0.5, 0.0);
         }
         assert_eq!(found, Some(Cause::PositionFrozen), "{model:?}");
         assert!((1e-3..0.02).contains(&truth.q_rad), "{}", truth.q_rad);

@@ -283,7 +283,12 @@ impl DriveRecord {
     /// True if an answer of the main lane that is handed over now says nothing about when the drive gave it: the drive took its
     /// time, or the controller was held up and reads it late.
     pub fn is_held_up(&self, now: Instant) -> bool {
-        now.saturating_since(self.asked_at) > Duration::from_micros(self.answer_us.into()) + HELD_UP
+        self.lateness(now) > HELD_UP
+    }
+
+    /// How much later than usual an answer of the main lane is that is handed over now.
+    pub fn lateness(&self, now: Instant) -> Duration {
+        now.saturating_since(self.asked_at + Duration::from_micros(self.answer_us.into()))
     }
 
     fn learn_answer_time(&mut self, now: Instant) {

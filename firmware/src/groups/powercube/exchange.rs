@@ -13,6 +13,7 @@ use super::{Mode, PowerCubes, ramp};
 use crate::fault::{Cause, Fault};
 use crate::group::{GroupEvent, InForce, Measured, PositionSample};
 use crate::settings::Settings;
+use crate::span;
 use crate::supervisor;
 
 /// Deadline for answers while the drives are only read or home. With the repetitions that follow, a silent drive is
@@ -307,7 +308,7 @@ impl PowerCubes {
             self.fail(Fault::at(cause, joint));
         }
         if let Some(target_rad) = target_rad {
-            self.model_command(settings, joint, target_rad);
+            self.model_command(now, settings, joint, target_rad);
         }
         let in_force = if matches!(self.mode, Mode::Tracking) && target_rad.is_some() {
             Some(self.take_in_force(now, settings, joint, sample))
@@ -383,14 +384,16 @@ impl PowerCubes {
     }
 
     /// The drive has answered a ramp: it goes to `target_rad` (drive side) with the speed and acceleration that it holds.
-    fn model_command(&mut self, settings: &Settings, joint: JointIndex, target_rad: f32) {
+    fn model_command(&mut self, now: Instant, settings: &Settings, joint: JointIndex, target_rad: f32) {
         let limits = settings.joint.at(joint);
         // A write without an answer is repeated before the next motion, so both are known.
         let ramp::Loaded { v_rad_s, a_rad_s2 } = self.drives.at(joint).loaded;
+        let late = self.drives.at(joint).lateness(now);
         self.axes.at_mut(joint).model.command(
             limits.to_joint_rad(target_rad),
             v_rad_s.unwrap_or(limits.v_max_rad_s),
             a_rad_s2.unwrap_or(limits.a_max_rad_s2),
+            span::seconds(late),
         );
     }
 

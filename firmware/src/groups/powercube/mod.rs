@@ -8,6 +8,7 @@
 //! | [`words`] | what state words say |
 //! | [`schedule`], [`order`], [`slots`], [`cycle_timing`] | who is asked next, in which order, when in the cycle; how long a cycle takes |
 //! | [`ramp`] | acceleration in the words of a ramp drive |
+//! | `generator` | the ramp generator of a drive, in closed form |
 //! | [`drive_model`] | what a drive should do with its commands, and how far its answers are from it |
 //! | [`transmit`] | frames on their way out |
 //! | `exchange` | requests out, replies in; what each answer says |
@@ -29,6 +30,7 @@
 pub mod cycle_timing;
 pub mod drive_model;
 pub mod drives;
+mod generator;
 pub mod order;
 pub mod ramp;
 pub mod schedule;
