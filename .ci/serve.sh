@@ -1,7 +1,9 @@
 # Sourced by stages whose clients need the simulated cell at free places:
 #   serve LOG BUS…       starts `hil-sim serve --json` as $server, its lines into LOG; returns when all its doors are open
+#                          by the clock of "${clock[@]}", if that is set (.ci/slow.sh)
 #   place LOG PREFIX     where the door is whose name begins so: the program says which port or pseudo-terminal it got
 . .ci/wait.sh
+clock=()
 serves() { [ "$(grep -c '"event":"serving"' "$1")" -ge "$2" ]; } # log, doors
 serve() {
     local log=$1 buses=()
@@ -9,7 +11,7 @@ serve() {
     for bus in "$@"; do buses+=(--bus "$bus"); done
     # Here, not by the job in the background: the loop below may look before that has begun.
     : >"$log"
-    target/release/hil-sim serve "${buses[@]}" --json >"$log" </dev/null &
+    "${clock[@]}" target/release/hil-sim serve "${buses[@]}" --json >"$log" </dev/null &
     server=$!
     wait_for "$server" serves "$log" $# && return 0
     echo "the simulated cell does not open its doors:" >&2
