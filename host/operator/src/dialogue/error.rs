@@ -226,9 +226,17 @@ fn detail(refusal: &Refusal) -> String {
     }
 }
 
-/// What the fault table advises.
+/// What the fault table advises, with the verb that does it.
 fn recovery(cause: u16) -> Option<String> {
-    Cause::from_code(cause).and_then(Cause::info).map(|info| info.recovery.to_owned())
+    let cause = Cause::from_code(cause)?;
+    let verb = match cause {
+        Cause::NotAtStart => {
+            ": `cubectl throw --plan` goes there by itself, `cubectl move --joints` on order"
+        }
+        Cause::NotHomed => ": `cubectl home`",
+        _ => "",
+    };
+    cause.info().map(|info| format!("{}{verb}", info.recovery))
 }
 
 fn fault_text(cause: &u16, joint: &u8) -> String {

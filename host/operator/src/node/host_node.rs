@@ -71,6 +71,9 @@ pub struct HostNode {
     /// The host link to a controller, once a verb wants it.
     link: Option<Box<CyphalLink>>,
     targets: Publication,
+    /// Frames of the host link without hurry, and when the next may go.
+    background: VecDeque<Frame>,
+    background_due: Instant,
     /// The host link hears, but says nothing.
     mute: bool,
     /// Questions and answers of each module, by whomever it was asked.
@@ -79,6 +82,9 @@ pub struct HostNode {
     pub(crate) stops: StopWatch,
 }
 
+/// Least time between two frames of the lowest priority. A controller asks a drive, waits for its answer and asks the next:
+/// frames that wait fill every gap, whatever their priority, and five late cycles in a row are a fault.
+const BACKGROUND_GAP: Duration = Duration::from_millis(5);
 /// An end state that could not be sent by then is dropped: a newer one has come.
 const TARGET_VALID: Duration = Duration::from_millis(20);
 /// Answers that one module may have given beyond the questions that were heard: some were asked before we listened.
@@ -97,6 +103,8 @@ impl Default for HostNode {
             stop_transfer: TransferId::ZERO,
             link: None,
             targets: Publication::new(target::SUBJECT, Priority::Fast, TARGET_VALID),
+            background: VecDeque::new(),
+            background_due: Instant::ZERO,
             mute: false,
             talks: BTreeMap::new(),
             stops: StopWatch::default(),
@@ -234,6 +242,26 @@ impl HostNode {
         self.now = self.now.max(now);
     }
 
+    /// The next frame of the host link: at once, or, at the lowest priority, one per [`BACKGROUND_GAP`].
+    fn frame_of_the_link(&mut self) -> Option<Frame> {
+        while let Some(frame) = self.link.as_mut()?.poll_frame() {
+            match (self.mute, is_background(&frame)) {
+                (true, _) => {}
+                (false, true) => self.background.push_back(frame),
+                (false, false) => return Some(frame),
+            }
+        }
+        if self.mute {
+            self.background.clear();
+        }
+        if self.now < self.background_due {
+            return None;
+        }
+        let frame = self.background.pop_front()?;
+        self.background_due = self.now + BACKGROUND_GAP;
+        Some(frame)
+    }
+
     fn note(&mut self, module: ModuleId, reply: &Reply) {
         let heard = self.heard.entry(module).or_default();
         heard.at = self.now;
@@ -308,12 +336,7 @@ impl Node for HostNode {
     fn poll_frame(&mut self) -> Option<Frame> {
         let frame = match self.out.pop_front().or_else(|| self.drives.poll_frame()) {
             Some(frame) => frame,
-            None => loop {
-                let frame = self.link.as_mut()?.poll_frame()?;
-                if !self.mute {
-                    break frame;
-                }
-            },
+            None => self.frame_of_the_link()?,
         };
         self.asked(&frame);
         self.tally.sent += 1;
@@ -322,7 +345,8 @@ impl Node for HostNode {
 
     fn poll_timeout(&self) -> Option<Instant> {
         let link = self.link.as_ref().and_then(|link| link.poll_timeout());
-        self.drives.poll_timeout().into_iter().chain(link).min()
+        let background = (!self.background.is_empty()).then_some(self.background_due);
+        [self.drives.poll_timeout(), link, background].into_iter().flatten().min()
     }
 }
 
@@ -330,6 +354,12 @@ impl Node for HostNode {
 fn source(frame: &Frame) -> Option<NodeId> {
     let Id::Extended(id) = frame.id() else { return None };
     Route::parse(id).ok().and_then(|(_, route)| route.source())
+}
+
+/// True for a Cyphal frame of the lowest priority.
+fn is_background(frame: &Frame) -> bool {
+    let Id::Extended(id) = frame.id() else { return false };
+    Route::parse(id).is_ok_and(|(priority, _)| priority == Priority::Optional)
 }
 
 /// Bit of the node-ID of a host tool; 0 for another one.
@@ -382,5 +412,35 @@ mod tests {
             heard.extend(frames);
         }
         assert_eq!(source(&heard[0]), Some(NODE_ID));
+    }
+
+    /// Twenty-five frames one after the other fill the gaps of five cycles of 3 ms: a controller called that a late bus (401).
+    #[test]
+    fn long_message_without_hurry_goes_out_frame_by_frame_and_leaves_the_cycles_their_gaps() {
+        let mut host = HostNode::default();
+        host.link();
+        let (mut sent_at, mut others) = (Vec::new(), 0);
+        let mut now = Instant::ZERO;
+        let end = Instant::from_micros(7_000_000);
+        while now < end {
+            host.handle_timeout(now);
+            while let Some(frame) = host.poll_frame() {
+                if is_background(&frame) {
+                    sent_at.push(now);
+                } else {
+                    others += 1;
+                }
+            }
+            let next = host.poll_timeout().expect("a heartbeat is due");
+            assert!(next > now, "asks to be called again at once");
+            now = next;
+        }
+        assert!(sent_at.len() >= 20, "the list of ports was sent: {} frames", sent_at.len());
+        assert!(others > 200, "heartbeats: {others}");
+        assert!(sent_at.windows(2).all(|two| two[1].saturating_since(two[0]) >= BACKGROUND_GAP));
+        let first = sent_at.iter().find(|at| **at > Instant::from_micros(4_000_000)).copied();
+        let last = sent_at.last().copied().unwrap_or_default();
+        let took = first.map(|first| last.saturating_since(first)).unwrap_or_default();
+        assert!(took < Duration::from_millis(500), "within the time-out of a transfer: {took:?}");
     }
 }
