@@ -7,7 +7,7 @@ use clap::parser::ValueSource;
 use operator::bus::BusArgs;
 
 /// What a command line in a message begins with if it acts on a bus: without `--bus` it would mean the simulated cell.
-pub const BUS_VERBS: [&str; 27] = [
+pub const BUS_VERBS: [&str; 28] = [
     "clear",
     "config diff",
     "config dump",
@@ -30,6 +30,7 @@ pub const BUS_VERBS: [&str; 27] = [
     "registers set",
     "run",
     "scan",
+    "servo",
     "status",
     "stop",
     "throw",

@@ -36,6 +36,8 @@ pub enum Verb {
     Plan(Box<cmd::plan::PlanVerb>),
     /// Move the arm to a pose, around everything in the way.
     Move(Box<cmd::move_arm::Args>),
+    /// Follow a stream of commands: joint angles or speeds, or the hand.
+    Servo(cmd::servo::Args),
     /// Save, show and remove named poses.
     #[command(subcommand)]
     Pose(cmd::pose::PoseVerb),
@@ -120,6 +122,7 @@ pub fn run(cli: Cli) -> Result<(), ExpectedError> {
         Verb::Throw(args) => cmd::throw::run(&args),
         Verb::Plan(verb) => cmd::plan::run(*verb),
         Verb::Move(args) => cmd::move_arm::run(&args),
+        Verb::Servo(args) => cmd::servo::run(&args),
         Verb::Pose(verb) => cmd::pose::run(&verb),
         Verb::Catch(args) => cmd::catch::run(&args),
         Verb::Check(args) => cmd::check::run(&args),

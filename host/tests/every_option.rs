@@ -209,6 +209,7 @@ const ELSEWHERE: &[(&str, &str)] = &[
     ("catch", "tests/ball_catch.rs, host/planner/tests/catch_rates.rs"),
     ("controller", "tests/bus_live.rs"),
     ("sim", "tests/bus_live.rs, tests/robot_link.rs"),
+    ("servo", "tests/servo_verb.rs"),
     ("tracker show", "tests of operator::tracker"),
     ("tracker calibrate", "tests of operator::tracker"),
     ("replay", "tests/throw_job.rs, tests/recordings.rs"),

@@ -31,6 +31,7 @@ mod robot_link;
 mod robot_throw;
 mod robot_verbs;
 mod robots_and_gains;
+mod servo_verb;
 mod throw_failures;
 mod throw_job;
 mod throw_outcome;

@@ -17,7 +17,7 @@
 //! | [`has_begun`] | nothing: whether standard output holds anything |
 //! | [`lost`] | nothing: tells why standard output is incomplete |
 //! | [`mod@interrupt`] | nothing: tells that Ctrl-C or another request to end has come |
-//! | [`typed_bytes`], [`typed_lines`] | nothing: standard input, without waiting for it |
+//! | [`typed_bytes`], [`typed_lines`], [`lines_of`] | nothing: standard input or a file, without waiting for it |
 
 pub mod interrupt;
 mod typed;
@@ -27,7 +27,7 @@ use std::io::{self, Write};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-pub use typed::{Fetched, TypedInput, typed_bytes, typed_lines};
+pub use typed::{Fetched, TypedInput, lines_of, typed_bytes, typed_lines};
 
 static BEGUN: AtomicBool = AtomicBool::new(false);
 static LOST: Mutex<Option<String>> = Mutex::new(None);

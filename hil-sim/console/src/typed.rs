@@ -108,3 +108,8 @@ mod tests {
         assert_eq!(ended.recv(), Ok(()));
     }
 }
+
+/// Lines of a source that is read to its end, such as a file.
+pub fn lines_of<R: std::io::BufRead + Send + 'static>(source: R) -> TypedInput<String> {
+    TypedInput::new(|| source.lines().map_while(Result::ok))
+}

@@ -7,7 +7,7 @@
 //! ball_catch                           a ball that an arm catches with a cup, on the simulated court
 //!   |
 //!   v
-//! disc    flight_estimator             a catch of a disc as a run of a controller; a ball seen by a tracker
+//! disc  servo  flight_estimator        a catch of a disc as a run of a controller; a stream of commands; a ball seen by a tracker
 //!   |
 //!   v
 //! job    tracker      identify         the job: go there, upload, run, follow, judge; targets from an optical tracker; measuring a drive
@@ -50,6 +50,7 @@ pub mod node;
 pub mod port;
 pub mod rsi;
 pub mod samples;
+pub mod servo;
 pub mod tap;
 pub mod tracker;
 pub mod trajectory;

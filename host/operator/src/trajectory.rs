@@ -58,6 +58,17 @@ fn refused(cause: firmware::fault::Cause, joint: Option<usize>, place: u16) -> S
 /// limits of `settings`; `None` if it does not fit a file.
 #[must_use]
 pub fn standing(settings: &Settings, q_rad: &[f64], length_us: u32) -> Option<Vec<u8>> {
+    standing_within(settings, Envelope::widest(settings), q_rad, length_us)
+}
+
+/// The same within a narrower envelope.
+#[must_use]
+pub fn standing_within(
+    settings: &Settings,
+    envelope: Envelope,
+    q_rad: &[f64],
+    length_us: u32,
+) -> Option<Vec<u8>> {
     let mut pose = PerJoint::<f32>::default();
     for (joint, q) in settings.joints().zip(q_rad) {
         pose.set(joint, *q as f32);
@@ -66,7 +77,7 @@ pub fn standing(settings: &Settings, q_rad: &[f64], length_us: u32) -> Option<Ve
         joints: u8::try_from(q_rad.len()).ok()?,
         period_us: settings.cycle_period_us,
         robot_crc32: settings.robot_crc32,
-        envelope: Some(Envelope::widest(settings)),
+        envelope: Some(envelope),
         ..Header::default()
     };
     let mut bytes = vec![0; FILE_LEN_MAX];

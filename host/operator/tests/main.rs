@@ -18,6 +18,7 @@ mod rsi_start;
 mod rsi_stops;
 mod rsi_throw;
 mod rsi_wire;
+mod servo;
 mod stops;
 mod tracker_frames;
 mod tracker_sockets;

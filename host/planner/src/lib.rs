@@ -20,7 +20,8 @@
 //! store flight solve   throws found earlier, as starts; the ball after its release; local solver of any task
 //!   |
 //!   | way   waypoints    the way of the arm from pose to pose; files of waypoints
-//!   |  |
+//!   |  | \
+//!   |  |  servo          a stream of commands as a motion that can always be stopped
 //!   |  v
 //!   | timing             when the arm is where on a path, within limits of speed, acceleration and jerk
 //!   v  v
@@ -42,6 +43,7 @@ pub mod parallel;
 pub mod plan;
 pub mod record;
 pub mod request;
+pub mod servo;
 pub mod solve;
 pub mod store;
 pub mod throw;

@@ -34,6 +34,7 @@ pub mod robot;
 pub mod rsi;
 pub mod run;
 pub mod scan;
+pub mod servo;
 pub mod sim;
 pub mod sim_robot;
 pub mod status;

@@ -93,16 +93,20 @@ impl Session {
     /// # Errors
     /// [`OperatorError::ClockJumped`] if the readings do not go on from those before, and the others.
     pub fn read_clock(&mut self, node: NodeId, clock: &mut ControllerClock) -> Result<(), OperatorError> {
-        for _ in 0..READINGS {
-            let sent = self.now();
-            let output = self.order(node, "the time", CLOCK, &())?;
-            let reading =
-                ClockReading::from_bytes(&output).map_err(|_| OperatorError::Unreadable { node })?;
-            clock
-                .take(sent, self.now(), reading.uptime_us)
-                .map_err(|jump_us| OperatorError::ClockJumped { node, jump_ms: jump_us * 1e-3 })?;
-        }
-        Ok(())
+        (0..READINGS).try_for_each(|_| self.look_at_clock(node, clock))
+    }
+
+    /// Reads it once: one question and its answer.
+    ///
+    /// # Errors
+    /// As [`Session::read_clock`].
+    pub fn look_at_clock(&mut self, node: NodeId, clock: &mut ControllerClock) -> Result<(), OperatorError> {
+        let sent = self.now();
+        let output = self.order(node, "the time", CLOCK, &())?;
+        let reading = ClockReading::from_bytes(&output).map_err(|_| OperatorError::Unreadable { node })?;
+        clock
+            .take(sent, self.now(), reading.uptime_us)
+            .map_err(|jump_us| OperatorError::ClockJumped { node, jump_ms: jump_us * 1e-3 })
     }
 }
 

@@ -52,7 +52,7 @@ pub(super) fn poses(
             }
         },
         Goal::Point(p) => {
-            let starts = std::iter::once(*from).chain((0..STARTS).map(|k| spread(arm, k)));
+            let starts = std::iter::once(*from).chain((0..STARTS).map(|k| arm.spread_configuration(k)));
             starts.filter_map(|start| at_point(arm, p, start)).collect()
         }
     };
@@ -68,17 +68,8 @@ pub(super) fn poses(
     if found.is_empty() { Err(NoGoal::Blocked) } else { Ok(found) }
 }
 
-/// Configurations that cover the joint ranges evenly.
-fn spread(arm: &RobotModel, k: usize) -> JointVec {
-    const PRIMES: [u32; 8] = [2, 3, 5, 7, 11, 13, 17, 19];
-    let (low, high) = (arm.q_min(), arm.q_max());
-    JointVec::from_fn(low.len(), |j| {
-        low[j] + (high[j] - low[j]) * robot_model::radical_inverse(k as u64 + 1, PRIMES[j % 8])
-    })
-}
-
 /// From `q` with steps of least motion to a pose with the hand at `p`; angles stay in their ranges.
-fn at_point(arm: &RobotModel, p: &Vector3<f64>, mut q: JointVec) -> Option<JointVec> {
+pub(crate) fn at_point(arm: &RobotModel, p: &Vector3<f64>, mut q: JointVec) -> Option<JointVec> {
     let (low, high) = (arm.q_min(), arm.q_max());
     let mut damping = 1e-6_f64;
     for _ in 0..STEPS_MAX {

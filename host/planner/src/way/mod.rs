@@ -20,6 +20,7 @@ mod goal;
 mod line;
 mod search;
 
+pub(crate) use goal::at_point;
 pub use goal::{Goal, NoGoal};
 pub use line::{LineBreak, LineError};
 

@@ -73,6 +73,8 @@ pub struct CollisionChecker<'m> {
     pub(super) pairs: Vec<Pair>,
     placed: Vec<Obb>,
     ball: Vector3<f64>,
+    /// Distance that a motion keeps, m.
+    pub(super) keeps_m: f64,
 }
 
 impl<'m> CollisionChecker<'m> {
@@ -81,7 +83,14 @@ impl<'m> CollisionChecker<'m> {
     pub fn new(model: &'m RobotModel, scene: &'m Scene) -> Self {
         let collision = model.collision();
         let placed = collision.boxes().iter().map(|b| Obb::new(b.x_lb, b.half_m)).collect();
-        Self { model, scene, pairs: all_pairs(model, scene), placed, ball: Vector3::zeros() }
+        Self { model, scene, pairs: all_pairs(model, scene), placed, ball: Vector3::zeros(), keeps_m: 0.0 }
+    }
+
+    /// From now on a motion that comes nearer than this counts as one in contact, m; single configurations do not.
+    #[must_use]
+    pub fn keeping(mut self, distance_m: f64) -> Self {
+        self.keeps_m = distance_m;
+        self
     }
 
     /// What is around the arm.

@@ -112,10 +112,10 @@ impl CollisionChecker<'_> {
             let mut contact = false;
             for pair in &todo {
                 let approach_m = self.approach(pair, &travel);
-                if self.sphere_gap(pair) > approach_m {
+                if self.sphere_gap(pair) > approach_m + self.keeps_m {
                     continue;
                 }
-                let separation_m = self.separation(pair);
+                let separation_m = self.separation(pair) - self.keeps_m;
                 if separation_m > approach_m {
                     continue;
                 }

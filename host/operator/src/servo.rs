@@ -1,0 +1,336 @@
+//! An arm that follows a stream of commands: the states of [`planner::servo`] as end states of a controller.
+//!
+//! ```text
+//! commands ──▶ planner::servo ──▶ state at now + LEAD ──▶ end state, one per tick ──▶ controller: law, limits, braking
+//! ```
+//!
+//! The controller runs a plan that stands still and takes end states in flight ([`crate::dialogue::online`]). It goes to each of
+//! them in time and brakes after it. So an arm whose host is late, or gone, comes to rest on a way that was proven free.
+//!
+//! From any state on its way the controller can reach the next end state within the acceleration of the servo, because the way by
+//! the one before is such a way, and its law takes the one of least acceleration. Lost messages change nothing as long as one of
+//! [`LEAD`] comes through. An end state that comes too late is refused; the arm brakes, and the stream begins anew where it rests.
+
+use std::collections::BTreeMap;
+
+use firmware::envelope::Envelope;
+use firmware::settings::Settings;
+use planner::plan::{Arm, Joints};
+use planner::servo::{BRAKE_SHARE, Bounds, Command, Limited, NoServo, Refused, Servo, TICK_S, bounds_of};
+use protocol::cyphal::cubecell::group_state::State;
+use protocol::cyphal::id::NodeId;
+use protocol::{Duration, Instant};
+use robot_model::PerJoint;
+use robot_model::collision::Scene;
+
+use crate::bus::Session;
+use crate::bus::session::Ended;
+use crate::dialogue::clock::ControllerClock;
+use crate::dialogue::online::EndStates;
+use crate::dialogue::operator::{OperatorError, stopped};
+use crate::dialogue::registers::settings_of;
+use crate::trajectory::standing_within;
+
+/// From a command to the state that takes it into account: a message of up to 6 ms, two control periods and the lag of the drives, the
+/// shortest way of the controller, and 40 ms for a host that is late.
+pub const LEAD: Duration = Duration::from_millis(80);
+/// Between two states.
+const TICK: Duration = Duration::from_millis((TICK_S * 1e3) as u64);
+/// The plan that stands still: until the first end state is taken.
+const STANDING_US: u32 = 20_000_000;
+/// A run counts microseconds in 32 bits. After this the arm comes to rest once and a new run begins.
+const RUN_MAX: Duration = Duration::from_secs(3_600);
+/// Time between two looks at the clock of the controller: it drifts 0.2 ms a second at most.
+const CLOCK_LOOK: Duration = Duration::from_secs(5);
+/// Most that the difference of the two clocks, as it is used, changes in a tick, µs: 0.1 %, more than clocks drift. A leap of half a
+/// millisecond would be half a milliradian at 1 rad/s, and an end state beyond the acceleration.
+const SLEW_US: f64 = 20.0;
+/// Longest time until an arm rests that brakes.
+const REST_MAX: Duration = Duration::from_secs(10);
+/// Share of the speed of the controller's envelope that the servo uses: the rest is for rounding.
+const SPEED_SHARE: f64 = 0.99;
+/// Registers from which the envelope is made.
+const REGISTERS: [&str; 6] = [
+    "group.robot_crc32",
+    "cycle.period_us",
+    "joint.q_min_rad",
+    "joint.q_max_rad",
+    "joint.v_max_rad_s",
+    "joint.a_max_rad_s2",
+];
+
+/// What a stream has next.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Next {
+    Command(Command),
+    /// Nothing now.
+    Nothing,
+    /// Nothing any more: the arm comes to rest.
+    End,
+}
+
+/// Who streams, and who watches.
+pub trait Stream {
+    /// The next command at `t_s`, s after the first run of the controller began; asked until there is nothing.
+    fn next(&mut self, t_s: f64) -> Next;
+
+    /// A command that was not taken.
+    fn refused(&mut self, t_s: f64, why: Refused);
+
+    /// The newest state, and what keeps the arm from more; once per tick.
+    fn ticked(&mut self, t_s: f64, servo: &Servo<'_>, limited: Option<&Limited>);
+}
+
+/// What keeps a stream in bounds.
+#[derive(Clone, Debug)]
+pub struct Keeps {
+    /// Share of the limits of the arm, above 0 and at most 1.
+    pub share: f64,
+    /// Without a command for this long the arm comes to rest.
+    pub hold: Duration,
+    pub scene: Scene,
+}
+
+/// What became of a stream.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Streamed {
+    pub duration_s: f64,
+    /// Commands that were taken, and that were not.
+    pub taken: u64,
+    pub refused: u64,
+    /// End states that were sent, and that the controller refused, by its cause.
+    pub sent: u64,
+    pub late: BTreeMap<u16, u64>,
+    /// End states for which the queue to the bus had no room.
+    pub unsent: u64,
+    /// The stream began anew after the arm had come to rest because end states came too late.
+    pub restarts: u64,
+    /// Ticks in which the arm was kept from what it was asked for.
+    pub limited: u64,
+    /// Where it rests by the stream and as measured, rad.
+    pub end_rad: Vec<f64>,
+    pub measured_rad: Vec<f64>,
+    /// The program was asked to end.
+    pub interrupted: bool,
+}
+
+/// Why a stream did not begin, or ended.
+#[derive(Debug, thiserror::Error)]
+pub enum ServoError {
+    #[error(transparent)]
+    Operator(#[from] OperatorError),
+    #[error(transparent)]
+    NoServo(#[from] NoServo),
+    #[error("a share of the limits is above 0 and at most 1; {share} is not")]
+    Share { share: f64 },
+    #[error("the plan that stands still does not fit a file")]
+    Plan,
+}
+
+/// A run of the controller that takes end states.
+struct Taking {
+    begun: Instant,
+    /// When the newest end state is to be reached, in our time.
+    front: Instant,
+    clock: ControllerClock,
+    looked: Instant,
+    /// Time of the controller less ours, as it is used, µs.
+    offset_us: f64,
+}
+
+impl Taking {
+    /// The time of the controller at the front.
+    fn front_there(&mut self) -> Instant {
+        let offset_us = offset_us(&self.clock, self.front).unwrap_or(self.offset_us);
+        self.offset_us += (offset_us - self.offset_us).clamp(-SLEW_US, SLEW_US);
+        Instant::from_micros((self.front.as_micros() as f64 + self.offset_us).round().max(0.0) as u64)
+    }
+}
+
+/// Time of the controller less ours, µs.
+fn offset_us(clock: &ControllerClock, ours: Instant) -> Option<f64> {
+    let (there, _) = clock.controller_time(ours)?;
+    Some(there.as_micros() as f64 - ours.as_micros() as f64)
+}
+
+/// Follows `stream` to its end, with a homed arm that stands and is ready. The arm stands when this returns without an error;
+/// with one it is halted when the session ends.
+///
+/// # Errors
+/// [`ServoError`]; a stop or fault of somebody else ends it.
+pub fn follow(
+    session: &mut Session,
+    node: NodeId,
+    arm: &Arm,
+    keeps: &Keeps,
+    stream: &mut dyn Stream,
+) -> Result<Streamed, ServoError> {
+    if !(keeps.share > 0.0 && keeps.share <= 1.0) {
+        return Err(ServoError::Share { share: keeps.share });
+    }
+    let wanted = |info: &firmware::registers::RegisterInfo| REGISTERS.contains(&info.name);
+    let settings = settings_of(wanted, &mut |name| session.register(node, name))?;
+    let bounds = within(&settings, bounds_of(arm, keeps.share));
+    let mut streamed = Streamed::default();
+    let hold_s = keeps.hold.as_secs_f64();
+    let since = |session: &Session, zero: Instant| session.now().saturating_since(zero).as_secs_f64();
+    let (mut zero, mut ended) = (None, false);
+    loop {
+        let pose = Joints::from_slice(&session.measured_pose(node)?);
+        let bounds = around(bounds, &pose, &settings);
+        let mut servo = Servo::new(arm, &keeps.scene, bounds, &pose, hold_s)?;
+        let mut taking = begin(session, node, &settings, &bounds, &pose)?;
+        let zero = *zero.get_or_insert(taking.begun);
+        loop {
+            let t_s = since(session, zero);
+            while !ended {
+                match stream.next(t_s) {
+                    Next::Command(command) => match servo.take(t_s, command) {
+                        Ok(()) => streamed.taken += 1,
+                        Err(why) => {
+                            streamed.refused += 1;
+                            stream.refused(t_s, why);
+                        }
+                    },
+                    Next::Nothing => break,
+                    Next::End => ended = true,
+                }
+            }
+            let ends = ended || session.now().saturating_since(taking.begun) > RUN_MAX;
+            if ends {
+                servo.release();
+            }
+            let limited = servo.tick(t_s);
+            streamed.limited += u64::from(limited.is_some());
+            stream.ticked(t_s, &servo, limited.as_ref());
+            taking.front += TICK;
+            send(session, &mut taking, &servo, &mut streamed)?;
+            if session.now().saturating_since(taking.looked) > CLOCK_LOOK && !ended {
+                session.look_at_clock(node, &mut taking.clock)?;
+                taking.looked = session.now();
+            }
+            let until = Instant::from_micros(taking.front.as_micros().saturating_sub(LEAD.as_micros()));
+            // Who asks the program to end gets an arm that has come to rest.
+            if streamed.interrupted {
+                session.pass(until.saturating_since(session.now())).map_err(OperatorError::from)?;
+            } else if session.run(until, &mut |_| false).map_err(OperatorError::from)? == Ended::Interrupted {
+                (streamed.interrupted, ended) = (true, true);
+            }
+            for answer in session.target_answers(node) {
+                if let Err(refusal) = answer.outcome {
+                    *streamed.late.entry(refusal.cause.code()).or_default() += 1;
+                }
+            }
+            match session.group() {
+                Some(group) if group.state == State::Ready => break,
+                // One end state of rest ends the run; the plan that stands still would go on.
+                Some(_) if ends && servo.is_at_rest() => break,
+                Some(group) if group.state != State::Running => return Err(stopped(&group).into()),
+                _ => {}
+            }
+        }
+        rest(session)?;
+        session.release_motion();
+        streamed.end_rad = servo.q_rad().to_vec();
+        if ended {
+            break;
+        }
+        streamed.restarts += 1;
+    }
+    streamed.duration_s = zero.map_or(0.0, |zero| since(session, zero));
+    if !streamed.interrupted {
+        streamed.measured_rad = session.measured_pose(node)?;
+    }
+    Ok(streamed)
+}
+
+/// Bounds inside the envelope that the controller allows.
+///
+/// The way that the controller takes from state to state is another one than that of the servo. Two ways with the same ends and at
+/// most the acceleration A are at most A T² / 8 apart after T; by so much the servo stays away from the ends of the joint ranges.
+fn within(settings: &Settings, bounds: PerJoint<Bounds>) -> PerJoint<Bounds> {
+    let widest = Envelope::widest(settings);
+    let mut narrower = bounds;
+    for (joint, bounds) in settings.joints().zip(narrower.iter_mut()) {
+        let most = widest.joint.at(joint);
+        bounds.v_rad_s = bounds.v_rad_s.min(SPEED_SHARE * f64::from(most.v_max_rad_s));
+        bounds.a_rad_s2 = bounds.a_rad_s2.min(f64::from(most.a_max_rad_s2) / BRAKE_SHARE);
+        let apart_rad = BRAKE_SHARE * bounds.a_rad_s2 * (LEAD + TICK).as_secs_f64().powi(2) / 8.0;
+        bounds.q_min_rad = bounds.q_min_rad.max(f64::from(most.q_min_rad)) + apart_rad;
+        bounds.q_max_rad = bounds.q_max_rad.min(f64::from(most.q_max_rad)) - apart_rad;
+    }
+    narrower
+}
+
+/// The same with an arm inside that stands nearer to the end of a range, but not outside the envelope.
+fn around(bounds: PerJoint<Bounds>, pose: &Joints, settings: &Settings) -> PerJoint<Bounds> {
+    let widest = Envelope::widest(settings);
+    let mut wider = bounds;
+    for (k, (joint, bounds)) in settings.joints().zip(wider.iter_mut()).enumerate() {
+        let most = widest.joint.at(joint);
+        bounds.q_min_rad = bounds.q_min_rad.min(pose[k].max(most.q_min_rad.into()));
+        bounds.q_max_rad = bounds.q_max_rad.max(pose[k].min(most.q_max_rad.into()));
+    }
+    wider
+}
+
+/// Uploads, arms and runs a plan that stands where the arm stands. The controller brakes as the servo has proven.
+fn begin(
+    session: &mut Session,
+    node: NodeId,
+    settings: &Settings,
+    bounds: &PerJoint<Bounds>,
+    pose: &Joints,
+) -> Result<Taking, ServoError> {
+    let mut envelope = Envelope::widest(settings);
+    for (joint, bounds) in settings.joints().zip(bounds.iter()) {
+        let most = envelope.joint.at_mut(joint);
+        most.v_max_rad_s = (bounds.v_rad_s / SPEED_SHARE) as f32;
+        most.a_max_rad_s2 = (BRAKE_SHARE * bounds.a_rad_s2) as f32;
+    }
+    let bytes = standing_within(settings, envelope, pose, STANDING_US).ok_or(ServoError::Plan)?;
+    let name = session.upload(node, &bytes, &mut |_, _| {})?;
+    let mut clock = ControllerClock::default();
+    session.read_clock(node, &mut clock)?;
+    session.arm(node, &name)?;
+    session.start_run(node, &name)?;
+    let now = session.now();
+    let offset_us = offset_us(&clock, now).ok_or(OperatorError::Unreadable { node })?;
+    Ok(Taking { begun: now, front: now + LEAD, clock, looked: now, offset_us })
+}
+
+fn send(
+    session: &mut Session,
+    taking: &mut Taking,
+    servo: &Servo<'_>,
+    streamed: &mut Streamed,
+) -> Result<(), OperatorError> {
+    let state = servo.state();
+    let end = EndStates {
+        at: taking.front_there(),
+        q_rad: state.iter().map(|joint| joint.q_rad).collect(),
+        qd_rad_s: state.iter().map(|joint| joint.qd_rad_s).collect(),
+        events: Vec::new(),
+    };
+    match session.send_target(streamed.sent as u8, &end) {
+        Ok(()) => streamed.sent += 1,
+        // The next one stands for it.
+        Err(OperatorError::TargetNotSaid { .. }) => streamed.unsent += 1,
+        Err(error) => return Err(error),
+    }
+    Ok(())
+}
+
+/// Waits, also after an interruption, until the run has ended.
+fn rest(session: &mut Session) -> Result<(), OperatorError> {
+    let until = session.now() + REST_MAX;
+    while session.now() < until {
+        session.pass(TICK)?;
+        match session.group() {
+            Some(group) if group.state == State::Ready => return Ok(()),
+            Some(group) if !group.state.may_move() => return Err(stopped(&group)),
+            _ => {}
+        }
+    }
+    Err(OperatorError::Lost)
+}
