@@ -20,5 +20,6 @@ python host/python/examples/follow_landings.py
 python host/python/examples/catch_share.py 4
 python host/python/examples/bus_look.py
 python host/python/examples/pick_and_place.py
+python host/python/examples/servo_keys.py sim wwwwwwddddddrrrrrrffffssssaaaa
 "$cubectl" throw --target 1.0,1.0,-1.0 --out "$out/throw"
 python host/python/examples/log_tables.py "$out/throw"

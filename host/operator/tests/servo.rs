@@ -117,8 +117,9 @@ fn at_end(trace: &Trace, to: Instant, joint: usize) -> [f64; 2] {
 fn joints_follow_a_stream_of_angles_with_the_lead_and_rest_at_its_end() {
     let (mut session, _) = homed();
     let begin = session.find_controller(None).and_then(|node| session.measured_pose(node)).unwrap();
-    let wave =
-        |t_s: f64, k: usize| begin[k] + 0.2 * (1.0 - (1.5 * t_s).cos()) * if k % 2 == 0 { 1.0 } else { -0.5 };
+    let wave = |t_s: f64, k: usize| {
+        begin[k] + 0.2 * (1.0 - (1.5 * t_s).cos()) * if k.is_multiple_of(2) { 1.0 } else { -0.5 }
+    };
     let commands = (0..400).map(|i| {
         let t_s = f64::from(i) * 0.01;
         (t_s, Command::Joints(Joints::from_fn(6, |k| wave(t_s, k))))

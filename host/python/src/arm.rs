@@ -40,7 +40,7 @@ use crate::arrays::doubles;
 use crate::errors::{bad, refused};
 
 /// Time between two looks at signals, and of one look at a bus without orders.
-const LOOK: WallTime = WallTime::from_millis(50);
+pub(crate) const LOOK: WallTime = WallTime::from_millis(50);
 const IDLE: Duration = Duration::from_millis(20);
 /// Longest start-up of a controller.
 const BOOT_MAX: Duration = Duration::from_secs(20);
@@ -77,7 +77,7 @@ struct Asked {
 }
 
 /// What the thread has.
-struct Connected<'a> {
+pub(crate) struct Connected<'a> {
     operator: OnBus<'a>,
     robot: &'a RobotModel,
     fingerprint: &'a str,
@@ -94,6 +94,7 @@ pub(crate) struct Arm {
     stop: Arc<AtomicBool>,
     step: Arc<Mutex<String>>,
     joints: usize,
+    is_simulated: bool,
 }
 
 #[pymethods]
@@ -103,6 +104,7 @@ impl Arm {
     fn connect(py: Python<'_>, connection: Connection) -> PyResult<Self> {
         let (stop, step) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(String::new())));
         let (orders, asked) = channel();
+        let is_simulated = connection.bus == "sim";
         let (ready, opened) = sync_channel(1);
         let (stopped, shown) = (Arc::clone(&stop), Arc::clone(&step));
         let thread = thread::Builder::new().name("arm".to_owned()).stack_size(8 << 20);
@@ -114,7 +116,7 @@ impl Arm {
             .detach(move || waiting.recv())
             .unwrap_or_else(|_| Err(lost()))
             .map_err(|error| refused(&error))?;
-        Ok(Self { orders: Some(orders), stop, step, joints })
+        Ok(Self { orders: Some(orders), stop, step, joints, is_simulated })
     }
 
     #[getter]
@@ -253,6 +255,20 @@ impl Arm {
         .map(drop)
     }
 
+    pub(crate) const fn is_simulated(&self) -> bool {
+        self.is_simulated
+    }
+
+    /// Gives an order and does not wait.
+    pub(crate) fn begin(&self, work: Work, answer: SyncSender<Answered>) -> PyResult<()> {
+        let stop = Arc::clone(&self.stop);
+        let unless_stopped = move |arm: &mut Connected<'_>| {
+            if stop.load(Ordering::Relaxed) { Err(stopped()) } else { work(arm) }
+        };
+        let orders = self.orders.as_ref().ok_or_else(|| bad(&"the connection is closed"))?;
+        orders.send(Asked { work: Box::new(unless_stopped), answer }).map_err(|_| refused(&lost()))
+    }
+
     /// Does an order. If a signal handler raises, as that of Ctrl-C does, the arm comes to rest before the exception is passed on.
     fn order(
         &self,
@@ -261,7 +277,7 @@ impl Arm {
     ) -> PyResult<String> {
         self.ask(py, |arm| {
             if arm.stop.load(Ordering::Relaxed) {
-                return Err(ExpectedError::new(exit::INTERRUPTED, "stopped before it began"));
+                return Err(stopped());
             }
             work(arm).inspect_err(|_| {
                 // A stop of somebody else is reported once.
@@ -301,7 +317,11 @@ impl Arm {
     }
 }
 
-fn lost() -> ExpectedError {
+fn stopped() -> ExpectedError {
+    ExpectedError::new(exit::INTERRUPTED, "stopped before it began")
+}
+
+pub(crate) fn lost() -> ExpectedError {
     ExpectedError::new(exit::BUG, "the thread of the connection has ended")
 }
 
@@ -320,7 +340,11 @@ pub(crate) struct How {
 }
 
 impl How {
-    fn scene(&self) -> Scene {
+    pub(crate) const fn speed_share(&self) -> f64 {
+        self.speed_share
+    }
+
+    pub(crate) fn scene(&self) -> Scene {
         scene(&self.obstacles, self.ball)
     }
 
@@ -333,6 +357,25 @@ impl<'a> Connected<'a> {
     fn order(&self, motion: Motion, extent: Extent) -> Order<'a> {
         let order = Order::new(self.robot, self.fingerprint, Program::Motion(motion), Judge::Reach);
         Order { extent, ..order }
+    }
+
+    pub(crate) const fn robot(&self) -> &'a RobotModel {
+        self.robot
+    }
+
+    pub(crate) const fn operator(&mut self) -> &mut OnBus<'a> {
+        &mut self.operator
+    }
+
+    /// The next motion begins where the arm is measured.
+    pub(crate) const fn forget_end(&mut self) {
+        self.end = None;
+    }
+
+    /// The arm stands and may move; its measured angles.
+    pub(crate) fn ready(&mut self) -> Result<JointVec, ExpectedError> {
+        let ready = self.perform(&self.order(Motion::default(), Extent::Ready))?;
+        ready.pose.ok_or_else(|| ExpectedError::new(exit::DRIVE, "no pose was measured"))
     }
 
     fn perform(&mut self, order: &Order<'_>) -> Result<Record, ExpectedError> {
@@ -350,8 +393,7 @@ impl<'a> Connected<'a> {
 
     fn go(&mut self, target: &Target, how: &How) -> Answered {
         let scene = how.scene();
-        let ready = self.perform(&self.order(Motion::default(), Extent::Ready))?;
-        let measured = ready.pose.ok_or_else(|| ExpectedError::new(exit::DRIVE, "no pose was measured"))?;
+        let measured = self.ready()?;
         let from = self.end.filter(|end| (end - measured).amax() < THERE_RAD).unwrap_or(measured);
         let way = target.way(self.robot, &scene, &how.travel(), &from).map_err(|error| no_way(&error))?;
         match way {

@@ -10,8 +10,8 @@
 //!     calls           long calls: without the lock of the interpreter, ended by Ctrl-C
 //!       |
 //! arm  catch  flight  logs  plans  robot  sweep
-//!                  |     |
-//!                 bus  simulate
+//!  |               |     |
+//! servo           bus  simulate
 //! ```
 
 mod arm;
@@ -24,6 +24,7 @@ mod flight;
 mod logs;
 mod plans;
 mod robot;
+mod servo;
 mod simulate;
 mod sweep;
 
@@ -47,6 +48,8 @@ mod _native {
     use super::plans::{check, plan, plan_follow, sample, tune};
     #[pymodule_export]
     use super::robot::Robot;
+    #[pymodule_export]
+    use super::servo::{Stream, servo};
     #[pymodule_export]
     use super::simulate::{simulate, simulate_follow};
     #[pymodule_export]

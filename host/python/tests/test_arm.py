@@ -112,3 +112,55 @@ def test_ctrl_c_brings_the_arm_to_rest_and_then_interrupts() -> None:
             assert one is not None and two is not None and np.abs(one - two).max() < 1e-3
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def test_a_stream_leads_joints_and_hand_and_says_what_it_refused() -> None:
+    with cubecell.connect() as arm:
+        arm.home()
+        begin = np.radians([0, -60, -80, 0, 30, 0])
+        arm.move(begin)
+        with arm.servo(speed_share=0.3) as stream:
+            for _ in range(100):
+                stream.joints(begin + [0.2, 0, 0, 0, 0, 0])
+                state = stream.wait(0.02)
+            assert state.limited is None and abs(state.q_rad[0] - 0.2) < 1e-6
+            for _ in range(100):
+                stream.twist([0, 0, 0.05, 0, 0, 0])
+                stream.wait(0.02)
+            # No command for longer than it holds: the arm stands.
+            assert np.abs(stream.wait(0.7).qd_rad_s).max() < 1e-9
+            stream.hand([9.0, 9.0, 9.0])
+            stream.wait(0.1)
+            assert stream.state.refused == 1 and "does not come there" in str(stream.state.last_refused)
+            for wrong in ([float("nan")] * 6, [0.0] * 9):
+                with pytest.raises(cubecell.CubecellError):
+                    stream.joints(wrong)
+        assert stream.result is not None and stream.result["outcome"] == "at_rest"
+        assert stream.result["end_off_rad"] < 3e-3 and stream.result["restarts"] == 0
+        end = arm.state().q_rad
+        assert end is not None and abs(end[0] - 0.2) < 5e-3
+        # The connection goes on.
+        assert arm.move(begin).off_rad is not None
+        with pytest.raises(ValueError):
+            arm.servo(hold_s=0.0)
+
+
+def test_an_exception_in_a_stream_and_a_stop_leave_a_standing_arm() -> None:
+    with cubecell.connect() as arm:
+        arm.home()
+        with pytest.raises(RuntimeError, match="mine"), arm.servo() as stream:
+            stream.speeds([0.2, 0, 0, 0, 0, 0])
+            stream.wait(0.3)
+            raise RuntimeError("mine")
+        assert stream.result is not None and stream.result["outcome"] == "at_rest"
+        assert arm.state().state == "ready"
+        with pytest.raises(cubecell.CubecellError) as stopped, arm.servo() as stream:
+            stream.speeds([0.2, 0, 0, 0, 0, 0])
+            stream.wait(0.3)
+            stopper = threading.Thread(target=arm.stop)
+            stopper.start()
+            for _ in range(20):
+                stream.wait(0.02)
+        stopper.join()
+        assert stopped.value.exit_code == 6, stopped.value
+        assert arm.state().state in ("ready", "stopped")

@@ -21,6 +21,7 @@ use protocol::Duration;
 use protocol::cyphal::id::NodeId;
 use robot_model::Pose;
 use serde::Deserialize;
+use serde_json::{Value, json};
 
 use super::consent::Consent;
 use super::controlled::tell_warnings;
@@ -128,7 +129,10 @@ impl Asked {
 }
 
 /// Reads a line: its time, if it has one, and its command.
-fn parse(line: &str) -> Result<(Option<f64>, Command), String> {
+///
+/// # Errors
+/// What is wrong with it.
+pub fn parse(line: &str) -> Result<(Option<f64>, Command), String> {
     let Line { t_s, command } = serde_json::from_str(line).map_err(|error| error.to_string())?;
     Ok((t_s, command.command()?))
 }
@@ -311,11 +315,7 @@ impl States {
         let of_all = |of: fn(&JointState) -> f64| state.iter().map(of);
         let numbers = of_all(|s| s.q_rad).chain(of_all(|s| s.qd_rad_s)).chain(of_all(|s| s.qdd_rad_s2));
         numbers.for_each(|number| text += &format!(",{}", fixed(number, 6)));
-        text += &match limited {
-            None => ",\n".to_owned(),
-            Some(Limited::Range(joint)) => format!(",range of joint {}\n", joint + 1),
-            Some(Limited::Contact(a, b)) => format!(",{a} near {b}\n"),
-        };
+        text += &format!(",{}\n", limited.map(limit_text).unwrap_or_default());
         if self.failed.is_none() {
             self.failed = self.out.write_all(text.as_bytes()).err();
         }
@@ -327,28 +327,43 @@ impl States {
     }
 }
 
-fn say(args: &Args, streamed: &Streamed, unread: u64) {
+/// What became of a stream, as programs read it; `refused` lines were not taken.
+#[must_use]
+pub fn found(streamed: &Streamed, refused: u64) -> Value {
     let off_rad = streamed.end_rad.iter().zip(&streamed.measured_rad).map(|(a, b)| (a - b).abs());
-    let off_rad = off_rad.fold(0.0, f64::max);
+    json!({
+        "outcome": if streamed.interrupted { "interrupted" } else { "at_rest" },
+        "duration_s": streamed.duration_s,
+        "commands_taken": streamed.taken,
+        "commands_refused": refused,
+        "ticks_limited": streamed.limited,
+        "end_states_sent": streamed.sent,
+        "end_states_unsent": streamed.unsent,
+        "end_states_refused": streamed.late,
+        "restarts": streamed.restarts,
+        "end_rad": streamed.end_rad,
+        "measured_rad": streamed.measured_rad,
+        "end_off_rad": off_rad.reduce(f64::max),
+    })
+}
+
+/// What keeps the arm from what it was asked for, in words.
+#[must_use]
+pub fn limit_text(limited: &Limited) -> String {
+    match limited {
+        Limited::Range(joint) => format!("range of joint {}", joint + 1),
+        Limited::Contact(a, b) => format!("{a} near {b}"),
+    }
+}
+
+fn say(args: &Args, streamed: &Streamed, unread: u64) {
+    let found = found(streamed, unread);
     if args.json {
-        print_json(&serde_json::json!({
-            "outcome": if streamed.interrupted { "interrupted" } else { "at_rest" },
-            "duration_s": streamed.duration_s,
-            "commands_taken": streamed.taken,
-            "commands_refused": unread,
-            "ticks_limited": streamed.limited,
-            "end_states_sent": streamed.sent,
-            "end_states_unsent": streamed.unsent,
-            "end_states_refused": streamed.late,
-            "restarts": streamed.restarts,
-            "end_rad": streamed.end_rad,
-            "measured_rad": streamed.measured_rad,
-            "end_off_rad": (!streamed.measured_rad.is_empty()).then_some(off_rad),
-        }));
+        print_json(&found);
         return;
     }
     console::line!("{} commands in {} s; the arm stands", streamed.taken, fixed(streamed.duration_s, 1));
-    if !streamed.measured_rad.is_empty() {
+    if let Some(off_rad) = found["end_off_rad"].as_f64() {
         console::line!("at its end it is {} mrad from where the stream ended", fixed(1e3 * off_rad, 1));
     }
     if unread > 0 {

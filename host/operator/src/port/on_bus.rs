@@ -55,6 +55,15 @@ impl<'a> OnBus<'a> {
         if group.state == State::Fault { self.session.clear_fault(node, group.fault_cause) } else { Ok(()) }
     }
 
+    /// The session and the controller's node, for what is no job.
+    ///
+    /// # Errors
+    /// [`OperatorError::NoController`] before [`Operator::connect`].
+    pub fn parts(&mut self) -> Result<(&mut Session, NodeId), OperatorError> {
+        let node = self.node()?;
+        Ok((self.session, node))
+    }
+
     fn node(&self) -> Result<NodeId, OperatorError> {
         self.node.ok_or(OperatorError::NoController)
     }

@@ -13,7 +13,7 @@ run, and Ctrl-C ends them.
     'landed'
 """
 
-from ._arm import Arm, ArmState, Gripper, Moved, connect
+from ._arm import Arm, ArmState, Gripper, Moved, Servo, ServoState, connect
 from ._bus import Bus, Modules
 from ._catch import (
     BallCatch,
@@ -68,6 +68,8 @@ __all__ = [
     "Report",
     "Robot",
     "Run",
+    "Servo",
+    "ServoState",
     "SetPoints",
     "Swept",
     "Table",

@@ -60,6 +60,85 @@ class Gripper:
         self._native.gripper(False)
 
 
+@dataclass(frozen=True)
+class ServoState:
+    """The newest state that a stream has sent to the arm; the arm is there 80 ms later."""
+
+    #: Since the begin of the stream, s.
+    t_s: float
+    q_rad: Doubles
+    qd_rad_s: Doubles
+    #: What keeps the arm from what it was asked for; ``None``: nothing.
+    limited: str | None
+    #: Commands that could not be followed, such as a place out of reach, and why the last one.
+    refused: int
+    last_refused: str | None
+
+
+class Servo:
+    """A stream of commands, from :meth:`Arm.servo`: a context manager.
+
+    Each command holds until the next one, or until ``hold_s`` is over. After the block, ``result`` has what became of the stream, under
+    the names of ``cubectl servo --json``.
+    """
+
+    def __init__(self, native: _native.Stream) -> None:
+        self._native = native
+        #: What became of the stream; ``None`` while it is under way.
+        self.result: dict[str, Any] | None = None
+
+    def joints(self, q_rad: ArrayLike) -> None:
+        """To these angles, rad."""
+        self._send("q_rad", q_rad)
+
+    def speeds(self, qd_rad_s: ArrayLike) -> None:
+        """With these joint speeds, rad/s."""
+        self._send("qd_rad_s", qd_rad_s)
+
+    def hand(self, to: ArrayLike) -> None:
+        """The hand to x, y, z in m, base frame, or with roll, pitch, yaw in rad."""
+        place = np.asarray(to, dtype=np.float64)
+        self._send("pose_m_rad" if place.shape == (6,) else "point_m", place)
+
+    def twist(self, speed: ArrayLike) -> None:
+        """The hand with vx, vy, vz in m/s and wx, wy, wz in rad/s, base frame."""
+        self._send("twist_m_s_rad_s", speed)
+
+    def wait(self, span_s: float) -> ServoState:
+        """Lets time pass, and gives the newest state. The time of a simulated cell passes in no other way."""
+        self._native.wait(float(span_s))
+        return self.state
+
+    @property
+    def state(self) -> ServoState:
+        """The newest state; before the first tick it is empty."""
+        text = self._native.state()
+        if not text:
+            nothing = np.empty(0)
+            return ServoState(0.0, nothing, nothing, None, 0, None)
+        state = json.loads(text)
+        q_rad, qd_rad_s = np.array(state["q_rad"]), np.array(state["qd_rad_s"])
+        return ServoState(**{**state, "q_rad": q_rad, "qd_rad_s": qd_rad_s})
+
+    def end(self) -> dict[str, Any]:
+        """The arm comes to rest, and the stream is over. A stop, or a fault on the way, raises."""
+        if self.result is None:
+            self.result = json.loads(self._native.end())
+        return self.result
+
+    def __enter__(self) -> Servo:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.end()
+
+    def _send(self, key: str, numbers: ArrayLike) -> None:
+        values = np.asarray(numbers, dtype=np.float64).tolist()
+        self._native.send(json.dumps({key: values}))
+
+
 class Arm:
     """A connected arm, from :func:`connect`. Each call returns when the arm stands.
 
@@ -144,6 +223,24 @@ class Arm:
         how = _how(speed_share, way_seed, obstacles, ball)
         at = None if times is None else to_bytes(times)
         return _moved(self._native.run(at, to_bytes(rows), float(blend_rad), how))
+
+    def servo(
+        self,
+        *,
+        speed_share: float = 0.2,
+        hold_s: float = 0.2,
+        obstacles: Sequence[Sequence[float]] = (),
+        ball: bool = False,
+    ) -> Servo:
+        """Follows commands as they come, 10 to 200 a second, as ``cubectl servo`` does; the arm must be homed.
+
+        Whatever is asked for, it keeps a share of its speeds, accelerations and jerks, its joint ranges, and 10 mm from itself, the
+        floor and ``obstacles``. It comes to rest at the end of the ``with`` block, and when no command has come for ``hold_s``. Other
+        calls of the arm wait for the end; :meth:`stop` ends it.
+        """
+        if not (0.0 < hold_s < 60.0):
+            raise ValueError("hold_s is above 0 and below 60")
+        return Servo(_native.servo(self._native, _how(speed_share, 1, obstacles, ball), float(hold_s)))
 
     def state(self) -> ArmState:
         """What the controller reports now."""
