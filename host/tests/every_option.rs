@@ -173,6 +173,7 @@ const ROWS: &[Row] = &[
     ("run,upload", "speed-share", Refusal, "--speed-share 0.1"),
     ("run", "home", Elsewhere, "stands in the common words of this table"),
     ("run", "yes", Elsewhere, "nobody is asked on the bus sim; tests/job_rules.rs"),
+    ("run", "repeat", Refusal, "--repeat 2"),
     ("run", "out", Elsewhere, "tests/move_verb.rs"),
     ("run", "json", Elsewhere, "the arm must stand at the start of a plan; tests/throw_job.rs"),
     ("run", "start-in", Elsewhere, "tests/throw_job.rs"),

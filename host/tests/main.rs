@@ -25,6 +25,7 @@ mod plan_is_the_source;
 mod plan_lists;
 mod plan_shards;
 mod program;
+mod program_verb;
 mod recordings;
 mod registers;
 mod robot_link;

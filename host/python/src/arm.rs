@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration as WallTime;
 
-use host::cmd::ended::{failure, off_target};
+use host::cmd::connected::Connected as OneArm;
 use host::cmd::move_arm::{no_way, scene};
 use host::cmd::report::BIT_RATE;
 use host::error::{Cause, ExpectedError};
@@ -21,9 +21,8 @@ use operator::bus::key_file::KeyArgs;
 use operator::bus::period::settings_with_gains;
 use operator::bus::{BusArgs, Session};
 use operator::dialogue::operator::OperatorError;
-use operator::job::{Answer, Extent, Judge, Order, Program, Progress, Record, Target, perform};
+use operator::job::{Answer, Extent, OnProgress, Order, Progress, Target};
 use operator::port::{OnBus, Operator as _};
-use planner::motion::Motion;
 use planner::store::robot_fingerprint;
 use planner::timing::{Limits, Path, Row, along, motion_of_rows};
 use planner::way::{Goal, Travel};
@@ -44,9 +43,6 @@ pub(crate) const LOOK: WallTime = WallTime::from_millis(50);
 const IDLE: Duration = Duration::from_millis(20);
 /// Longest start-up of a controller.
 const BOOT_MAX: Duration = Duration::from_secs(20);
-/// An arm this near to the end of its last motion stands there, rad: the next one begins at the planned end. From the measured place
-/// each motion would add its own error to those before.
-const THERE_RAD: f64 = 5e-3;
 
 /// How an arm is connected.
 #[derive(FromPyObject)]
@@ -78,13 +74,9 @@ struct Asked {
 
 /// What the thread has.
 pub(crate) struct Connected<'a> {
-    operator: OnBus<'a>,
-    robot: &'a RobotModel,
-    fingerprint: &'a str,
+    pub(crate) arm: OneArm<'a>,
     step: &'a Mutex<String>,
     stop: &'a AtomicBool,
-    /// Planned end of the last motion, rad.
-    end: Option<JointVec>,
 }
 
 /// An arm on a bus.
@@ -131,9 +123,8 @@ impl Arm {
 
     fn home(&self, py: Python<'_>) -> PyResult<String> {
         self.order(py, |arm| {
-            let record =
-                arm.perform(&Order { homes: true, ..arm.order(Motion::default(), Extent::Ready) })?;
-            Ok(json!({ "q_rad": record.pose.map(|q| q.as_slice().to_vec()) }).to_string())
+            arm.arm.forget_end();
+            Ok(json!({ "q_rad": arm.ready(true)?.as_slice() }).to_string())
         })
     }
 
@@ -141,7 +132,7 @@ impl Arm {
     fn move_joints(&self, py: Python<'_>, q_rad: &[u8], how: How) -> PyResult<String> {
         let q_rad = doubles(q_rad)?;
         self.order(py, move |arm| {
-            let target = Target::joints(arm.robot, &q_rad).map_err(|e| ExpectedError::bad_input(&e))?;
+            let target = Target::joints(arm.arm.robot, &q_rad).map_err(|e| ExpectedError::bad_input(&e))?;
             arm.go(&target, &how)
         })
     }
@@ -149,7 +140,7 @@ impl Arm {
     /// Joints, from 0, turned by angles in rad.
     fn move_by(&self, py: Python<'_>, turned: Vec<(usize, f64)>, how: How) -> PyResult<String> {
         self.order(py, move |arm| {
-            let target = Target::by(arm.robot, &turned).map_err(|e| ExpectedError::bad_input(&e))?;
+            let target = Target::by(arm.arm.robot, &turned).map_err(|e| ExpectedError::bad_input(&e))?;
             arm.go(&target, &how)
         })
     }
@@ -186,29 +177,29 @@ impl Arm {
 
     fn gripper(&self, py: Python<'_>, open: bool) -> PyResult<String> {
         self.order(py, move |arm| {
-            arm.operator.connect()?;
-            arm.operator.heed_stops()?;
-            arm.operator.set_gripper(open)?;
+            arm.arm.operator.connect()?;
+            arm.arm.operator.heed_stops()?;
+            arm.arm.operator.set_gripper(open)?;
             Ok(String::new())
         })
     }
 
     fn state(&self, py: Python<'_>) -> PyResult<String> {
         self.order(py, |arm| {
-            arm.operator.connect()?;
-            if arm.operator.group().state == State::Boot
-                && let Err(error) = arm.operator.wait_for(BOOT_MAX, &|state| state != State::Boot)
+            arm.arm.operator.connect()?;
+            if arm.arm.operator.group().state == State::Boot
+                && let Err(error) = arm.arm.operator.wait_for(BOOT_MAX, &|state| state != State::Boot)
                 && !matches!(error, OperatorError::Stopped { .. })
             {
                 return Err(error.into());
             }
-            let group = arm.operator.group();
+            let group = arm.arm.operator.group();
             let known = !matches!(group.state, State::Boot | State::Fault);
-            let q_rad = known.then(|| arm.operator.pose()).transpose()?;
+            let q_rad = known.then(|| arm.arm.operator.pose()).transpose()?;
             Ok(json!({
                 "state": format!("{:?}", group.state).to_lowercase(),
                 "fault": (group.fault_cause != 0).then_some(group.fault_cause),
-                "homed": (0..arm.robot.n()).map(|j| group.homed_mask >> j & 1 == 1).collect::<Vec<_>>(),
+                "homed": (0..arm.arm.robot.n()).map(|j| group.homed_mask >> j & 1 == 1).collect::<Vec<_>>(),
                 "q_rad": q_rad,
             })
             .to_string())
@@ -217,7 +208,7 @@ impl Arm {
 
     fn clear(&self, py: Python<'_>) -> PyResult<String> {
         self.order(py, |arm| {
-            arm.operator.clear_fault()?;
+            arm.arm.operator.clear_fault()?;
             Ok(String::new())
         })
     }
@@ -246,9 +237,9 @@ impl Arm {
         let stop = Arc::clone(&self.stop);
         self.ask(py, move |arm| {
             stop.store(false, Ordering::Relaxed);
-            arm.operator.connect()?;
-            let stopped = arm.operator.stop();
-            arm.operator.heed_stops_from_now();
+            arm.arm.operator.connect()?;
+            let stopped = arm.arm.operator.stop();
+            arm.arm.operator.heed_stops_from_now();
             stopped?;
             Ok(String::new())
         })
@@ -281,7 +272,7 @@ impl Arm {
             }
             work(arm).inspect_err(|_| {
                 // A stop of somebody else is reported once.
-                arm.operator.heed_stops_from_now();
+                arm.arm.operator.heed_stops_from_now();
             })
         })
     }
@@ -354,50 +345,31 @@ impl How {
 }
 
 impl<'a> Connected<'a> {
-    fn order(&self, motion: Motion, extent: Extent) -> Order<'a> {
-        let order = Order::new(self.robot, self.fingerprint, Program::Motion(motion), Judge::Reach);
-        Order { extent, ..order }
+    /// The arm stands and may move; where the next motion begins, rad.
+    pub(crate) fn ready(&mut self, homes: bool) -> Result<JointVec, ExpectedError> {
+        self.shown(|arm, ui| arm.ready(homes, ui))
     }
 
-    pub(crate) const fn robot(&self) -> &'a RobotModel {
-        self.robot
-    }
-
-    pub(crate) const fn operator(&mut self) -> &mut OnBus<'a> {
-        &mut self.operator
-    }
-
-    /// The next motion begins where the arm is measured.
-    pub(crate) const fn forget_end(&mut self) {
-        self.end = None;
-    }
-
-    /// The arm stands and may move; its measured angles.
-    pub(crate) fn ready(&mut self) -> Result<JointVec, ExpectedError> {
-        let ready = self.perform(&self.order(Motion::default(), Extent::Ready))?;
-        ready.pose.ok_or_else(|| ExpectedError::new(exit::DRIVE, "no pose was measured"))
-    }
-
-    fn perform(&mut self, order: &Order<'_>) -> Result<Record, ExpectedError> {
+    /// Does `work`; the step at work is shown meanwhile.
+    fn shown<R>(&mut self, work: impl FnOnce(&mut OneArm<'a>, OnProgress<'_>) -> R) -> R {
         let step = self.step;
         let show = |text: &str| text.clone_into(&mut step.lock().unwrap_or_else(PoisonError::into_inner));
-        let record = perform(&mut self.operator, order, &mut |progress| {
+        let done = work(&mut self.arm, &mut |progress| {
             if let Progress::Begin(step) = progress {
                 show(step.name());
             }
             Answer::Yes
         });
         show("");
-        failure(&record).or_else(|| off_target(&record, &order.judge)).map_or(Ok(record), Err)
+        done
     }
 
     fn go(&mut self, target: &Target, how: &How) -> Answered {
         let scene = how.scene();
-        let measured = self.ready()?;
-        let from = self.end.filter(|end| (end - measured).amax() < THERE_RAD).unwrap_or(measured);
-        let way = target.way(self.robot, &scene, &how.travel(), &from).map_err(|error| no_way(&error))?;
+        let from = self.ready(false)?;
+        let way = target.way(self.arm.robot, &scene, &how.travel(), &from).map_err(|error| no_way(&error))?;
         match way {
-            Some(motion) => self.move_along(&Order { scene, ..self.order(motion, Extent::Run) }),
+            Some(motion) => self.move_along(&Order { scene, ..self.arm.order(motion, Extent::Run) }),
             None => Ok(json!({
                 "duration_s": 0.0, "q_rad": from.as_slice(), "off_rad": 0.0, "end_off_rad": 0.0,
                 "text": "the arm is there; nothing has moved",
@@ -408,16 +380,16 @@ impl<'a> Connected<'a> {
 
     fn follow(&mut self, t_s: Option<&[f64]>, q_rad: &[f64], blend_rad: f64, how: &How) -> Answered {
         let bad = |error: &dyn Cause| ExpectedError::bad_input(error);
-        let rows: Vec<&[f64]> = q_rad.chunks_exact(self.robot.n()).collect();
-        let limits = Limits::of_arm(self.robot, if t_s.is_some() { 1.0 } else { how.speed_share })
+        let rows: Vec<&[f64]> = q_rad.chunks_exact(self.arm.robot.n()).collect();
+        let limits = Limits::of_arm(self.arm.robot, if t_s.is_some() { 1.0 } else { how.speed_share })
             .ok_or_else(|| bad(&"a share of the limits is above 0 and at most 1"))?;
         for (row, number) in rows.iter().zip(1..) {
             let outside = |j: &usize| {
-                let range = self.robot.q_min()[*j]..=self.robot.q_max()[*j];
+                let range = self.arm.robot.q_min()[*j]..=self.arm.robot.q_max()[*j];
                 !range.contains(&row[*j])
             };
             if let Some(j) = (0..row.len()).find(outside) {
-                let name = &self.robot.joints()[j].name;
+                let name = &self.arm.robot.joints()[j].name;
                 return Err(bad(&format!("point {number}: {name} at {} rad is outside its range", row[j])));
             }
         }
@@ -436,14 +408,12 @@ impl<'a> Connected<'a> {
             }
         };
         let travel = Some(Travel { share: how.speed_share.min(1.0), ..how.travel() });
-        self.move_along(&Order { scene: how.scene(), travel, ..self.order(motion, Extent::Run) })
+        self.move_along(&Order { scene: how.scene(), travel, ..self.arm.order(motion, Extent::Run) })
     }
 
     fn move_along(&mut self, order: &Order<'_>) -> Answered {
-        self.end = None;
-        let record = self.perform(order)?;
+        let record = self.shown(|arm, ui| arm.run(order, ui))?;
         let motion = order.program.motion();
-        self.end = Some(motion.stop_rad());
         Ok(json!({
             "duration_s": motion.duration_s(),
             "q_rad": motion.stop_rad().as_slice(),
@@ -475,7 +445,8 @@ fn serve(
     let waits = session.is_simulated();
     let controller = connection.controller.and_then(|node| NodeId::new(node).ok());
     let operator = OnBus::new(&mut session, controller, BIT_RATE);
-    let mut arm = Connected { operator, robot: &robot, fingerprint: &fingerprint, step, stop, end: None };
+    let arm = OneArm::new(operator, &robot, &fingerprint);
+    let mut arm = Connected { arm, step, stop };
     loop {
         // Between orders the time of a simulated cell does not pass. A real bus is read all the time.
         let next =
@@ -485,7 +456,7 @@ fn serve(
                 let _ = answer.send(work(&mut arm));
             }
             Err(TryRecvError::Empty) => {
-                if arm.operator.pass(IDLE).is_err() {
+                if arm.arm.operator.pass(IDLE).is_err() {
                     // The next order reports it.
                     thread::sleep(LOOK);
                 }

@@ -94,13 +94,13 @@ impl Commands for Heard {
 
 impl Connected<'_> {
     fn stream(&mut self, how: &How, hold_s: f64, heard: &mut Heard) -> Result<String, ExpectedError> {
-        self.ready()?;
-        self.forget_end();
+        self.ready(false)?;
+        self.arm.forget_end();
         let (robot, keeps) = (
-            self.robot(),
+            self.arm.robot,
             Keeps { share: how.speed_share(), hold: Duration::from_secs_f64(hold_s), scene: how.scene() },
         );
-        let (session, node) = self.operator().parts()?;
+        let (session, node) = self.arm.operator.parts()?;
         let streamed =
             follow(session, node, robot, &keeps, heard).map_err(|error| ExpectedError::from(&error))?;
         if streamed.interrupted {

@@ -47,11 +47,14 @@ pub mod upload;
 pub mod web;
 
 mod bus_errors;
+pub mod connected;
 pub mod consent;
 mod controlled;
 pub mod ended;
 mod last_look;
 mod modules;
+pub mod program_file;
+pub mod program_run;
 pub mod progress;
 mod words;
 

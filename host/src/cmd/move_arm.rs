@@ -231,14 +231,14 @@ fn target(args: &Args, arm: &Arm) -> Result<Target, ExpectedError> {
     Ok(Target::Hand { goal, straight: args.straight })
 }
 
-/// The error of a way that was not found; nothing has moved.
+/// The error of a way that was not found; the arm stands, and may have found its zeros before.
 pub fn no_way(error: &WayError) -> ExpectedError {
     let next = match error {
-        WayError::Blocked { at_start: true, .. } => "`cubectl jog` frees the arm; nothing has moved",
-        WayError::Blocked { .. } => "choose another place; nothing has moved",
-        WayError::NoWay { .. } => "try another --way-seed, or go by a place between; nothing has moved",
-        WayError::Goal(_) => "choose another place, or leave the orientation out; nothing has moved",
-        WayError::Line(_) => "leave --straight out, or go to another place first; nothing has moved",
+        WayError::Blocked { at_start: true, .. } => "`cubectl jog` frees the arm; the arm stands",
+        WayError::Blocked { .. } => "choose another place; the arm stands",
+        WayError::NoWay { .. } => "try another --way-seed, or go by a place between; the arm stands",
+        WayError::Goal(_) => "choose another place, or leave the orientation out; the arm stands",
+        WayError::Line(_) => "leave --straight out, or go to another place first; the arm stands",
         WayError::Share { .. } => "--speed-share 0.2",
     };
     let code = if matches!(error, WayError::Share { .. }) { exit::BAD_INPUT } else { exit::NO_THROW };

@@ -13,12 +13,15 @@ use operator::bus::cycle_timing::CycleTiming;
 use operator::bus::period::Choice;
 use operator::interrupt::interrupt;
 use operator::job::{Answer, Progress, Question, Record, Verdict};
+use operator::port::Operator;
 use planner::follow::plan::FollowPlan;
 use planner::plan::file::PlanFile;
 use tuner::gains::choose::GainsFrom;
 
 use super::consent::Consent;
 use super::last_look::LastLook;
+use crate::error::ExpectedError;
+use crate::exit;
 
 /// How long a search for a throw that follows the flight takes as a rule.
 pub(super) const USUAL_SEARCH: &str = "10 to 30 s";
@@ -79,6 +82,11 @@ impl ProgressView {
     /// A motion that was planned.
     pub(super) fn way(&self, found: &str) {
         self.line("way", self.begun.elapsed().as_secs_f64(), found);
+    }
+
+    /// Says that a cycle of a program is over.
+    pub(super) fn cycle(&self, cycle: u32, of: u32) {
+        self.line("program", self.begun.elapsed().as_secs_f64(), &format!("cycle {cycle} of {of}"));
     }
 
     /// Says so if the gains were designed on the way.
@@ -147,6 +155,9 @@ impl ProgressView {
     }
 }
 
+/// Time between two looks for the answer of a person.
+const ANSWER_LOOK: protocol::Duration = protocol::Duration::from_millis(20);
+
 /// The person at the terminal, and the tracker.
 pub(super) struct Ui {
     pub(super) progress: ProgressView,
@@ -159,6 +170,20 @@ pub(super) struct Ui {
 }
 
 impl Ui {
+    /// Asks before anything moves; a stop of somebody else ends it.
+    pub(super) fn agree(&mut self, operator: &mut dyn Operator) -> Result<(), ExpectedError> {
+        loop {
+            match self.answer(Progress::May(Question::Move)) {
+                Answer::Yes => return Ok(()),
+                Answer::No => {
+                    return Err(ExpectedError::new(exit::INTERRUPTED, "not agreed; nothing has moved"));
+                }
+                Answer::Waiting => operator.pass(ANSWER_LOOK)?,
+            }
+            operator.heed_stops()?;
+        }
+    }
+
     pub(super) fn answer(&mut self, step: Progress<'_>) -> Answer {
         let question = match step {
             Progress::May(_) if interrupt().load(Ordering::Relaxed) => return Answer::No,

@@ -10,6 +10,8 @@ use super::controlled::tell_warnings;
 use super::ended::{Seen, failure, off_target, outcome_last};
 use super::path_file::RetimeArgs;
 use super::print_json;
+use super::program_file::is_program;
+use super::program_run;
 use super::progress::{ProgressView, Ui};
 use super::report::BIT_RATE;
 use super::results::Results;
@@ -30,8 +32,11 @@ const START_IN_MAX_S: f64 = 29.0;
     after_help = "Example:\n  cubectl run plan.json --bus can0 --record throw1\n\nThe arm must be homed and stand where the plan begins (`cubectl throw --plan` moves it\nthere); to the first of waypoints it goes by itself. On every bus but `sim` it asks first; without a terminal it needs --yes. Ctrl-C stops it along its path."
 )]
 pub struct Args {
-    /// Plan (JSON), waypoints (CSV, or JointTrajectory as JSON or YAML), or trajectory file of a controller.
+    /// Plan (JSON), waypoints (CSV, or JointTrajectory as JSON or YAML), program (TOML), or trajectory file of a controller.
     pub file: PathBuf,
+    /// Do the steps of a program so often.
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub repeat: u32,
     /// Bus options; on the bus `sim` a soft controller is in the cell.
     #[command(flatten)]
     pub bus: BusArgs,
@@ -53,7 +58,7 @@ pub struct Args {
     /// Longest time for the run, s.
     #[arg(long, default_value_t = 60.0, value_name = "SECONDS", value_parser = super::home::positive)]
     pub timeout: f64,
-    /// Folder for plan.json, bus.log, bus.mcap, summary.json and report.html.
+    /// Folder for plan.json, bus.log, bus.mcap, summary.json and report.html; of a program for cycles.csv, bus.log, bus.mcap and summary.json.
     #[arg(long, value_name = "DIR", conflicts_with = "record")]
     pub out: Option<PathBuf>,
     /// Print JSON.
@@ -74,6 +79,13 @@ fn start_in(text: &str) -> Result<f64, String> {
 /// # Errors
 /// The file, the bus, no controller, its refusal, a stop or fault on the way, or an arm that does not follow.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    if is_program(&args.file) {
+        return program_run::run(args);
+    }
+    if args.repeat > 1 {
+        return Err(ExpectedError::bad_input("--repeat is for programs (TOML); this file is run once")
+            .next("leave --repeat out, or make the file a `path` step of a program"));
+    }
     let consent = Consent::on(&args.bus.bus, args.yes)?;
     let source = read(&args.file, args.bus.cell.robot.as_deref(), &args.retime)?;
     let key = args.key.load()?;

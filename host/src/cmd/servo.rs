@@ -10,8 +10,8 @@ use nalgebra::{Vector3, Vector6};
 use operator::bus::BusArgs;
 use operator::bus::key_file::KeyArgs;
 use operator::dialogue::operator::OperatorError;
-use operator::job::{Answer, Extent, Judge, Order, Program, Progress, Question, perform};
-use operator::port::{OnBus, Operator as _};
+use operator::job::{Extent, Judge, Order, Program, perform};
+use operator::port::OnBus;
 use operator::servo::{Keeps, Next, ServoError, Stream, Streamed, follow};
 use planner::motion::Motion;
 use planner::plan::Joints;
@@ -37,8 +37,6 @@ use crate::exit;
 const SHOWN_MAX: u64 = 5;
 /// Time between two looks at the input where the stream is ahead of it.
 const LOOK: WallTime = WallTime::from_millis(1);
-/// Time between two looks for the answer of a person.
-const ANSWER_LOOK: Duration = Duration::from_millis(20);
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -160,7 +158,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     };
     let mut operator = OnBus::new(&mut session, args.controller, BIT_RATE);
     let record = perform(&mut operator, &ready, &mut |step| ui.answer(step));
-    let wrong = failure(&record).or_else(|| agree(&mut operator, &mut ui).err());
+    let wrong = failure(&record).or_else(|| ui.agree(&mut operator).err());
     ui.progress.quiet();
     let streamed = match (wrong, record.node) {
         (None, Some(node)) => {
@@ -212,18 +210,6 @@ impl From<&ServoError> for ExpectedError {
             ServoError::NoServo(_) => Self::of(exit::DRIVE, error),
             ServoError::Share { .. } | ServoError::Plan => Self::bad_input(error),
         }
-    }
-}
-
-/// Asks before anything moves; a stop of somebody else ends it.
-fn agree(operator: &mut OnBus<'_>, ui: &mut Ui) -> Result<(), ExpectedError> {
-    loop {
-        match ui.answer(Progress::May(Question::Move)) {
-            Answer::Yes => return Ok(()),
-            Answer::No => return Err(ExpectedError::new(exit::INTERRUPTED, "not agreed; nothing has moved")),
-            Answer::Waiting => operator.pass(ANSWER_LOOK)?,
-        }
-        operator.heed_stops()?;
     }
 }
 

@@ -1,0 +1,175 @@
+//! `cubectl run` of a program in the simulated cell.
+
+use crate::bus_common::{Folder, code, cubectl, err, out};
+use serde_json::Value;
+
+const PICK_AND_PLACE: &str = r#"
+schema_version = 1
+robot = "powercube6"
+speed_share = 0.5
+
+[[step]]
+joints = "38.5deg,-89.7deg,-186.1deg,64.2deg,-96.5deg,124.6deg"
+
+[[step]]
+to = "0.5,0.15,0.45"
+straight = true
+
+[[step]]
+gripper = "close"
+
+[[step]]
+wait_s = 0.2
+
+[[step]]
+to = "0.5,0.15,0.6"
+straight = true
+
+[[step]]
+to = "0.5,-0.15,0.6"
+straight = true
+speed_share = 0.3
+
+[[step]]
+gripper = "open"
+"#;
+
+fn written(folder: &Folder, text: &str) -> String {
+    let path = folder.file("program.toml");
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+fn summary(output: &std::process::Output) -> Value {
+    serde_json::from_str(&out(output)).unwrap_or_else(|_| panic!("{}\n{}", out(output), err(output)))
+}
+
+#[test]
+fn program_is_done_as_often_as_asked_and_each_cycle_ends_where_the_first_did() {
+    let folder = Folder::new("program");
+    let (path, results) = (written(&folder, PICK_AND_PLACE), folder.file("out"));
+    let output = cubectl(&["run", &path, "--home", "--repeat", "3", "--json", "--out", &results]);
+    let found = summary(&output);
+    assert_eq!((code(&output), &found["outcome"], &found["cycles_done"]), (0, &"done".into(), &3.into()));
+    assert_eq!(found["steps_done"], 21);
+    let (off, drift) = (found["off_rad"].as_f64().unwrap(), found["drift_rad"].as_f64().unwrap());
+    assert!(off > 1e-5 && off < 3e-3 && drift < 2e-3, "{found}");
+
+    let table = std::fs::read_to_string(format!("{results}/cycles.csv")).unwrap();
+    let rows: Vec<Vec<&str>> = table.lines().skip(1).map(|line| line.split(',').collect()).collect();
+    assert_eq!(rows.len(), 21);
+    let begun = |row: &Vec<&str>| row[3].parse::<f64>().unwrap();
+    assert!(
+        rows.windows(2)
+            .all(|two| begun(&two[1]) >= begun(&two[0]) + two[0][4].parse::<f64>().unwrap() - 1e-3)
+    );
+    // Steps 3 and 7 work the gripper, step 4 waits.
+    assert_eq!((rows[2][2], rows[3][2], rows[6][2]), ("gripper close", "wait", "gripper open"));
+    assert!((rows[3][4].parse::<f64>().unwrap() - 0.2).abs() < 0.03, "{:?}", rows[3]);
+    let kept: Value =
+        serde_json::from_str(&std::fs::read_to_string(format!("{results}/summary.json")).unwrap()).unwrap();
+    assert_eq!(kept, found);
+}
+
+#[test]
+fn program_that_cannot_be_done_is_refused_with_the_step_before_anything_moves() {
+    let folder = Folder::new("program-refused");
+    for (change, status, why) in [
+        (("0.5,-0.15,0.6", "2.5,-0.15,0.6"), 3, "step 6: "),
+        (("wait_s = 0.2", "wait_s = -1"), 4, "step 4: wait_s is from 0 to 3600"),
+        (("wait_s = 0.2", "wait_s = 0.2\ngripper = \"open\""), 4, "step 4: it has one of"),
+        (("wait_s = 0.2", "pause_s = 0.2"), 4, "unknown field `pause_s`"),
+        (("wait_s = 0.2", "pose = \"ready\""), 4, "step 4: name the file of poses"),
+        (("wait_s = 0.2", "path = \"none.csv\""), 4, "none.csv"),
+        (("gripper = \"close\"", "gripper = \"close\"\nstraight = true"), 4, "step 3: straight is for to"),
+        (("schema_version = 1", "schema_version = 2"), 4, "schema_version is 2"),
+        (("robot = \"powercube6\"", "robot = \"kr16_2\""), 4, "38.5"),
+        ((",64.2deg", ""), 4, "step 1: 5 angles"),
+    ] {
+        let text = PICK_AND_PLACE.replacen(change.0, change.1, 1);
+        assert_ne!(text, PICK_AND_PLACE);
+        let robot = if why == "38.5" { &["--robot", "powercube6"][..] } else { &[] };
+        let why = if why == "38.5" { "it is for kr16_2, not for powercube6" } else { why };
+        let output = cubectl(&[&["run", &written(&folder, &text), "--home"], robot].concat());
+        assert_eq!(code(&output), status, "{why}: {}", err(&output));
+        assert!(err(&output).contains(why) && err(&output).contains("next: "), "{why}: {}", err(&output));
+    }
+    let once = cubectl(&["run", &written(&folder, PICK_AND_PLACE), "--start-in", "1"]);
+    assert!(code(&once) == 4 && err(&once).contains("--start-in is for one motion"), "{}", err(&once));
+}
+
+#[test]
+fn program_that_ends_early_says_at_which_step_and_keeps_what_was_done() {
+    let folder = Folder::new("program-fault");
+    let scenario = folder.file("silent.toml");
+    let fault = "schema_version = 1\nname = \"silent\"\nseed = 3\nduration_s = 1.0\n\n[[fault]]\nkind = \"silent\"\n\
+                 target = \"module 3\"\nstart_s = 14.0\nlength_s = 5.0\n";
+    std::fs::write(&scenario, fault).unwrap();
+    let (path, results) = (written(&folder, PICK_AND_PLACE), folder.file("out"));
+    let words =
+        ["run", &path, "--home", "--repeat", "3", "--json", "--out", &results, "--scenario", &scenario];
+    let output = cubectl(&words);
+    let found = summary(&output);
+    assert!(matches!(code(&output), 8 | 13), "{}", err(&output));
+    assert_eq!(
+        (&found["outcome"], found["code"].as_i64()),
+        (&"ended_early".into(), Some(code(&output).into()))
+    );
+    let (cycle, step) = (found["at"]["cycle"].as_u64().unwrap(), found["at"]["step"].as_u64().unwrap());
+    assert!(err(&output).contains(&format!("cycle {cycle}, step {step}: ")), "{}", err(&output));
+    let table = std::fs::read_to_string(format!("{results}/cycles.csv")).unwrap();
+    let done = (cycle - 1) * 7 + step - 1;
+    assert_eq!(table.lines().count() as u64, 1 + done, "{table}");
+    assert!(done > 0, "the fault comes after some steps");
+}
+
+#[test]
+fn program_whose_cycles_begin_elsewhere_each_time_goes_on_by_its_own_ways() {
+    let folder = Folder::new("program-by");
+    let by = "schema_version = 1\nspeed_share = 0.5\n\n[[step]]\nby = \"1=+5deg\"\n\n[[step]]\ngripper = \"close\"\n";
+    let results = folder.file("out");
+    let output =
+        cubectl(&["run", &written(&folder, by), "--home", "--repeat", "4", "--json", "--out", &results]);
+    let found = summary(&output);
+    assert_eq!((code(&output), &found["cycles_done"]), (0, &4.into()), "{}", err(&output));
+    assert!(found["drift_rad"].as_f64().unwrap() < 2e-3, "{found}");
+    let table = std::fs::read_to_string(format!("{results}/cycles.csv")).unwrap();
+    let ends: Vec<f64> = table
+        .lines()
+        .filter(|line| line.contains(",1,move,"))
+        .map(|line| line.split(',').nth(8).unwrap().parse().unwrap())
+        .collect();
+    assert_eq!(ends.len(), 4);
+    let five = 5_f64.to_radians();
+    assert!(ends.windows(2).all(|two| (two[1] - two[0] - five).abs() < 2e-3), "{ends:?}");
+    // Until there is no way, which is said before the first motion.
+    let far = cubectl(&["run", &written(&folder, by), "--home", "--repeat", "100"]);
+    assert_eq!(code(&far), 3);
+    let told = err(&far);
+    assert!(
+        told.contains("cycle 3") && told.contains("step 1: ") && told.contains("the arm stands"),
+        "{told}"
+    );
+    assert!(out(&far).starts_with("0 of 100 cycles, 0 steps"), "{}", out(&far));
+}
+
+#[test]
+fn steps_keep_their_numbers_where_a_path_needs_a_way_to_its_begin() {
+    let folder = Folder::new("program-path");
+    let path = "joint1_deg,joint2_deg,joint3_deg,joint4_deg,joint5_deg,joint6_deg\n0,-60,-80,0,30,0\n10,-60,-80,0,30,0\n\
+                0,-60,-80,0,30,0\n";
+    std::fs::write(folder.file("path.csv"), path).unwrap();
+    let text = "schema_version = 1\nspeed_share = 0.5\nobstacles = [[0.5, 0.0, 0.1, 0.05, 0.05, 0.05]]\n\n[[step]]\npath = \"path.csv\"\n\n\
+                [[step]]\ngripper = \"close\"\n";
+    let results = folder.file("out");
+    let output =
+        cubectl(&["run", &written(&folder, text), "--home", "--repeat", "2", "--json", "--out", &results]);
+    let found = summary(&output);
+    assert_eq!((code(&output), &found["cycles_done"]), (0, &2.into()), "{}", err(&output));
+    assert!(found["drift_rad"].as_f64().unwrap() < 2e-3, "{found}");
+    let table = std::fs::read_to_string(format!("{results}/cycles.csv")).unwrap();
+    let steps: Vec<String> =
+        table.lines().skip(1).map(|line| line.split(',').take(3).collect::<Vec<_>>().join(" ")).collect();
+    let expected = ["1 1 move", "1 1 move", "1 2 gripper close", "2 1 move", "2 2 gripper close"];
+    assert_eq!(steps, expected);
+}
