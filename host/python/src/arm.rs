@@ -74,7 +74,7 @@ struct Asked {
 
 /// What the thread has.
 pub(crate) struct Connected<'a> {
-    pub(crate) arm: OneArm<'a>,
+    pub(crate) arm: OneArm<'a, 'a>,
     step: &'a Mutex<String>,
     stop: &'a AtomicBool,
 }
@@ -351,7 +351,7 @@ impl<'a> Connected<'a> {
     }
 
     /// Does `work`; the step at work is shown meanwhile.
-    fn shown<R>(&mut self, work: impl FnOnce(&mut OneArm<'a>, OnProgress<'_>) -> R) -> R {
+    fn shown<R>(&mut self, work: impl FnOnce(&mut OneArm<'a, 'a>, OnProgress<'_>) -> R) -> R {
         let step = self.step;
         let show = |text: &str| text.clone_into(&mut step.lock().unwrap_or_else(PoisonError::into_inner));
         let done = work(&mut self.arm, &mut |progress| {

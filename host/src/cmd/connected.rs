@@ -14,17 +14,17 @@ use crate::exit;
 const THERE_RAD: f64 = 5e-3;
 
 /// See the [module](self).
-pub struct Connected<'a> {
-    pub operator: OnBus<'a>,
+pub struct Connected<'s, 'a> {
+    pub operator: OnBus<'s>,
     pub robot: &'a RobotModel,
     fingerprint: &'a str,
     /// Planned end of the last motion, rad.
     end: Option<JointVec>,
 }
 
-impl<'a> Connected<'a> {
+impl<'s, 'a> Connected<'s, 'a> {
     /// The arm `robot`, whose fingerprint is given, behind `operator`.
-    pub const fn new(operator: OnBus<'a>, robot: &'a RobotModel, fingerprint: &'a str) -> Self {
+    pub const fn new(operator: OnBus<'s>, robot: &'a RobotModel, fingerprint: &'a str) -> Self {
         Self { operator, robot, fingerprint, end: None }
     }
 

@@ -12,6 +12,7 @@ use protocol::cyphal::id::NodeId;
 use robot_model::Pose;
 use robot_model::collision::{CollisionChecker, Obb, Scene};
 
+use super::connected::Connected;
 use super::consent::Consent;
 use super::controlled::tell_warnings;
 use super::ended::{Seen, failure, off_target, outcome_last};
@@ -25,7 +26,7 @@ use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::BusArgs;
 use operator::bus::key_file::KeyArgs;
-use operator::job::{Extent, Judge, Order, Program, Target, TargetError, perform};
+use operator::job::{Extent, Order, Target, TargetError, perform};
 use operator::port::OnBus;
 
 /// Arguments.
@@ -120,23 +121,13 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     session.set_key(key);
     let words = ["The arm moves. Nobody near?"; 2];
     let mut ui = Ui { progress: ProgressView::new(args.json), consent, words, look: None, agreed: false };
-    let mut operator = OnBus::new(&mut session, args.controller, BIT_RATE);
-    let order = |motion: Motion, extent| Order {
-        homes: args.home,
-        extent,
-        scene: scene.clone(),
-        ..Order::new(&arm, &fingerprint, Program::Motion(motion), Judge::Reach)
-    };
-
-    let ready = perform(&mut operator, &order(Motion::default(), Extent::Ready), &mut |step| ui.answer(step));
-    let way = match (failure(&ready), &ready.pose) {
-        (None, Some(from)) => {
-            let travel = Travel { share: args.speed_share, seed: args.way_seed, range: None };
-            let way = target.way(&arm, &scene, &travel, from).map_err(|error| no_way(&error));
-            way.map(|way| (way, *from))
-        }
-        (wrong, _) => Err(wrong.unwrap_or_else(|| ExpectedError::new(exit::DRIVE, "no pose was measured"))),
-    };
+    let operator = OnBus::new(&mut session, args.controller, BIT_RATE);
+    let mut connected = Connected::new(operator, &arm, &fingerprint);
+    let way = connected.ready(args.home, &mut |step| ui.answer(step)).and_then(|from| {
+        let travel = Travel { share: args.speed_share, seed: args.way_seed, range: None };
+        let way = target.way(&arm, &scene, &travel, &from).map_err(|error| no_way(&error))?;
+        Ok((way, from))
+    });
     let (way, from) = match way {
         Ok(found) => found,
         Err(wrong) => {
@@ -163,8 +154,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         return Ok(());
     }
     ui.progress.way(&describe(&arm, &motion));
-    let order = order(motion, Extent::Run);
-    let record = perform(&mut operator, &order, &mut |step| ui.answer(step));
+    let order = Order { homes: args.home, scene, ..connected.order(motion, Extent::Run) };
+    let record = perform(&mut connected.operator, &order, &mut |step| ui.answer(step));
     ui.progress.quiet();
     tell_warnings(&mut session);
     let wrong = failure(&record).or_else(|| off_target(&record, &order.judge));

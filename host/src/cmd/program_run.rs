@@ -120,7 +120,7 @@ struct Row {
 
 /// All cycles. What was done until an error is in `performed`.
 fn perform(
-    arm: &mut Connected<'_>,
+    arm: &mut Connected<'_, '_>,
     program: &ArmProgram,
     args: &Args,
     ui: &mut Ui,
@@ -160,7 +160,7 @@ fn perform(
 
 /// One step; of a motion, how far the arm was from it and from its end, and which joint.
 fn carry_out(
-    arm: &mut Connected<'_>,
+    arm: &mut Connected<'_, '_>,
     step: &Step,
     args: &Args,
     ui: &mut Ui,
