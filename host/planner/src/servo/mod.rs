@@ -5,7 +5,7 @@
 //! ```
 //!
 //! The motion keeps these rules, whatever is asked for and whenever:
-//! * speed, acceleration and jerk of each joint are bounded ([`joint`]);
+//! * speed, acceleration and jerk of each joint are bounded ([`Bounds`]);
 //! * from each state the arm can come to rest inside its joint ranges, and with the distance that it keeps, both with bounded jerk
 //!   (as the servo brakes) and at once with the acceleration alone (as a controller does when nothing more comes). Both ways are
 //!   proven before the state is given; if one is not free, the arm brakes on the way that was proven before;
