@@ -6,4 +6,5 @@
 mod matrix;
 mod page;
 mod scenarios;
+mod servo;
 mod swarm;
