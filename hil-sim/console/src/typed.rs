@@ -70,6 +70,11 @@ pub fn typed_lines() -> TypedInput<String> {
     TypedInput::new(|| std::io::stdin().lines().map_while(Result::ok))
 }
 
+/// Lines of a source that is read to its end, such as a file.
+pub fn lines_of<R: std::io::BufRead + Send + 'static>(source: R) -> TypedInput<String> {
+    TypedInput::new(|| source.lines().map_while(Result::ok))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -107,9 +112,4 @@ mod tests {
         }));
         assert_eq!(ended.recv(), Ok(()));
     }
-}
-
-/// Lines of a source that is read to its end, such as a file.
-pub fn lines_of<R: std::io::BufRead + Send + 'static>(source: R) -> TypedInput<String> {
-    TypedInput::new(|| source.lines().map_while(Result::ok))
 }
