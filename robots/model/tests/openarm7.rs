@@ -1,6 +1,7 @@
 //! One arm of an OpenArm: figures of its public description.
 
 use robot_model::survey::{Weight, survey};
+use robot_model::uses::{Use, missing};
 use robot_model::{JointVec, LoadError, Problem, RobotModel};
 
 const TEXT: &str = include_str!("../../openarm7.toml");
@@ -153,4 +154,11 @@ fn motors_on_some_joints_only_or_beside_drives_are_refused() {
     let error = RobotModel::from_toml("arm.toml", &bare.replacen("[gripper]", GRIPPER, 1))
         .expect_err("a lone gripper");
     assert_eq!(error.problem, Problem::MitGripperAlone);
+}
+
+#[test]
+fn on_a_real_bus_the_motors_are_named_and_no_drive_that_would_be_refused_beside_them() {
+    let missing = missing(&arm(), "openarm7.toml", TEXT).expect("TOML");
+    let keys: Vec<(Use, &str)> = missing.iter().map(|m| (m.purpose, m.key.as_str())).collect();
+    assert_eq!(keys, [(Use::RealBus, "joint.mit")]);
 }
