@@ -81,6 +81,36 @@ pub enum Problem {
     /// Some joints have a drive and some have none.
     #[error("joint `{0}` has no drive, though others have: all or none")]
     DriveMissing(String),
+    /// Some joints have an MIT motor and some have none.
+    #[error("joint `{0}` has no MIT motor, though others have: all or none")]
+    MitMissing(String),
+    /// A joint has two drives.
+    #[error("joint `{0}` has a drive module too; give one or the other")]
+    MitBesideDrive(String),
+    /// The gripper has an MIT motor, the joints have none.
+    #[error("the gripper has an MIT motor, but the joints have none")]
+    MitGripperAlone,
+    /// A gripper that does not move.
+    #[error("open and closed are the same angle")]
+    MitGripperStill,
+    /// Two motors share an id, for commands or answers.
+    #[error("id {id:#x} already belongs to {owner}")]
+    DuplicateMitId {
+        /// The id.
+        id: u16,
+        /// Joint that has it first, or the gripper.
+        owner: String,
+    },
+    /// A limit of a joint that the frames of its motor cannot hold.
+    #[error("{value:.1} is more than the frames of a motor {motor} hold ({max:.1})")]
+    BeyondMitRange {
+        /// The limit, in the file's unit.
+        value: f64,
+        /// Largest value of the frames.
+        max: f64,
+        /// Type of the motor.
+        motor: &'static str,
+    },
     /// The frames do not have the geometry of the declared family.
     #[error("the joint frames do not fit this family: {0}")]
     FamilyMismatch(FamilyMismatch),

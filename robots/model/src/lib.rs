@@ -6,6 +6,7 @@
 //! # Map
 //! | module | holds |
 //! |---|---|
+//! | `mit` | motors with MIT frames |
 //! | `model` | the validated robot and its parts |
 //! | `load` | robot file → model, one function per table; `toml_reader` knows line and key |
 //! | `error` | why a file is refused |
@@ -59,6 +60,7 @@ mod kinematics;
 pub mod linalg;
 mod load;
 mod mat3;
+mod mit;
 mod model;
 mod per_joint;
 mod pose;
@@ -78,6 +80,7 @@ pub use ik_solution::{Branch, IkSolution, IkSolutions};
 pub use jacobian::Jacobian;
 pub use kinematics::Frames;
 pub use load::{SCHEMA_VERSION, built_in_robots, built_in_text, text_of};
+pub use mit::{MitGripper, MitMotor, MitMotors};
 pub use model::{
     Drive, DriveLoop, Gripper, Joint, JointLimits, Link, LinkInertia, RobotModel, Supply, World,
 };

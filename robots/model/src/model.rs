@@ -5,6 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use crate::boxes::{BodyBox, CollisionModel};
 use crate::family::Family;
 use crate::fingers::Fingers;
+use crate::mit::MitMotors;
 use crate::per_joint::{JointVec, PerJoint};
 use crate::pose::Pose;
 
@@ -24,6 +25,7 @@ pub struct RobotModel {
     pub(crate) fingers: Option<Fingers>,
     pub(crate) family: Family,
     pub(crate) drives: Option<Vec<Drive>>,
+    pub(crate) mit_motors: Option<MitMotors>,
     pub(crate) supplies: Vec<Supply>,
     pub(crate) drive_loop: Option<DriveLoop>,
     pub(crate) world: World,
@@ -306,6 +308,12 @@ impl RobotModel {
     #[must_use]
     pub fn drives(&self) -> Option<&[Drive]> {
         self.drives.as_deref()
+    }
+
+    /// Damiao motors with MIT frames, if the robot file describes them (all joints or none).
+    #[must_use]
+    pub fn mit_motors(&self) -> Option<&MitMotors> {
+        self.mit_motors.as_ref()
     }
 
     /// Whether the drives follow from speed and torque of the joints (`[generic_drives]`), so that no real ones are described.

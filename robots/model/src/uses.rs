@@ -70,7 +70,11 @@ pub fn missing(robot: &RobotModel, file: &str, text: &str) -> Result<Vec<Missing
         let what = "the simulated cell moves drives; generic ones follow from speed and torque of the joints";
         add(Use::Simulate, "generic_drives".to_owned(), what.to_owned(), lines);
     }
-    if robot.drives().is_none() || generic {
+    if robot.mit_motors().is_some() {
+        let what = "no verb of `cubectl` drives motors with MIT frames on a real bus yet";
+        let lines = "# nothing to add: use the file to plan, and to simulate (`--bus sim`)";
+        add(Use::RealBus, "joint.mit".to_owned(), what.to_owned(), lines.to_owned());
+    } else if robot.drives().is_none() || generic {
         for (k, section) in root.sections("joint")?.iter().enumerate() {
             let what = format!("the module that moves `{}`", section.or("name", "?", Value::text)?);
             let lines = format!(

@@ -99,7 +99,7 @@ impl Record {
 /// Fingerprint of everything about a robot that a throw depends on (FNV-1a over its description).
 #[must_use]
 pub fn robot_fingerprint(arm: &RobotModel) -> u64 {
-    let text = format!(
+    let mut text = format!(
         "{:?}{:?}{:?}{:?}{:?}{:?}{:?}{:?}",
         arm.joints(),
         arm.links(),
@@ -110,6 +110,10 @@ pub fn robot_fingerprint(arm: &RobotModel) -> u64 {
         arm.world(),
         arm.collision().boxes(),
     );
+    // Only where there are some: stored throws of other arms keep their fingerprint.
+    if let Some(motors) = arm.mit_motors() {
+        text += &format!("{motors:?}");
+    }
     text.bytes().fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
 }
 
@@ -145,6 +149,14 @@ impl Record {
 mod tests {
     use super::*;
     use crate::throw::Joints;
+
+    #[test]
+    fn fingerprint_is_that_of_the_motors_too() {
+        let text = include_str!("../../../../robots/openarm7.toml");
+        let of = |text: &str| robot_fingerprint(&RobotModel::from_toml("arm.toml", text).unwrap());
+        assert!(text.contains("kp_nm_rad = 240"));
+        assert_ne!(of(text), of(&text.replacen("kp_nm_rad = 240", "kp_nm_rad = 239", 1)));
+    }
 
     #[test]
     fn crc_matches_the_check_value_of_the_standard() {

@@ -6,6 +6,7 @@ mod bodies;
 mod fingers;
 mod frames;
 mod generic;
+mod mit;
 
 pub(crate) use frames::turn_z_to;
 
@@ -128,6 +129,8 @@ fn read_model(root: &Section<'_>) -> Result<RobotModel, LoadError> {
     };
     let x_ne = frames.x_jl[n - 1] * x_le;
 
+    let gripper_section = root.required("gripper", Value::section)?;
+    let mit_motors = mit::read(&joint_sections, &gripper_section, &joints)?;
     let mut drives = read_drives(&joint_sections)?;
     let mut supplies = read_supplies(root, &joints, drives.is_some())?;
     if let Some(section) = root.optional("generic_drives", Value::section)? {
@@ -139,7 +142,7 @@ fn read_model(root: &Section<'_>) -> Result<RobotModel, LoadError> {
         section.finish()?;
     }
     let drive_loop = root.optional("drive_loop", Value::section)?.map(|s| read_drive_loop(&s)).transpose()?;
-    let gripper = read_gripper(&root.required("gripper", Value::section)?)?;
+    let gripper = read_gripper(&gripper_section)?;
     let fingers =
         root.optional("fingers", Value::section)?.map(|s| fingers::read(&s, &gripper)).transpose()?;
 
@@ -162,6 +165,7 @@ fn read_model(root: &Section<'_>) -> Result<RobotModel, LoadError> {
         fingers,
         family,
         drives,
+        mit_motors,
         supplies,
         drive_loop,
         world,

@@ -1,0 +1,48 @@
+//! Damiao motors that take MIT frames, as a robot file describes them.
+
+use mit_protocol::{MotorId, MotorType};
+use protocol::StandardId;
+
+/// The motors of an arm: one for each joint, and perhaps one for the gripper.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MitMotors {
+    /// Of the joints, base first.
+    pub joints: Vec<MitMotor>,
+    /// Of the gripper.
+    pub gripper: Option<MitGripper>,
+}
+
+/// A motor with its gear; all values at the shaft behind it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MitMotor {
+    /// Type, with the ranges of its frames.
+    pub motor: MotorType,
+    /// Id of its commands (register 8).
+    pub id: MotorId,
+    /// Id of its answers (register 7).
+    pub answers_on: StandardId,
+    /// Position gain of each command, N·m/rad.
+    pub kp_nm_rad: f64,
+    /// Velocity gain of each command, N·m·s/rad.
+    pub kd_nm_s_rad: f64,
+    /// Inertia that the rotor adds, kg·m².
+    pub rotor_kg_m2: f64,
+}
+
+/// The motor that moves the fingers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MitGripper {
+    /// The motor.
+    pub motor: MitMotor,
+    /// Angle of open fingers, rad.
+    pub open_rad: f64,
+    /// Angle of closed fingers, rad.
+    pub closed_rad: f64,
+}
+
+impl MitMotors {
+    /// All motors: the joints, base first, then the gripper.
+    pub fn all(&self) -> impl Iterator<Item = &MitMotor> {
+        self.joints.iter().chain(self.gripper.as_ref().map(|gripper| &gripper.motor))
+    }
+}
