@@ -173,3 +173,19 @@ fn steps_keep_their_numbers_where_a_path_needs_a_way_to_its_begin() {
     let expected = ["1 1 move", "1 1 move", "1 2 gripper close", "2 1 move", "2 2 gripper close"];
     assert_eq!(steps, expected);
 }
+
+#[test]
+fn path_on_which_two_bodies_touch_between_its_points_is_refused_with_the_time_and_both() {
+    let folder = Folder::new("program-contact");
+    let path = "joint1_deg,joint2_deg,joint3_deg,joint4_deg,joint5_deg,joint6_deg\n0,-60,-80,0,30,0\n50,-60,-80,0,30,0\n";
+    std::fs::write(folder.file("path.csv"), path).unwrap();
+    // The hand passes (0.44, 0.20, 1.13) m at 25 degrees.
+    let text = "schema_version = 1\nobstacles = [[0.44, 0.2, 1.13, 0.02, 0.02, 0.02]]\n\n[[step]]\npath = \"path.csv\"\n";
+    let refused = cubectl(&["run", &written(&folder, text), "--home"]);
+    assert_eq!(code(&refused), 3, "{}", err(&refused));
+    let why = err(&refused);
+    assert!(why.contains("step 1: after ") && why.contains("obstacle 1") && why.contains("touch"), "{why}");
+    let free = text.replace("0.44, 0.2, 1.13", "0.44, 0.2, 0.2");
+    let done = cubectl(&["run", &written(&folder, &free), "--home"]);
+    assert_eq!(code(&done), 0, "{}", err(&done));
+}

@@ -25,7 +25,7 @@ use operator::job::{Answer, Extent, OnProgress, Order, Progress, Target};
 use operator::port::{OnBus, Operator as _};
 use planner::store::robot_fingerprint;
 use planner::timing::{Limits, Path, Row, along, motion_of_rows};
-use planner::way::{Goal, Travel};
+use planner::way::{Goal, Travel, require_free_motion};
 use protocol::Duration;
 use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;
@@ -407,6 +407,7 @@ impl<'a> Connected<'a> {
                 along(&path, &limits).ok_or_else(|| bad(&"no times were found: take points out"))?
             }
         };
+        require_free_motion(self.arm.robot, &how.scene(), &motion).map_err(|error| no_way(&error))?;
         let travel = Some(Travel { share: how.speed_share.min(1.0), ..how.travel() });
         self.move_along(&Order { scene: how.scene(), travel, ..self.arm.order(motion, Extent::Run) })
     }

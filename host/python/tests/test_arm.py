@@ -31,6 +31,9 @@ def test_home_moves_and_a_path_end_where_the_joints_are_measured() -> None:
         assert arm.run(rows).q_rad.tolist() == rows[-1].tolist()
         timed = arm.run(rows, [0.0, 2.0, 4.0])
         assert timed.duration_s == pytest.approx(4.0)
+        post = [*cubecell.Robot("powercube6").hand(rows[1])[:3, 3], 0.02, 0.02, 0.02]
+        with pytest.raises(cubecell.CubecellError, match="touch"):
+            arm.run(rows, obstacles=[post])
         arm.gripper.open()
         arm.gripper.close()
     with pytest.raises(cubecell.CubecellError, match="closed"):

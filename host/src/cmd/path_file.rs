@@ -5,10 +5,11 @@ use std::path::Path;
 use planner::motion::Motion;
 use planner::plan::Arm;
 use planner::timing::{self, Limits, Row, along, motion_of_rows};
-use planner::way::{Travel, along_places};
+use planner::way::{Travel, along_places, require_free_motion};
 use planner::waypoints;
 use robot_model::collision::Scene;
 
+use super::move_arm::no_way;
 use crate::error::ExpectedError;
 use crate::exit;
 
@@ -70,8 +71,14 @@ pub(super) fn waypoints_in(bytes: &[u8]) -> Option<&str> {
 /// The motion through the waypoints of `text`, which was read from `path`.
 ///
 /// # Errors
-/// The file, or a limit that its times exceed: joint, time, value and limit.
+/// The file, a limit that its times exceed (joint, time, value and limit), or two bodies that would touch.
 pub(super) fn motion(path: &Path, text: &str, arm: &Arm, args: &RetimeArgs) -> Result<Motion, ExpectedError> {
+    let found = through(path, text, arm, args)?;
+    require_free_motion(arm, &Scene::default(), &found).map_err(|error| no_way(&error).at(path.display()))?;
+    Ok(found)
+}
+
+fn through(path: &Path, text: &str, arm: &Arm, args: &RetimeArgs) -> Result<Motion, ExpectedError> {
     let refused = |what: &dyn std::fmt::Display, next: &str| {
         ExpectedError::bad_input(&format!("{}: {what}", path.display())).next(next)
     };

@@ -28,7 +28,7 @@ use std::rc::Rc;
 use operator::job::Target;
 use planner::motion::Motion;
 use planner::plan::{Arm, Joints};
-use planner::way::{Travel, way};
+use planner::way::{Travel, require_free_motion, way};
 use protocol::Duration;
 use serde::Deserialize;
 use toml_reader::{DESCRIPTION_MAX_BYTES, read_text};
@@ -54,6 +54,9 @@ struct File {
     speed_share: f64,
     /// File of named poses, beside this one.
     poses: Option<PathBuf>,
+    /// The hand holds the ball of the robot file when the program begins.
+    #[serde(default)]
+    holding: bool,
     /// Boxes that nothing may touch: centre and half edges, m, base frame.
     #[serde(default)]
     obstacles: Vec<[f64; 6]>,
@@ -148,6 +151,7 @@ pub(super) struct ArmProgram {
     path: PathBuf,
     steps: Vec<Asked>,
     obstacles: Vec<[f64; 6]>,
+    holding: bool,
 }
 
 /// True for the name of a program.
@@ -185,7 +189,10 @@ impl ArmProgram {
                 .map_err(|error| if error.next.is_empty() { error.next(MEND) } else { error })
         });
         let steps = steps.collect::<Result<_, _>>()?;
-        Ok((Self { robot, path: path.to_owned(), steps, obstacles: file.obstacles }, arm))
+        Ok((
+            Self { robot, path: path.to_owned(), steps, obstacles: file.obstacles, holding: file.holding },
+            arm,
+        ))
     }
 
     /// The parts of each of `cycles` cycles. One that begins as the one before did has the same parts.
@@ -198,7 +205,7 @@ impl ArmProgram {
         from: Joints,
         cycles: u32,
     ) -> Result<Vec<Rc<[Part]>>, ExpectedError> {
-        let mut begin = Begin { q_rad: from, holds: false };
+        let mut begin = Begin { q_rad: from, holds: self.holding };
         let mut all: Vec<Rc<[Part]>> = Vec::new();
         let mut last = None;
         for cycle in 1..=cycles {
@@ -240,6 +247,7 @@ impl ArmProgram {
                     found.map_or(Step::There, Step::Move)
                 }
                 Asked::Follow { motion, share } => {
+                    require_free_motion(arm, &scene, motion).map_err(|error| place(no_way(&error)))?;
                     let start = motion.start_rad();
                     let to_start = way(arm, &scene, &travel(*share), &end, &start);
                     let to_start = to_start.map_err(|error| place(no_way(&error)))?;

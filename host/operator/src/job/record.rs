@@ -71,7 +71,7 @@ const fn next_of(error: &WayError) -> &'static str {
     match error {
         WayError::Blocked { .. } => "jog the arm free with `cubectl jog`",
         WayError::Share { .. } => "give a share above 0 and at most 1",
-        WayError::NoWay { .. } | WayError::Goal(_) | WayError::Line(_) => {
+        WayError::NoWay { .. } | WayError::Goal(_) | WayError::Line(_) | WayError::Contact { .. } => {
             "jog the arm nearer to the start, or plan another motion"
         }
     }

@@ -16,10 +16,12 @@
 //! All bodies are checked at every instant of the path, not at samples: [`robot_model::collision`]. What the cubics of the motion add
 //! is below 0.1 mrad.
 
+mod free;
 mod goal;
 mod line;
 mod search;
 
+pub use free::require_free_motion;
 pub(crate) use goal::at_point;
 pub use goal::{Goal, NoGoal};
 pub use line::{LineBreak, LineError};
@@ -80,6 +82,9 @@ pub enum WayError {
     Goal(#[from] NoGoal),
     #[error(transparent)]
     Line(#[from] LineError),
+    /// A motion that was given brings two bodies together.
+    #[error("after {t_s:.2} s {a} and {b} touch")]
+    Contact { t_s: f64, a: String, b: String },
     /// The share is no number above 0 and at most 1.
     #[error("a share of {share} of the limits is not above 0 and at most 1")]
     Share { share: f64 },
