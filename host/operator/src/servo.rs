@@ -5,7 +5,7 @@
 //! ```
 //!
 //! The controller runs a plan that stands still and takes end states in flight ([`crate::dialogue::online`]). It goes to each of
-//! them in time and brakes after it. So an arm whose host is late, or gone, comes to rest on a way that was proven free.
+//! them in time and brakes after it. If the host is late or gone, the arm comes to rest on a way that was proven free.
 //!
 //! From any state on its way the controller can reach the next end state within the acceleration of the servo, because the way by
 //! the one before is such a way, and its law takes the one of least acceleration. Lost messages change nothing as long as one of
@@ -45,7 +45,7 @@ const CLOCK_LOOK: Duration = Duration::from_secs(5);
 /// Most that the difference of the two clocks, as it is used, changes in a tick, µs: 0.1 %, more than clocks drift. A leap of half a
 /// millisecond would be half a milliradian at 1 rad/s, and an end state beyond the acceleration.
 const SLEW_US: f64 = 20.0;
-/// Longest time until an arm rests that brakes.
+/// Longest time that braking takes.
 const REST_MAX: Duration = Duration::from_secs(10);
 /// Share of the speed of the controller's envelope that the servo uses: the rest is for rounding.
 const SPEED_SHARE: f64 = 0.99;
@@ -95,7 +95,7 @@ pub struct Keeps {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Streamed {
     pub duration_s: f64,
-    /// Commands that were taken, and that were not.
+    /// Counts of commands that the servo took and refused.
     pub taken: u64,
     pub refused: u64,
     /// End states that were sent, and that the controller refused, by its cause.

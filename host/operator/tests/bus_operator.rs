@@ -62,7 +62,7 @@ fn a_plan_that_begins_elsewhere_and_a_damaged_file_are_refused_with_cause_and_ne
         .and_then(|()| session.run_trajectory(node, &name, Duration::from_secs(5), &mut |_, _| {}).map(drop));
     let error = refused.unwrap_err();
     assert!(error.to_string().contains("is not where the plan begins"), "{error}");
-    assert!(error.next().unwrap().contains("move there first: `cubectl throw --plan`"), "{error}");
+    assert!(error.next().unwrap().starts_with("move there first: `cubectl throw --plan`"), "{error}");
     file[30] ^= 1;
     let text = session.upload(node, &file, &mut |_, _| {}).unwrap_err().to_string();
     assert!(text.contains("checksum") && text.contains("(fault 602)"), "{text}");

@@ -31,6 +31,7 @@ pub mod replay;
 pub mod report;
 mod results;
 pub mod robot;
+mod rows;
 pub mod rsi;
 pub mod run;
 pub mod scan;

@@ -2,8 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
-use std::fs::File;
-use std::io::{BufWriter, Write};
 use std::sync::atomic::Ordering;
 
 use operator::interrupt::interrupt;
@@ -22,6 +20,7 @@ use super::folder::Folder;
 use super::program_file::{ArmProgram, Part, Step};
 use super::progress::{ProgressView, Ui};
 use super::report::BIT_RATE;
+use super::rows::Rows;
 use super::run::Args;
 use super::{fixed, print_json};
 use crate::error::ExpectedError;
@@ -74,7 +73,7 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
         None => error,
     });
     let finished = session.finish().map_err(ExpectedError::from);
-    let written = table.map_or(Ok(()), Table::finish);
+    let written = table.map_or(Ok(()), |table| table.0.finish());
     let summary = performed.summary(args.repeat, wrong.as_ref());
     let kept =
         folder.as_ref().map_or(Ok(()), |folder| folder.write("summary.json", &format!("{summary:#}\n")));
@@ -251,20 +250,14 @@ impl Performed {
 }
 
 /// `cycles.csv`, a row per step, on the disk as soon as the step is done.
-struct Table {
-    path: std::path::PathBuf,
-    out: BufWriter<File>,
-    failed: Option<std::io::Error>,
-}
+struct Table(Rows);
 
 impl Table {
     fn create(folder: &Folder, joints: usize) -> Result<Self, ExpectedError> {
-        let path = folder.file("cycles.csv");
-        let file = File::create(&path).map_err(|error| ExpectedError::output(&path, &error))?;
-        let mut table = Self { path, out: BufWriter::new(file), failed: None };
+        let mut rows = Rows::create(&folder.file("cycles.csv"))?;
         let angles: String = (1..=joints).map(|k| format!(",q_rad_{k}")).collect();
-        table.line(&format!("cycle,step,what,begun_s,duration_s,off_rad,end_off_rad,off_joint{angles}\n"));
-        Ok(table)
+        rows.line(&format!("cycle,step,what,begun_s,duration_s,off_rad,end_off_rad,off_joint{angles}\n"));
+        Ok(Self(rows))
     }
 
     fn write(&mut self, row: &Row) {
@@ -273,16 +266,6 @@ impl Table {
         });
         let angles: String = row.q_rad.iter().map(|q| format!(",{}", fixed(*q, 6))).collect();
         let (begun, took) = (fixed(row.begun_s, 3), fixed(row.duration_s, 3));
-        self.line(&format!("{},{},{},{begun},{took},{off}{angles}\n", row.cycle, row.step, row.what));
-    }
-
-    fn line(&mut self, text: &str) {
-        if self.failed.is_none() {
-            self.failed = self.out.write_all(text.as_bytes()).and_then(|()| self.out.flush()).err();
-        }
-    }
-
-    fn finish(self) -> Result<(), ExpectedError> {
-        self.failed.map_or(Ok(()), |error| Err(ExpectedError::output(&self.path, &error)))
+        self.0.line(&format!("{},{},{},{begun},{took},{off}{angles}\n", row.cycle, row.step, row.what));
     }
 }

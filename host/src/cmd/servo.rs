@@ -1,7 +1,7 @@
 //! `cubectl servo`
 
 use std::fs::File;
-use std::io::{BufReader, BufWriter, Write};
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::time::Duration as WallTime;
 
@@ -10,10 +10,8 @@ use nalgebra::{Vector3, Vector6};
 use operator::bus::BusArgs;
 use operator::bus::key_file::KeyArgs;
 use operator::dialogue::operator::OperatorError;
-use operator::job::{Extent, Judge, Order, Program, perform};
 use operator::port::OnBus;
 use operator::servo::{Keeps, Next, ServoError, Stream, Streamed, follow};
-use planner::motion::Motion;
 use planner::plan::Joints;
 use planner::servo::{Command, JointState, Limited, NoServo, Refused, Servo};
 use planner::store::robot_fingerprint;
@@ -23,12 +21,13 @@ use robot_model::Pose;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
+use super::connected::Connected;
 use super::consent::Consent;
 use super::controlled::tell_warnings;
-use super::ended::failure;
 use super::move_arm::scene;
 use super::progress::{ProgressView, Ui};
 use super::report::BIT_RATE;
+use super::rows::Rows;
 use super::{fixed, print_json};
 use crate::error::{Cause, ExpectedError};
 use crate::exit;
@@ -151,35 +150,27 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let words = ["The arm follows the commands. Nobody near?"; 2];
     let mut ui = Ui { progress: ProgressView::new(args.json), consent, words, look: None, agreed: false };
     let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
-    let ready = Order {
-        homes: args.home,
-        extent: Extent::Ready,
-        ..Order::new(&arm, &fingerprint, Program::Motion(Motion::default()), Judge::Reach)
-    };
-    let mut operator = OnBus::new(&mut session, args.controller, BIT_RATE);
-    let record = perform(&mut operator, &ready, &mut |step| ui.answer(step));
-    let wrong = failure(&record).or_else(|| ui.agree(&mut operator).err());
+    let mut arm_on_bus =
+        Connected::new(OnBus::new(&mut session, args.controller, BIT_RATE), &arm, &fingerprint);
+    let ready = arm_on_bus.ready(args.home, &mut |step| ui.answer(step));
+    let agreed = ready.and_then(|_| ui.agree(&mut arm_on_bus.operator));
     ui.progress.quiet();
-    let streamed = match (wrong, record.node) {
-        (None, Some(node)) => {
-            let input =
-                file.map_or_else(console::typed_lines, |file| console::lines_of(BufReader::new(file)));
-            let keeps = Keeps {
-                share: args.speed_share,
-                hold: Duration::from_secs_f64(args.hold),
-                scene: scene(&args.obstacle, args.ball),
-            };
-            let needs_times = session.is_simulated();
-            let mut lines = Lines { input, needs_times, ahead: None, unread: 0, states: states.as_mut() };
-            follow(&mut session, node, &arm, &keeps, &mut lines)
-                .map(|streamed| (streamed, lines.unread))
-                .map_err(|error| ExpectedError::from(&error))
-        }
-        (wrong, _) => Err(wrong.unwrap_or_else(|| OperatorError::NoController.into())),
-    };
+    let streamed = agreed.and_then(|()| {
+        let input = file.map_or_else(console::typed_lines, |file| console::lines_of(BufReader::new(file)));
+        let keeps = Keeps {
+            share: args.speed_share,
+            hold: Duration::from_secs_f64(args.hold),
+            scene: scene(&args.obstacle, args.ball),
+        };
+        let (session, node) = arm_on_bus.operator.parts()?;
+        let needs_times = session.is_simulated();
+        let mut lines = Lines { input, needs_times, ahead: None, unread: 0, states: states.as_mut() };
+        let streamed = follow(session, node, &arm, &keeps, &mut lines);
+        streamed.map(|streamed| (streamed, lines.unread)).map_err(|error| ExpectedError::from(&error))
+    });
     tell_warnings(&mut session);
     let finished = session.finish().map_err(ExpectedError::from);
-    let written = states.map_or(Ok(()), States::finish);
+    let written = states.map_or(Ok(()), |states| states.rows.finish());
     let (streamed, unread) = streamed?;
     say(args, &streamed, unread);
     finished.and(written)?;
@@ -194,7 +185,7 @@ impl Cause for ServoError {
         Some(match self {
             Self::Operator(error) => return error.next(),
             Self::NoServo(NoServo::OutsideRange { .. } | NoServo::Blocked { .. }) => {
-                "`cubectl jog` frees the arm; nothing has moved".to_owned()
+                "`cubectl jog` frees the arm".to_owned()
             }
             Self::Share { .. } => "--speed-share 0.2".to_owned(),
             Self::Plan => return None,
@@ -278,16 +269,13 @@ impl Stream for Lines<'_> {
 
 /// The states that were sent, as a table.
 struct States {
-    path: PathBuf,
-    out: BufWriter<File>,
+    rows: Rows,
     begun: bool,
-    failed: Option<std::io::Error>,
 }
 
 impl States {
     fn create(path: &Path) -> Result<Self, ExpectedError> {
-        let file = File::create(path).map_err(|error| ExpectedError::output(path, &error))?;
-        Ok(Self { path: path.to_owned(), out: BufWriter::new(file), begun: false, failed: None })
+        Ok(Self { rows: Rows::create(path)?, begun: false })
     }
 
     fn row(&mut self, t_s: f64, servo: &Servo<'_>, limited: Option<&Limited>) {
@@ -302,14 +290,7 @@ impl States {
         let numbers = of_all(|s| s.q_rad).chain(of_all(|s| s.qd_rad_s)).chain(of_all(|s| s.qdd_rad_s2));
         numbers.for_each(|number| text += &format!(",{}", fixed(number, 6)));
         text += &format!(",{}\n", limited.map(limit_text).unwrap_or_default());
-        if self.failed.is_none() {
-            self.failed = self.out.write_all(text.as_bytes()).err();
-        }
-    }
-
-    fn finish(mut self) -> Result<(), ExpectedError> {
-        let written = self.failed.take().map_or_else(|| self.out.flush(), Err);
-        written.map_err(|error| ExpectedError::output(&self.path, &error))
+        self.rows.line(&text);
     }
 }
 

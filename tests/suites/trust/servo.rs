@@ -136,7 +136,7 @@ fn judged(seen: &Seen, fault: Option<&Fault>) -> (&'static str, Vec<String>) {
     let mut wrong = Vec::new();
     let lost_rad = fault.map_or(0.0, lost_rad);
     let moved_rad = (seen.at_end_rad - seen.before_rad).amax();
-    // A drive whose encoder has lost counts goes by itself to where it takes the set point to be.
+    // After an encoder has lost counts, the drive itself moves the joint: its position no longer agrees with its set point.
     if moved_rad > STILL_RAD && lost_rad == 0.0 {
         wrong.push(format!("the arm still moves: {moved_rad:.4} rad in {STILL:?}"));
     }

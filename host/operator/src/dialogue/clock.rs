@@ -96,7 +96,7 @@ impl Session {
         (0..READINGS).try_for_each(|_| self.look_at_clock(node, clock))
     }
 
-    /// Reads it once: one question and its answer.
+    /// Reads the clock of a controller once into `clock`.
     ///
     /// # Errors
     /// As [`Session::read_clock`].

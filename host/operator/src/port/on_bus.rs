@@ -58,7 +58,7 @@ impl<'a> OnBus<'a> {
     /// The session and the controller's node, for what is no job.
     ///
     /// # Errors
-    /// [`OperatorError::NoController`] before [`Operator::connect`].
+    /// [`OperatorError::NoController`] if [`Operator::connect`] was not called before.
     pub fn parts(&mut self) -> Result<(&mut Session, NodeId), OperatorError> {
         let node = self.node()?;
         Ok((self.session, node))

@@ -1,7 +1,7 @@
-//! One joint of a stream: from state to state with bounded speed, acceleration and jerk, always able to stop.
+//! One joint of a stream: speed, acceleration and jerk are bounded, and the joint can stop at any time.
 //!
-//! The jerk of a tick is the largest one towards the goal from whose end the joint can still come to rest within its bounds
-//! and not beyond its goal. The stop has up to three pieces of constant jerk, in closed form.
+//! In each tick the jerk towards the goal is as large as possible. The limit: after the tick the joint must still be able to stop within its
+//! bounds and before its goal. A stop has up to three pieces of constant jerk, in closed form.
 
 /// Position, velocity and acceleration of a joint.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -154,7 +154,7 @@ impl Stop {
     }
 }
 
-/// The state after a tick of `dt_s` on the way to `goal`. From a state whose stop is within the bounds it leads to another one.
+/// The state after a tick of `dt_s` on the way to `goal`. If the joint can stop within its bounds before the tick, it can do so after it.
 pub(super) fn next(state: JointState, goal: JointGoal, bounds: &Bounds, dt_s: f64) -> JointState {
     let goal = before_the_end(&state, goal, bounds, dt_s);
     if let Some(there) = arrived(&state, goal, bounds, dt_s) {
@@ -171,7 +171,7 @@ pub(super) fn next(state: JointState, goal: JointGoal, bounds: &Bounds, dt_s: f6
     highest(state.mirrored(), goal.mirrored(), &mirrored, dt_s).mirrored()
 }
 
-/// A speed towards an end of the range that is near is a rest at that end.
+/// Near an end of the range, a speed towards that end becomes a position: the end.
 fn before_the_end(state: &JointState, goal: JointGoal, bounds: &Bounds, dt_s: f64) -> JointGoal {
     let JointGoal::Speed(speed) = goal else { return goal };
     let (low, high) = Stop::new(*state, bounds).extent_rad();
@@ -185,7 +185,7 @@ fn before_the_end(state: &JointState, goal: JointGoal, bounds: &Bounds, dt_s: f6
     }
 }
 
-/// At the goal, from a state that is nearer to it than the jerk of a tick moves a joint: it would go to and fro around it.
+/// The goal itself, if the state is so near that one tick of jerk would move the joint beyond it, to and fro.
 fn arrived(state: &JointState, goal: JointGoal, bounds: &Bounds, dt_s: f64) -> Option<JointState> {
     let step = bounds.j_rad_s3 * dt_s;
     let (q_rad, qd_rad_s) = match goal {

@@ -31,7 +31,7 @@ pub const TICK_S: f64 = 0.02;
 pub const BRAKE_SHARE: f64 = 1.05;
 /// Largest distance that is kept from everything, m.
 pub const DISTANCE_M: f64 = 0.01;
-/// Distance that stands for the resolution of the proof, m.
+/// The proof that a way is free is exact to this distance, m.
 const TOLERANCE_M: f64 = 1e-3;
 /// Angle that is kept from the ends of the joint ranges.
 const MARGIN_RAD: f64 = 2e-3;
@@ -53,7 +53,7 @@ pub enum Command {
     HandSpeed(Vector6<f64>),
 }
 
-/// Why a command is not taken. The one before stays in force until its time is over.
+/// Why a command is not taken. The command before it holds until its time is over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Refused {
     #[error("a number is not finite")]
@@ -112,7 +112,7 @@ pub struct Servo<'a> {
 }
 
 impl<'a> Servo<'a> {
-    /// An arm that rests at `q_rad`. Without a command for `hold_s` it comes to rest.
+    /// A servo for an arm that stands at `q_rad`. If no command comes for `hold_s`, the arm comes to rest.
     ///
     /// # Errors
     /// [`NoServo`].

@@ -82,7 +82,7 @@ pub enum WayError {
     Goal(#[from] NoGoal),
     #[error(transparent)]
     Line(#[from] LineError),
-    /// A motion that was given brings two bodies together.
+    /// Two bodies touch on a motion that was given.
     #[error("after {t_s:.2} s {a} and {b} touch")]
     Contact { t_s: f64, a: String, b: String },
     /// The share is no number above 0 and at most 1.
