@@ -28,6 +28,14 @@ impl JointState {
         self.qd_rad_s + self.qdd_rad_s2 * self.qdd_rad_s2.abs() / (2.0 * j_rad_s3)
     }
 
+    /// Least and largest speed up to `t_s` with a constant jerk, without the one at the begin.
+    fn speeds(self, jerk_rad_s3: f64, t_s: f64) -> (f64, f64) {
+        let end = self.after(jerk_rad_s3, t_s);
+        let has_peak = self.qdd_rad_s2 * end.qdd_rad_s2 < 0.0;
+        let peak = if has_peak { self.coming_speed(jerk_rad_s3.abs()) } else { end.qd_rad_s };
+        (end.qd_rad_s.min(peak), end.qd_rad_s.max(peak))
+    }
+
     fn mirrored(self) -> Self {
         Self { q_rad: -self.q_rad, qd_rad_s: -self.qd_rad_s, qdd_rad_s2: -self.qdd_rad_s2 }
     }
@@ -155,6 +163,8 @@ impl Stop {
 }
 
 /// The state after a tick of `dt_s` on the way to `goal`. If the joint can stop within its bounds before the tick, it can do so after it.
+///
+/// The speed keeps its bound also between the ticks. The angle keeps its range at the ticks; between them it is at most `j·dt³/3` beyond.
 pub(super) fn next(state: JointState, goal: JointGoal, bounds: &Bounds, dt_s: f64) -> JointState {
     let goal = before_the_end(&state, goal, bounds, dt_s);
     if let Some(there) = arrived(&state, goal, bounds, dt_s) {
@@ -212,31 +222,33 @@ fn highest(state: JointState, goal: JointGoal, bounds: &Bounds, dt_s: f64) -> Jo
     let stop = Stop::new(state, bounds);
     // What is unavoidable already may be.
     let (v_goal, q_goal) = (v_goal.max(state.coming_speed(j)), q_goal.max(stop.extent_rad().1));
-    let below = |end: &JointState| {
-        let extent = Stop::new(*end, bounds).extent_rad();
-        end.coming_speed(j).max(end.qd_rad_s) <= v_goal && extent.1 <= q_goal.min(bounds.q_max_rad)
+    // The speed also within the tick: it has a peak there if the acceleration changes its sign.
+    let below = |jerk: f64| {
+        let end = state.after(jerk, dt_s);
+        end.coming_speed(j).max(state.speeds(jerk, dt_s).1) <= v_goal
+            && Stop::new(end, bounds).extent_rad().1 <= q_goal.min(bounds.q_max_rad)
+    };
+    // Within the bounds in the other direction, too.
+    let above = |jerk: f64| {
+        let end = state.after(jerk, dt_s);
+        end.coming_speed(j).min(state.speeds(jerk, dt_s).0) >= -bounds.v_rad_s * (1.0 + ROUNDING)
+            && Stop::new(end, bounds).extent_rad().0 >= bounds.q_min_rad
     };
     let most = j.min((a - state.qdd_rad_s2) / dt_s);
     let least = (-j).max((-a - state.qdd_rad_s2) / dt_s);
-    let best = if below(&state.after(most, dt_s)) {
+    let best = if below(most) {
         Some(most)
-    } else if below(&state.after(least, dt_s)) {
+    } else if below(least) {
         let mut span = (least, most);
         for _ in 0..HALVINGS {
             let middle = 0.5 * (span.0 + span.1);
-            if below(&state.after(middle, dt_s)) { span.0 = middle } else { span.1 = middle }
+            if below(middle) { span.0 = middle } else { span.1 = middle }
         }
         Some(span.0)
     } else {
         None
     };
-    let moved = best.map(|jerk| state.after(jerk, dt_s));
-    // Within the bounds in the other direction, too.
-    let above = |end: &JointState| {
-        Stop::new(*end, bounds).extent_rad().0 >= bounds.q_min_rad
-            && end.coming_speed(j) >= -bounds.v_rad_s * (1.0 + ROUNDING)
-    };
-    moved.filter(above).unwrap_or_else(|| stop.at(dt_s))
+    best.filter(|jerk| above(*jerk)).map_or_else(|| stop.at(dt_s), |jerk| state.after(jerk, dt_s))
 }
 
 #[cfg(test)]
@@ -265,6 +277,11 @@ mod tests {
         let mean = 0.5 * (from.qd_rad_s + to.qd_rad_s) * DT_S;
         let most = BOUNDS.j_rad_s3 * DT_S.powi(3) / 6.0;
         assert!((to.q_rad - from.q_rad - mean).abs() <= most, "{from:?} to {to:?}");
+        if from.qdd_rad_s2 * to.qdd_rad_s2 < 0.0 {
+            let (a0, a1) = (from.qdd_rad_s2, to.qdd_rad_s2);
+            let peak = from.qd_rad_s + 0.5 * a0 * DT_S * a0 / (a0 - a1);
+            assert!(peak.abs() <= BOUNDS.v_rad_s + 1e-6, "{peak} rad/s from {from:?} to {to:?}");
+        }
     }
 
     #[test]
@@ -304,6 +321,19 @@ mod tests {
             state = to;
         }
         assert!(state.qd_rad_s.abs() < 1e-3 && state.q_rad > BOUNDS.q_max_rad - 1e-3, "{state:?}");
+    }
+
+    #[test]
+    fn speed_just_below_the_limit_is_not_passed_on_the_way_to_it() {
+        let coming = JointState { q_rad: 0.0, qd_rad_s: 1.1982948, qdd_rad_s2: 0.291992 };
+        for goal in [1.1999187, 1.1999332, 1.2, 1.19, 0.0] {
+            for side in [1.0, -1.0] {
+                let from = if side > 0.0 { coming } else { coming.mirrored() };
+                let to = next(from, JointGoal::Speed(side * goal), &BOUNDS, DT_S);
+                within(&to);
+                explained(&from, &to);
+            }
+        }
     }
 
     proptest! {
