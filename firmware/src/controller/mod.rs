@@ -141,9 +141,14 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     /// [`Self::with_spline`] with a group that was made with options of its own.
     pub fn with_group(storage: S, spline: M, group: G, defaults: &Settings, seed: Seed) -> Self {
         let mut controller = Self::blank(storage, spline, seed);
-        controller.group = group;
+        controller.set_group(group);
         controller.restore(defaults);
         controller
+    }
+
+    /// Before [`Self::restore`].
+    pub(crate) fn set_group(&mut self, group: G) {
+        self.group = group;
     }
 
     /// A controller that has loaded nothing yet; [`Self::restore`] must follow.

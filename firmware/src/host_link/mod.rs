@@ -134,6 +134,21 @@ impl<S: Storage, G: DriveGroup> ControllerNode<S, Spline, G> {
     pub fn new(now: Instant, storage: S, defaults: &Settings, identity: Identity, seed: Seed) -> Self {
         Self::with_spline(now, storage, Spline::empty(), defaults, identity, seed)
     }
+
+    /// [`Self::new`] with a group that was made with options of its own.
+    pub fn with_group(
+        now: Instant,
+        storage: S,
+        group: G,
+        defaults: &Settings,
+        identity: Identity,
+        seed: Seed,
+    ) -> Self {
+        let mut node = Self::blank(now, storage, Spline::empty(), identity, seed);
+        node.app.controller.set_group(group);
+        node.restore(defaults);
+        node
+    }
 }
 
 impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> ControllerNode<S, M, G> {

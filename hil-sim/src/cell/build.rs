@@ -2,12 +2,14 @@
 
 use protocol::powercube::BaudRate;
 use protocol::{Duration, Instant, ModuleId};
-use robot_model::{JointVec, RobotModel};
+use robot_model::{Drive, JointVec, RobotModel};
 
+use super::drives::{Drives, MitArm};
 use super::finger_release::FingerRelease;
 use super::throw::Throw;
 use super::{Cell, Mounting};
 use crate::drive::{DriveOptions, Nameplate, PowerCubeDrive};
+use crate::mechanics::perturb::JointDeviation;
 use crate::mechanics::{
     Body, Gripper, GripperOptions, JointMechanics, MechanicsOptions, Mechanism, Plant, Scatter, Supply,
     SupplyOptions,
@@ -43,7 +45,7 @@ pub struct CellOptions {
 }
 
 impl CellOptions {
-    fn mounting_of(&self, joint: usize) -> Mounting {
+    pub(super) fn mounting_of(&self, joint: usize) -> Mounting {
         self.mounting.get(joint).copied().unwrap_or_default()
     }
 }
@@ -71,7 +73,9 @@ impl Default for CellOptions {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CellError {
     /// The robot file describes no drives.
-    #[error("robot {robot} has no drives: give each [[joint]] of its file a [joint.drive] table")]
+    #[error(
+        "robot {robot} has no drives: give each [[joint]] of its file a [joint.drive] or a [joint.mit] table"
+    )]
     NoDrives {
         /// Name of the robot.
         robot: String,
@@ -91,6 +95,12 @@ pub enum CellError {
         joint: usize,
         address: u8,
     },
+    /// Torque and speed of a motor are not known.
+    #[error("no figures for motor '{motor}': the simulated ones are 4310, 4340 and 8009")]
+    MotorUnknown {
+        /// Its type.
+        motor: String,
+    },
     /// The start pose has another number of joints, or is no number.
     #[error("the start pose has {found} usable angles, the robot {expected} joints")]
     StartPose {
@@ -109,27 +119,15 @@ impl Cell {
     /// # Errors
     /// [`CellError`]: a robot without drives, addresses that clash, a start pose that does not fit, a step out of range.
     pub fn new(model: &RobotModel, options: &CellOptions, seed: u64) -> Result<Self, CellError> {
-        let description =
-            model.drives().ok_or_else(|| CellError::NoDrives { robot: model.name().to_owned() })?;
         let q = start_pose(model, options)?;
         let n = model.n();
         let deviations: Vec<_> = (0..n).map(|i| options.scatter.draw(seed, i)).collect();
-        let tuned = options.mechanics.servo_inertia_kg_m2(model);
-        let mut drives = Vec::with_capacity(n);
-        for i in 0..n {
-            let address = description[i].address;
-            let clash = drives.iter().any(|d: &PowerCubeDrive| d.address().get() == address);
-            let plate = Nameplate::of_joint(model, i, tuned[i]).filter(|_| !clash);
-            let mounting = options.mounting_of(i);
-            let mut plate = mounting.plate(plate.ok_or(CellError::Address { joint: i + 1, address })?);
-            plate.k_b_a_s_rad *= deviations[i].current;
-            plate.k_m_a_nm *= deviations[i].current;
-            plate.home_error_rad = deviations[i].home_rad;
-            let mut own = options.drive.clone();
-            own.processing_delay =
-                Duration::from_secs_f64(own.processing_delay.as_secs_f64() * deviations[i].delay);
-            drives.push(PowerCubeDrive::new(plate, own, seed, mounting.drive_rad(q[i])));
-        }
+        let drives = match model.drives() {
+            Some(described) => {
+                Drives::PowerCubes(powercubes(model, options, described, &deviations, &q, seed)?)
+            }
+            None => Drives::Mit(MitArm::new(model, options, q.as_slice())?),
+        };
         let plant = options.mechanics.build(model, q, &deviations);
         let supplies: Vec<Supply> = model
             .supplies()
@@ -139,6 +137,10 @@ impl Cell {
         let supply_of = (0..n).map(|i| model.supplies().iter().position(|s| s.feeds[i])).collect();
         let world = *model.world();
         let mut gripper = options.gripper;
+        // Fingers with a motor take the time that they take.
+        if matches!(drives, Drives::Mit(_)) {
+            (gripper.delay, gripper.jitter) = (Duration::ZERO, Duration::ZERO);
+        }
         gripper.delay = options.scatter.draw_gripper_delay(seed, gripper.delay);
         let fingers = match (options.finger_release, model.fingers()) {
             (false, _) => None,
@@ -197,11 +199,11 @@ impl Cell {
             return Err(CellError::NoFingers { robot: "bench".to_owned() });
         }
         let throw = Throw::new(Gripper::new(options.gripper, seed), None, 0.03, 9.81, 0.0);
-        Self::assemble(drives, plant, Vec::new(), vec![None; n], throw, options)
+        Self::assemble(Drives::PowerCubes(drives), plant, Vec::new(), vec![None; n], throw, options)
     }
 
     fn assemble(
-        mut drives: Vec<PowerCubeDrive>,
+        mut drives: Drives,
         plant: Box<dyn Plant>,
         supplies: Vec<Supply>,
         supply_of: Vec<Option<usize>>,
@@ -212,7 +214,7 @@ impl Cell {
         if !(10..=5_000).contains(&us) || !us.is_multiple_of(2) {
             return Err(CellError::Step { step: options.step });
         }
-        for drive in &mut drives {
+        for drive in drives.powercubes_mut() {
             if options.cold_start {
                 drive.power(Instant::ZERO, true);
             } else {
@@ -220,9 +222,9 @@ impl Cell {
             }
         }
         Ok(Self {
-            inputs: vec![Default::default(); drives.len()],
+            inputs: vec![Default::default(); drives.joints()],
             loads_a: vec![0.0; supplies.len()],
-            mounting: (0..drives.len()).map(|joint| options.mounting_of(joint)).collect(),
+            mounting: (0..drives.joints()).map(|joint| options.mounting_of(joint)).collect(),
             drives,
             plant,
             supplies,
@@ -235,6 +237,35 @@ impl Cell {
             trace: None,
         })
     }
+}
+
+/// The drives of `[joint.drive]`, tuned for the nominal arm.
+fn powercubes(
+    model: &RobotModel,
+    options: &CellOptions,
+    described: &[Drive],
+    deviations: &[JointDeviation],
+    q: &JointVec,
+    seed: u64,
+) -> Result<Vec<PowerCubeDrive>, CellError> {
+    let n = model.n();
+    let tuned = options.mechanics.servo_inertia_kg_m2(model);
+    let mut drives = Vec::with_capacity(n);
+    for i in 0..n {
+        let address = described[i].address;
+        let clash = drives.iter().any(|d: &PowerCubeDrive| d.address().get() == address);
+        let plate = Nameplate::of_joint(model, i, tuned[i]).filter(|_| !clash);
+        let mounting = options.mounting_of(i);
+        let mut plate = mounting.plate(plate.ok_or(CellError::Address { joint: i + 1, address })?);
+        plate.k_b_a_s_rad *= deviations[i].current;
+        plate.k_m_a_nm *= deviations[i].current;
+        plate.home_error_rad = deviations[i].home_rad;
+        let mut own = options.drive.clone();
+        own.processing_delay =
+            Duration::from_secs_f64(own.processing_delay.as_secs_f64() * deviations[i].delay);
+        drives.push(PowerCubeDrive::new(plate, own, seed, mounting.drive_rad(q[i])));
+    }
+    Ok(drives)
 }
 
 fn start_pose(model: &RobotModel, options: &CellOptions) -> Result<JointVec, CellError> {

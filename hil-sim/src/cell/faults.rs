@@ -29,7 +29,7 @@ impl FaultTarget for Cell {
                 let Some(index) = self.index_of(module) else { return refused(NO_MODULE) };
                 if *fault == PhysicalFault::Blocked {
                     self.plant.set_blocked(index, true);
-                } else if !self.drives[index].begin(now, fault) {
+                } else if !self.drives.powercubes_mut()[index].begin(now, fault) {
                     return refused("it is no fault of a module");
                 }
             }
@@ -58,7 +58,7 @@ impl FaultTarget for Cell {
             }
             (Place::Module(module), fault) => {
                 if let Some(index) = self.index_of(module) {
-                    self.drives[index].end(fault);
+                    self.drives.powercubes_mut()[index].end(fault);
                 }
             }
             (Place::Supply(index), PhysicalFault::SupplyLoss { .. }) => {

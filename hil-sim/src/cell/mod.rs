@@ -15,6 +15,7 @@
 //! at their own microsecond, answers extrapolate with the axis's velocity, the ball leaves at the gripper's instant.
 
 mod build;
+mod drives;
 mod faults;
 mod finger_release;
 mod mounting;
@@ -22,7 +23,7 @@ mod throw;
 
 use std::borrow::Cow;
 
-use protocol::powercube::{Address, BaudRate, Channel};
+use protocol::powercube::BaudRate;
 use protocol::{Duration, Frame, Instant, ModuleId, Node};
 
 pub use build::{CellError, CellOptions};
@@ -30,10 +31,13 @@ pub use mounting::Mounting;
 pub use throw::{BallState, ThrowReport};
 
 use crate::drive::PowerCubeDrive;
+use crate::drive::bench::ShaftMotor;
+use crate::drive::mit::MitMotor;
 use crate::fault::FaultTarget;
 use crate::mechanics::{AxisInput, Plant, Supply};
 use crate::participants::{BusConnection, Participants};
 use crate::witness::Trace;
+use drives::Drives;
 use throw::Throw;
 
 /// Below this share of the nominal voltage the electronics of a drive that hang on the motor supply are off.
@@ -41,7 +45,7 @@ const LOGIC_SHARE_MIN: f64 = 0.4;
 
 /// Drives with everything behind them.
 pub struct Cell {
-    drives: Vec<PowerCubeDrive>,
+    drives: Drives,
     /// On their joints.
     mounting: Vec<Mounting>,
     plant: Box<dyn Plant>,
@@ -59,14 +63,20 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// The drives, in joint order.
+    /// The PowerCubes, in joint order; none in an arm of other motors.
     pub fn drives(&self) -> &[PowerCubeDrive] {
-        &self.drives
+        self.drives.powercubes()
     }
 
-    /// A drive, for faults and inputs from outside.
+    /// A PowerCube, for faults and inputs from outside.
     pub fn drive_mut(&mut self, index: usize) -> Option<&mut PowerCubeDrive> {
-        self.drives.get_mut(index)
+        self.drives.powercubes_mut().get_mut(index)
+    }
+
+    /// The motors with MIT frames, in joint order, the one of the gripper last; none in an arm of other drives.
+    pub fn mit_motors_mut(&mut self) -> impl Iterator<Item = &mut MitMotor> {
+        let arm = if let Drives::Mit(arm) = &mut self.drives { Some(arm) } else { None };
+        arm.into_iter().flat_map(drives::MitArm::motors_mut)
     }
 
     pub fn plant(&self) -> &dyn Plant {
@@ -124,37 +134,26 @@ impl Cell {
     }
 
     fn index_of(&self, module: ModuleId) -> Option<usize> {
-        self.drives.iter().position(|drive| drive.address() == module)
+        self.drives().iter().position(|drive| drive.address() == module)
     }
 
     fn take_step(&mut self) {
         let dt_s = self.step.as_secs_f64();
         let middle = self.grid + Duration::from_micros(self.step.as_micros() / 2);
         let end = self.grid + self.step;
-        for ((input, drive), mounting) in self.inputs.iter_mut().zip(&self.drives).zip(&self.mounting) {
-            *input = mounting.input(drive.input(middle));
+        for (joint, (input, mounting)) in self.inputs.iter_mut().zip(&self.mounting).enumerate() {
+            *input = mounting.input(self.drives.input(joint, middle));
         }
         self.plant.step(dt_s, &self.inputs);
-        self.loads_a.fill(0.0);
-        for (drive, supply) in self.drives.iter().zip(&self.supply_of) {
-            if let Some(supply) = *supply {
-                self.loads_a[supply] += drive.current_a();
+        match &mut self.drives {
+            Drives::PowerCubes(_) => self.feed_drives(end),
+            Drives::Mit(arm) => {
+                for (index, motor) in arm.joints.iter_mut().enumerate() {
+                    motor.tick(self.mounting[index].axis(self.plant.axis(index)), dt_s);
+                }
             }
         }
-        for (supply, load_a) in self.supplies.iter_mut().zip(&self.loads_a) {
-            supply.step(dt_s, *load_a);
-        }
-        for (index, drive) in self.drives.iter_mut().enumerate() {
-            let nominal_v = drive.nameplate().supply_v;
-            let motor_v = self.supply_of[index].map_or(nominal_v, |supply| self.supplies[supply].voltage_v());
-            let logic_v = if self.logic_on_motor_supply {
-                drive.power(end, motor_v >= LOGIC_SHARE_MIN * nominal_v);
-                motor_v
-            } else {
-                nominal_v
-            };
-            drive.tick(end, self.mounting[index].axis(self.plant.axis(index)), motor_v, logic_v);
-        }
+        self.drives.step_fingers(dt_s, end);
         self.throw.step(&self.drives, &*self.plant, end);
         self.plant.set_ball_held(self.throw.report().released_at.is_none());
         self.grid = end;
@@ -165,6 +164,32 @@ impl Cell {
             trace.note_gripper(end, self.throw.is_told_to_open());
         }
     }
+
+    /// The supplies carry the currents of the PowerCubes, which take axis and voltage back.
+    fn feed_drives(&mut self, end: Instant) {
+        let dt_s = self.step.as_secs_f64();
+        let drives = self.drives.powercubes_mut();
+        self.loads_a.fill(0.0);
+        for (drive, supply) in drives.iter().zip(&self.supply_of) {
+            if let Some(supply) = *supply {
+                self.loads_a[supply] += drive.current_a();
+            }
+        }
+        for (supply, load_a) in self.supplies.iter_mut().zip(&self.loads_a) {
+            supply.step(dt_s, *load_a);
+        }
+        for (index, drive) in drives.iter_mut().enumerate() {
+            let nominal_v = drive.nameplate().supply_v;
+            let motor_v = self.supply_of[index].map_or(nominal_v, |supply| self.supplies[supply].voltage_v());
+            let logic_v = if self.logic_on_motor_supply {
+                drive.power(end, motor_v >= LOGIC_SHARE_MIN * nominal_v);
+                motor_v
+            } else {
+                nominal_v
+            };
+            drive.tick(end, self.mounting[index].axis(self.plant.axis(index)), motor_v, logic_v);
+        }
+    }
 }
 
 impl Participants for Cell {
@@ -173,12 +198,11 @@ impl Participants for Cell {
     }
 
     fn node(&mut self, index: usize) -> &mut dyn Node {
-        &mut self.drives[index]
+        self.drives.node(index)
     }
 
     fn name(&self, index: usize) -> Cow<'_, str> {
-        let plate = self.drives[index].nameplate();
-        Cow::Owned(format!("drive {} ({})", plate.address, plate.module))
+        self.drives.name(index)
     }
 
     fn advance(&mut self, to: Instant) {
@@ -188,21 +212,15 @@ impl Participants for Cell {
     }
 
     fn connection(&self, index: usize) -> BusConnection {
-        self.drives[index].link(self.bit_rate)
+        self.drives.connection(index, self.bit_rate)
     }
 
     fn accepts(&self, index: usize, frame: &Frame) -> bool {
-        match Address::of(frame.id()) {
-            Some(Address::Broadcast) => true,
-            Some(Address::Module(Channel::Get | Channel::Put, module)) => {
-                self.drives[index].address() == module
-            }
-            _ => false,
-        }
+        self.drives.accepts(index, frame)
     }
 
     fn module(&self, index: usize) -> Option<ModuleId> {
-        self.drives.get(index).map(PowerCubeDrive::address)
+        self.drives.module(index)
     }
 
     fn physics(&mut self) -> Option<&mut dyn FaultTarget> {

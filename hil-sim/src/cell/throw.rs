@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 use protocol::{Duration, Instant};
 
+use super::drives::Drives;
 use super::finger_release::FingerRelease;
-use crate::drive::PowerCubeDrive;
 use crate::mechanics::{Flight, Gripper, HandPoint, Landing, Plant, Touch};
 
 /// From this time after the release on, the ball is tested against hand and arm: it starts between the fingers.
@@ -110,17 +110,14 @@ impl Throw {
         self.report.released_at.map(|at| now.saturating_since(at).as_secs_f64())
     }
 
-    /// Looks at the drives' outputs and moves the ball on to `now`, the end of a step.
-    pub(super) fn step(&mut self, drives: &[PowerCubeDrive], plant: &dyn Plant, now: Instant) {
-        if let Some((axis, line)) = self.gripper.options().output
-            && let Some(drive) = axis.map_or(drives.last(), |axis| drives.get(axis))
+    /// Looks at what the drives do with the gripper and moves the ball on to `now`, the end of a step.
+    pub(super) fn step(&mut self, drives: &Drives, plant: &dyn Plant, now: Instant) {
+        // Orders from outside stand as long as the output, or the motor of the fingers, does not change.
+        if let Some((open, changed)) = drives.gripper(self.gripper.options().output)
+            && open != self.output_seen
         {
-            let high = drive.outputs() >> line & 1 != 0;
-            // Orders from outside stand as long as the output does not change.
-            if high != self.output_seen {
-                self.output_seen = high;
-                self.gripper.order(drive.outputs_changed(), high);
-            }
+            self.output_seen = open;
+            self.gripper.order(changed, open);
         }
         let freed_at = self.gripper.freed(now);
         if self.flight.is_none()

@@ -54,7 +54,7 @@ impl<M: ShaftMotor> Bench<M> {
 }
 
 /// One step of a shaft with this inertia under what its motor does.
-pub(super) fn turn(axis: &mut AxisState, input: &AxisInput, inertia_kg_m2: f64, dt_s: f64) {
+pub(crate) fn turn(axis: &mut AxisState, input: &AxisInput, inertia_kg_m2: f64, dt_s: f64) {
     // Velocity at the end of the step: stiff gains need no smaller one.
     let (k, d) = (input.stiffness_nm_rad, input.damping_nms_rad);
     let pull_nm = input.torque_nm + k * (input.reference_rad - axis.q_rad);

@@ -56,6 +56,9 @@ impl MechanicsOptions {
     }
 
     fn rotor_kg_m2(&self, model: &RobotModel, i: usize) -> f64 {
+        if let Some(motors) = model.mit_motors() {
+            return motors.joints[i].rotor_kg_m2;
+        }
         self.rotor_share * Self::torque_max_nm(model, i) / model.joints()[i].limits.a_control_max_rad_s2
     }
 

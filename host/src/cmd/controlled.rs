@@ -73,8 +73,11 @@ impl Controlled {
                 }
                 None => settings,
             };
-            // Homing and jogging need no short period, and a slow machine or adapter must not stop them.
-            set_period(&mut settings, PERIOD_MAX_US);
+            // Homing and jogging need no short period, and a slow machine or adapter must not stop them. Motors that keep the last set
+            // point get a new one often.
+            if cell.robot.mit_motors().is_none() {
+                set_period(&mut settings, PERIOD_MAX_US);
+            }
             adjust(&mut settings);
             // A controller would begin with others instead.
             settings.check().map_err(|refusal| {

@@ -6,7 +6,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use can_link::{BusSpec, CanLink, Clock, Role, RunError, Runner, Urgent};
 use firmware::ControllerNode;
 use firmware::fault::Fault;
-use firmware::groups::powercube::PowerCubes;
 use firmware::host_link::Identity;
 use firmware::orders::Order;
 use firmware::settings::Settings;
@@ -23,6 +22,7 @@ use super::upload::node_id;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::BusFailure;
+use operator::bus::can_drives::CanDrives;
 use operator::bus::cycle_timing;
 use operator::bus::entropy;
 use operator::bus::period::{NoPeriod, apply, choose};
@@ -89,9 +89,11 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 fn with_storage(args: &Args, storage: impl Storage) -> Result<(), ExpectedError> {
     let clock = args.bus.clock();
     let mut link = can_link::open(&args.bus, clock).map_err(BusFailure::from)?;
-    let defaults = defaults(args, &storage, &mut *link, clock)?;
+    let robot = RobotModel::load(&args.robot).map_err(|error| ExpectedError::bad_input(&error))?;
+    let defaults = defaults(args, &robot, &storage, &mut *link, clock)?;
+    let drives = CanDrives::of(&robot, &defaults).map_err(|error| ExpectedError::bad_input(&error))?;
     let seed = entropy::seed(clock)?;
-    let mut node = ControllerNode::<_, _, PowerCubes>::new(clock.now(), storage, &defaults, identity(), seed);
+    let mut node = ControllerNode::with_group(clock.now(), storage, drives, &defaults, identity(), seed);
     let settings = *node.controller().settings();
     if args.node_id.is_some_and(|id| u32::from(id.get()) != settings.node_id) {
         return Err(ExpectedError::bad_input(&format!(
@@ -158,12 +160,12 @@ fn in_words(fault: &Fault) -> String {
 /// Settings to begin with, at a period that holds here.
 fn defaults(
     args: &Args,
+    robot: &RobotModel,
     storage: &impl Storage,
     link: &mut dyn CanLink,
     clock: Clock,
 ) -> Result<Settings, ExpectedError> {
-    let robot = RobotModel::load(&args.robot).map_err(|error| ExpectedError::bad_input(&error))?;
-    let mut settings = settings_of(&robot).map_err(|error| ExpectedError::bad_input(&error))?;
+    let mut settings = settings_of(robot).map_err(|error| ExpectedError::bad_input(&error))?;
     let given = args.gains.as_ref().map(|path| read_gains(path, robot.name())).transpose()?;
     if args.paper {
         settings = paper(&settings)?;
@@ -200,7 +202,7 @@ fn defaults(
                 .into())
         };
     }
-    let choice = choose(period_request(given, args.period), Some(&timing), &robot, settings.cycle_period_us)?;
+    let choice = choose(period_request(given, args.period), Some(&timing), robot, settings.cycle_period_us)?;
     console::note!("control period {} ms ({})", f64::from(choice.period_us) * 1e-3, choice.why);
     apply(&choice, &mut settings);
     Ok(settings)
@@ -231,7 +233,7 @@ fn paper(settings: &Settings) -> Result<Settings, ExpectedError> {
 /// A moving arm stops along its path; in the end the drives are halted.
 fn come_to_rest<S: Storage>(
     runner: &mut Runner<'_>,
-    node: &mut ControllerNode<S, Spline, PowerCubes>,
+    node: &mut ControllerNode<S, Spline, CanDrives>,
     clock: Clock,
 ) -> Result<(), ExpectedError> {
     let never = AtomicBool::new(false);
@@ -258,7 +260,7 @@ fn failure(error: RunError) -> ExpectedError {
 }
 
 /// A line for each new state.
-fn show<S: Storage>(node: &ControllerNode<S, Spline, PowerCubes>, shown: &mut Option<State>) {
+fn show<S: Storage>(node: &ControllerNode<S, Spline, CanDrives>, shown: &mut Option<State>) {
     let state = *node.controller().state();
     if shown.is_some_and(|last| last.kind() == state.kind() && last.fault() == state.fault()) {
         return;

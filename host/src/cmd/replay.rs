@@ -15,6 +15,7 @@ use super::throw::read_gains;
 use super::tune::InForce;
 use crate::error::ExpectedError;
 use crate::exit;
+use operator::bus::can_drives::CanDrives;
 use operator::bus::period::{PeriodRequest, apply, choose};
 use operator::bus::settings::settings_of;
 use operator::bus::sim::soft_controller;
@@ -91,7 +92,10 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if let Some(path) = args.gains.as_ref().or_else(|| beside.is_file().then_some(&beside)) {
         begin_with(path, &robot, &mut settings)?;
     }
-    let mut controller = soft_controller(&settings);
+    let mut controller = soft_controller(
+        &settings,
+        CanDrives::of(&robot, &settings).map_err(|error| ExpectedError::bad_input(&error))?,
+    );
     let replayed = replay(&lines, &mut controller);
     if args.json {
         print_json(&serde_json::json!({

@@ -13,6 +13,7 @@ use super::sim_robot::RobotRun;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::BusFailure;
+use operator::bus::can_drives::CanDrives;
 use operator::bus::period::settings_with_gains;
 use operator::bus::sim::{controller_guest, no_guests};
 use operator::interrupt::interrupt;
@@ -84,7 +85,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let guests = if args.controller {
         let robot = RobotModel::load(&scenario.robot).map_err(|error| ExpectedError::bad_input(&error))?;
         let settings = settings_with_gains(&robot).map_err(|error| ExpectedError::bad_input(&error))?;
-        controller_guest(&settings, std::rc::Rc::default())
+        let drives = CanDrives::of(&robot, &settings).map_err(|error| ExpectedError::bad_input(&error))?;
+        controller_guest(&settings, drives, std::rc::Rc::default())
     } else {
         no_guests()
     };

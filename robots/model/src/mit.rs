@@ -46,3 +46,20 @@ impl MitMotors {
         self.joints.iter().chain(self.gripper.as_ref().map(|gripper| &gripper.motor))
     }
 }
+
+impl MitGripper {
+    /// Share of the way from closed to open after which the ball is free: 4 mm of each finger of an OpenArm.
+    pub const FREE_SHARE: f64 = 0.1;
+
+    /// How far the fingers are open at an angle: 0 closed, 1 open.
+    #[must_use]
+    pub fn open_share(&self, q_rad: f64) -> f64 {
+        (q_rad - self.closed_rad) / (self.open_rad - self.closed_rad)
+    }
+
+    /// From the order to open to the free ball, s: the rotor under the position gain alone.
+    #[must_use]
+    pub fn opening_s(&self) -> f64 {
+        (2.0 * Self::FREE_SHARE * self.motor.rotor_kg_m2 / self.motor.kp_nm_rad).sqrt()
+    }
+}

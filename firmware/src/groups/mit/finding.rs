@@ -220,12 +220,11 @@ impl Mit {
         motor: &Motor,
         answer: RegisterAnswer,
     ) {
-        let drive = self.drives.at_mut(joint);
-        let Step::Register(row) = drive.step else { return };
+        let Step::Register(row) = self.drives.at(joint).step else { return };
         let Some((_, expected)) = register(row, motor, settings) else { return };
         let mismatch = Mismatch { register: answer.register, found: answer.value, expected };
         let mismatch = if holds(answer.register, answer.value, expected) {
-            too_narrow(&answer, settings.joint.at(joint))
+            too_narrow(&answer, &self.limits(settings, joint))
         } else {
             Some(mismatch)
         };
@@ -235,7 +234,8 @@ impl Mit {
             return;
         }
         let is_last = register(row.saturating_add(1), motor, settings).is_none();
-        drive.go_to(if is_last { Step::Zero } else { Step::Register(row.saturating_add(1)) });
+        let next = if is_last { Step::Zero } else { Step::Register(row.saturating_add(1)) };
+        self.drives.at_mut(joint).go_to(next);
     }
 
     /// A state while the motor is looked for.
@@ -247,6 +247,7 @@ impl Mit {
         state: &State,
     ) {
         let Mode::Finding { reset } = self.mode else { return };
+        let limits = self.limits(settings, joint);
         let drive = self.drives.at_mut(joint);
         let silence = time_out(settings) + settings.cycle_period() * 2;
         let left_alone = drive.looked_since.is_some_and(|since| now.saturating_since(since) > silence);
@@ -255,7 +256,7 @@ impl Mit {
                 drive.is_proven |= next == Step::Recover;
                 drive.go_to(next);
                 if next == Step::Held {
-                    drive.hold_here(settings.joint.at(joint));
+                    drive.hold_here(&limits);
                 }
             }
             Err(cause) => self.refuse(joint, cause),

@@ -18,6 +18,12 @@
 //! the motor lives and is no measurement. An answer is stale if it stays the same bit by bit while the
 //! set point moves, torn if the joint cannot have got there. It shows the joint when the command came: at the joint's place in the burst.
 //!
+//! # Gripper
+//!
+//! The motor of the fingers has the place after the last joint. It stands where it is until the first order, then holds the fingers
+//! open or closed with its gains, also in a halt. One that does not answer or has a fault stops the group along its plan
+//! ([`Cause::GripperUnanswered`]).
+//!
 //! # Map
 //!
 //! | file | is |
@@ -40,13 +46,13 @@ use self::drive::{Drive, Worth};
 pub use self::finding::Mismatch;
 use self::finding::{STEP_PERIODS, Step};
 use self::motion::Mode;
-pub use self::options::{Motor, Options, OptionsError};
+pub use self::options::{GripperMotor, Motor, Options, OptionsError};
 use crate::fault::{Cause, Fault, Refusal};
 use crate::group::{
     Command, DriveGroup, GroupCounters, GroupEvent, InForce, Law, Measured, PositionSample, Profile,
     Readings, SetPoint, Standing, Taken,
 };
-use crate::joints::{PerJoint, at_least, clamp};
+use crate::joints::{PerJoint, at_least, at_most, clamp};
 use crate::settings::{JointSettings, Settings};
 use crate::span;
 
@@ -65,6 +71,10 @@ pub struct Mit {
     drives: PerJoint<Drive>,
     mode: Mode,
     end_rad: PerJoint<Option<f32>>,
+    /// Its zero is looked for.
+    homing: Option<JointIndex>,
+    /// Last order to the gripper.
+    gripper_open: Option<bool>,
     events: Deque<GroupEvent, 32>,
     out: Deque<Frame, 16>,
     due: Instant,
@@ -93,6 +103,8 @@ impl Mit {
             drives: PerJoint::default(),
             mode: Mode::Finding { reset: false },
             end_rad: PerJoint::default(),
+            homing: None,
+            gripper_open: None,
             events: Deque::new(),
             out: Deque::new(),
             due: Instant::ZERO,
@@ -119,6 +131,40 @@ impl Mit {
         self.push(GroupEvent::Trouble(Fault::at(cause, joint)));
     }
 
+    fn gripper_place(&self, settings: &Settings) -> Option<JointIndex> {
+        let (place, _) = self.options.gripper()?;
+        (place.get() == settings.joints as usize).then_some(place)
+    }
+
+    /// Places of all motors: the joints, base first, then the gripper.
+    fn places(&self, settings: &Settings) -> impl Iterator<Item = JointIndex> + use<> {
+        settings.joints().chain(self.gripper_place(settings))
+    }
+
+    /// The motor at one of the [`Self::places`].
+    fn motor(&self, settings: &Settings, place: JointIndex) -> Option<Motor> {
+        self.places(settings).find(|own| *own == place).and_then(|own| self.options.motor(own)).copied()
+    }
+
+    /// Limits of a joint, or of the fingers.
+    fn limits(&self, settings: &Settings, place: JointIndex) -> JointSettings {
+        let own = *settings.joint.at(place);
+        match self.options.gripper() {
+            Some((fingers, gripper)) if fingers == place && self.gripper_place(settings).is_some() => {
+                let (open, closed) = (gripper.open_rad, gripper.closed_rad);
+                JointSettings {
+                    inverted: false,
+                    offset_rad: 0.0,
+                    q_min_rad: at_most(open, closed),
+                    q_max_rad: at_least(open, closed),
+                    v_max_rad_s: gripper.motor.ranges.v_max_rad_s(),
+                    ..own
+                }
+            }
+            _ => own,
+        }
+    }
+
     const fn is_finding(&self) -> bool {
         matches!(self.mode, Mode::Finding { .. })
     }
@@ -131,28 +177,49 @@ impl Mit {
     /// Counts the answers that did not come.
     fn count_missed(&mut self, settings: &Settings) -> bool {
         let mut any = false;
-        for joint in settings.joints() {
+        for joint in self.places(settings) {
+            let is_gripper = self.gripper_place(settings) == Some(joint);
             let drive = self.drives.at_mut(joint);
             drive.is_doubtful = core::mem::take(&mut drive.awaited);
             drive.may_follow = false;
             if drive.is_doubtful {
                 drive.missed_in_row = drive.missed_in_row.saturating_add(1);
                 let in_row = drive.missed_in_row;
-                any = true;
-                if drive.is_held() {
-                    self.push(GroupEvent::Missed(joint, in_row));
+                any |= !is_gripper;
+                match drive.is_held() {
+                    true if !is_gripper => self.push(GroupEvent::Missed(joint, in_row)),
+                    true if in_row > settings.reply_missed_max => self.lose_gripper(joint),
+                    _ => {}
                 }
             }
         }
         any
     }
 
+    /// The motor of the fingers does not answer, or reports a fault.
+    fn lose_gripper(&mut self, place: JointIndex) {
+        self.drives.at_mut(place).go_to(Step::Off);
+        if self.is_finding() {
+            self.refuse(place, Cause::GripperUnanswered);
+        } else {
+            self.fail(place, Cause::GripperUnanswered);
+        }
+    }
+
     /// Events of modes that end by themselves.
     fn proceed(&mut self, now: Instant, settings: &Settings) {
+        if let Some(joint) = self.homing.take() {
+            let is_homed = self.drives.at_mut(joint).home(settings.joint.at(joint));
+            if is_homed {
+                self.push(GroupEvent::Homed(joint));
+            } else {
+                self.fail(joint, Cause::HomingFailed);
+            }
+        }
         let all_rest = settings.joints().all(|joint| self.is_at_rest(now, settings, joint));
         match self.mode {
             Mode::Finding { .. } => {
-                for joint in settings.joints() {
+                for joint in self.places(settings) {
                     let drive = self.drives.at_mut(joint);
                     drive.periods = drive.periods.saturating_add(1);
                     let waits = matches!(drive.step, Step::Held | Step::Silence { .. });
@@ -163,7 +230,7 @@ impl Mit {
                         return;
                     }
                 }
-                if all_rest && settings.joints().all(|joint| self.drives.at(joint).is_held()) {
+                if all_rest && self.places(settings).all(|place| self.drives.at(place).is_held()) {
                     self.mode = Mode::Standing;
                     self.push(GroupEvent::Found);
                 }
@@ -186,16 +253,14 @@ impl DriveGroup for Mit {
 
     fn handle_packet(&mut self, now: Instant, settings: &Settings, frame: &Frame) {
         let Id::Standard(id) = frame.id() else { return };
-        let Some(joint) =
-            self.options.joint_on(id).filter(|joint| settings.joints().any(|own| own == *joint))
-        else {
+        let joint = self.options.place_on(id);
+        let Some((joint, motor)) = joint.and_then(|joint| Some((joint, self.motor(settings, joint)?))) else {
             if self.options.ids().any(|own| own == id) {
                 self.counters.foreign = self.counters.foreign.saturating_add(1);
             }
             return;
         };
         self.counters.bits = self.counters.bits.wrapping_add(frame.nominal_bits());
-        let Some(motor) = self.options.motor(joint).copied() else { return };
         // The command and its answer, at least.
         let is_early = now < self.after_command(joint, 1);
         let at = self.after_command(joint, 0);
@@ -217,13 +282,23 @@ impl DriveGroup for Mit {
         }
         let Some(state) = State::decode(frame, motor.id, motor.master, &motor.ranges) else { return };
         (drive.awaited, drive.missed_in_row) = (false, 0);
-        match drive.take(state, at, settings.joint.at(joint), frame) {
+        let is_gripper = self.gripper_place(settings) == Some(joint);
+        let limits = self.limits(settings, joint);
+        let drive = self.drives.at_mut(joint);
+        match drive.take(state, at, &limits, frame) {
             Worth::Measured => {}
+            _ if is_gripper => return,
             Worth::Frozen => return self.fail(joint, Cause::PositionFrozen),
             Worth::Implausible(again) => return self.push(GroupEvent::Implausible(joint, again)),
         }
         if !drive.is_held() {
             self.take_search_state(now, settings, joint, &state);
+            return;
+        }
+        if is_gripper {
+            if drive.trouble(self.options.hot_c).is_some() {
+                self.lose_gripper(joint);
+            }
             return;
         }
         let in_force =
@@ -277,7 +352,7 @@ impl DriveGroup for Mit {
         match command {
             Command::Find { reset } => {
                 (self.mode, self.abandoned, self.mismatch) = (Mode::Finding { reset }, false, None);
-                for joint in settings.joints() {
+                for joint in self.places(settings) {
                     let drive = self.drives.at_mut(joint);
                     drive.find(settings.reply_missed_max);
                     drive.periods = 0;
@@ -287,14 +362,8 @@ impl DriveGroup for Mit {
                 if self.mode == Mode::Halted && command != Command::Reset => {}
             Command::Reset | Command::Stand { .. } => self.mode = Mode::Standing,
             Command::Abandon => (self.mode, self.abandoned) = (Mode::Halted, true),
-            Command::Home(joint) => {
-                let is_homed = self.drives.at_mut(joint).home(settings.joint.at(joint));
-                if is_homed {
-                    self.push(GroupEvent::Homed(joint));
-                } else {
-                    self.fail(joint, Cause::HomingFailed);
-                }
-            }
+            // With the next period, so that whoever ordered it sees it begin.
+            Command::Home(joint) => self.homing = Some(joint),
             _ if self.mode == Mode::Halted => {}
             Command::Jog { joint, qd_rad_s, until } => {
                 let until = if qd_rad_s == 0.0 { now } else { until };
@@ -355,8 +424,18 @@ impl DriveGroup for Mit {
 
     fn observe(&mut self, _: JointIndex, _: f32, _: f32) {}
 
-    fn set_gripper(&mut self, _: &Settings, _: bool) -> bool {
-        false
+    fn set_gripper(&mut self, settings: &Settings, open: bool) -> bool {
+        let Some(place) = self.gripper_place(settings) else { return false };
+        self.gripper_open = Some(open);
+        // At once: the next burst may be a period away. It repeats the order.
+        if self.drives.at(place).is_held()
+            && let Some(motor) = self.motor(settings, place)
+            && let Some(frame) = self.finger_command(place, &motor)
+        {
+            // Without room the burst carries it.
+            let _ = self.out.push_back(frame);
+        }
+        true
     }
 
     fn cancel_gripper(&mut self) {}

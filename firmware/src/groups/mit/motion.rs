@@ -74,17 +74,21 @@ impl Mit {
 
     /// The command of a joint in this period.
     fn command_of(&mut self, now: Instant, settings: &Settings, joint: JointIndex) -> Option<Frame> {
-        let motor = *self.options.motor(joint)?;
-        let limits = settings.joint.at(joint);
+        let motor = self.motor(settings, joint)?;
+        let limits = &self.limits(settings, joint);
         if let Step::Silence { until } = self.drives.at(joint).step {
             if now < until {
                 return None;
             }
             self.drives.at_mut(joint).go_to(Step::Expired);
         }
+        let is_gripper = self.gripper_place(settings) == Some(joint);
         let (is_finding, abandoned, is_odd) = (self.is_finding(), self.abandoned, self.is_odd);
         let drive = self.drives.at_mut(joint);
         drive.asked = None;
+        if drive.is_held() && is_gripper {
+            return self.finger_command(joint, &motor);
+        }
         if drive.is_held() {
             self.lead(settings, joint);
             let drive = self.drives.at_mut(joint);
@@ -117,17 +121,29 @@ impl Mit {
         }
     }
 
+    /// The command of the fingers: where they were ordered to, or where they were found.
+    pub(super) fn finger_command(&mut self, place: JointIndex, motor: &Motor) -> Option<Frame> {
+        let (_, gripper) = self.options.gripper()?;
+        let set = &mut self.drives.at_mut(place).set;
+        if let Some(open) = self.gripper_open {
+            set.q_rad = if open { gripper.open_rad } else { gripper.closed_rad };
+        }
+        let Motor { kp_nm_rad, kd_nm_s_rad, .. } = *motor;
+        let command = SetPoint { p_rad: set.q_rad, kp_nm_rad, kd_nm_s_rad, ..SetPoint::default() };
+        encode(Command::Mit(command), motor)
+    }
+
     /// The commands of a period, in the order of the bus.
     pub(super) fn send_burst(&mut self, now: Instant, settings: &Settings) {
         self.out.clear();
         let mut frames = PerJoint::default();
-        for joint in settings.joints() {
+        for joint in self.places(settings) {
             frames.set(joint, self.command_of(now, settings, joint));
         }
         // The place in the burst says when a motor gets its command.
-        for place in 1..=u64::from(settings.joints) {
+        for place in 1..=self.places(settings).count() as u64 {
             let key = |joint: &JointIndex| frames.get(*joint).map(|frame: Frame| frame.arbitration_key());
-            let next = settings.joints().filter(|joint| key(joint).is_some()).min_by_key(key);
+            let next = self.places(settings).filter(|joint| key(joint).is_some()).min_by_key(key);
             let Some((joint, frame)) = next.and_then(|joint| Some((joint, frames.get(joint)?))) else {
                 break;
             };
@@ -135,7 +151,7 @@ impl Mit {
             let drive = self.drives.at_mut(joint);
             (drive.awaited, drive.place) = (true, place);
             self.counters.bits = self.counters.bits.wrapping_add(frame.nominal_bits());
-            // There is room for one frame per joint.
+            // There is room for one frame per motor.
             let _ = self.out.push_back(frame);
         }
     }

@@ -22,16 +22,27 @@ pub struct Motor {
     pub kd_nm_s_rad: f32,
 }
 
+/// The motor that moves the fingers. It has the place after the last joint, also in faults.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GripperMotor {
+    /// Ids, ranges and gains; the gains bound the force of the fingers.
+    pub motor: Motor,
+    /// Angle of open fingers, rad of the shaft.
+    pub open_rad: f32,
+    /// Angle of closed fingers, rad of the shaft.
+    pub closed_rad: f32,
+}
+
 /// Why a group cannot be made of these motors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OptionsError {
-    /// No motor, or more than [`JOINTS_MAX`].
+    /// No motor of a joint, or more than [`JOINTS_MAX`] with the gripper's.
     Count,
     /// Two motors, or a motor and the requests for registers, use one id.
     Overlap {
         /// The id.
         id: StandardId,
-        /// The second joint that uses it.
+        /// The first joint that shares it.
         joint: JointIndex,
     },
     /// A gain is outside its field, or the position gain is zero.
@@ -64,6 +75,7 @@ pub const CLASSICAL_FRAME: Duration = Duration::from_micros(111);
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Options {
     motors: Vec<Motor, JOINTS_MAX>,
+    gripper: Option<GripperMotor>,
     /// Shortest time of a frame on the bus.
     pub frame: Duration,
     /// Temperature of transistors or rotor that stops the group, °C.
@@ -77,13 +89,28 @@ impl Options {
     /// See [`OptionsError`].
     pub fn new(motors: &[Motor]) -> Result<Self, OptionsError> {
         let all = Vec::from_slice(motors).map_err(|_| OptionsError::Count)?;
-        let options = Self { motors: all, frame: CLASSICAL_FRAME, hot_c: 90 };
+        let options = Self { motors: all, gripper: None, frame: CLASSICAL_FRAME, hot_c: 90 };
         if options.motors.is_empty() {
             return Err(OptionsError::Count);
         }
-        for (joint, motor) in JointIndex::first(JOINTS_MAX).zip(motors) {
+        options.checked()
+    }
+
+    /// With a motor for the fingers.
+    ///
+    /// # Errors
+    /// See [`OptionsError`].
+    pub fn with_gripper(self, gripper: GripperMotor) -> Result<Self, OptionsError> {
+        if self.motors.is_full() {
+            return Err(OptionsError::Count);
+        }
+        Self { gripper: Some(gripper), ..self }.checked()
+    }
+
+    fn checked(self) -> Result<Self, OptionsError> {
+        for (joint, motor) in JointIndex::first(JOINTS_MAX).zip(self.all()) {
             for id in [StandardId::from_low_bits(motor.id.get().into()), motor.master] {
-                if options.ids().filter(|used| *used == id).count() > 1 {
+                if self.ids().filter(|used| *used == id).count() > 1 {
                     return Err(OptionsError::Overlap { id, joint });
                 }
             }
@@ -94,22 +121,33 @@ impl Options {
                 return Err(OptionsError::Gain(joint));
             }
         }
-        Ok(options)
+        Ok(self)
+    }
+
+    fn all(&self) -> impl Iterator<Item = &Motor> {
+        self.motors.iter().chain(self.gripper.as_ref().map(|gripper| &gripper.motor))
     }
 
     /// Every id on which the group or one of its motors sends. No other node of the bus may use one of them.
     pub fn ids(&self) -> impl Iterator<Item = StandardId> + '_ {
         let own = |motor: &Motor| [StandardId::from_low_bits(motor.id.get().into()), motor.master];
-        self.motors.iter().flat_map(own).chain([StandardId::from_low_bits(REGISTER_ID)])
+        self.all().flat_map(own).chain([StandardId::from_low_bits(REGISTER_ID)])
     }
 
-    pub(super) fn motor(&self, joint: JointIndex) -> Option<&Motor> {
-        self.motors.get(joint.get())
+    pub(super) fn motor(&self, place: JointIndex) -> Option<&Motor> {
+        self.all().nth(place.get())
     }
 
-    pub(super) fn joint_on(&self, master: StandardId) -> Option<JointIndex> {
-        let index = self.motors.iter().position(|motor| motor.master == master)?;
+    /// Place of the motor that answers on this id.
+    pub(super) fn place_on(&self, master: StandardId) -> Option<JointIndex> {
+        let index = self.all().position(|motor| motor.master == master)?;
         JointIndex::new(index).ok()
+    }
+
+    /// Place and motor of the gripper.
+    pub(super) fn gripper(&self) -> Option<(JointIndex, &GripperMotor)> {
+        let place = JointIndex::new(self.motors.len()).ok()?;
+        self.gripper.as_ref().map(|gripper| (place, gripper))
     }
 }
 

@@ -13,6 +13,7 @@ use protocol::ModuleId;
 use protocol::cyphal::id::NodeId;
 use robot_model::RobotModel;
 
+use super::can_drives::CanDrives;
 use super::failure::BusFailure;
 use super::live::LiveBus;
 use super::session::{Medium, Session};
@@ -161,8 +162,13 @@ impl BusArgs {
         let off = Rc::default();
         let medium = match &self.bus {
             BusSpec::Sim => {
-                let guests =
-                    settings.map_or_else(no_guests, |settings| controller_guest(settings, Rc::clone(&off)));
+                let guests = match settings {
+                    Some(settings) => {
+                        let drives = CanDrives::of(&cell.robot, settings)?;
+                        controller_guest(settings, drives, Rc::clone(&off))
+                    }
+                    None => no_guests(),
+                };
                 Medium::Sim(Box::new(SimBus::new(&cell.robot, &cell.setup, cell.seed, guests)?))
             }
             spec => {
@@ -176,7 +182,9 @@ impl BusArgs {
                 }
                 let live = LiveBus::open(spec)?;
                 Medium::Live(Box::new(match settings {
-                    Some(settings) => live.start_controller(*settings)?,
+                    Some(settings) => {
+                        live.start_controller(*settings, CanDrives::of(&cell.robot, settings)?)?
+                    }
                     None => live,
                 }))
             }

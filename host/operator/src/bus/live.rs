@@ -4,6 +4,7 @@ use can_link::{BusSpec, CanLink, Clock, LinkError, LinkEvent, LinkStats, PollSet
 use firmware::settings::Settings;
 use protocol::{Duration, Frame, Instant, ModuleId, Node};
 
+use super::can_drives::CanDrives;
 use super::cycle_timing::{self, CycleTiming};
 use super::failure::BusFailure;
 use super::seen::Seen;
@@ -53,15 +54,15 @@ impl LiveBus {
     ///
     /// # Errors
     /// The operating system gives no thread or no random bytes.
-    pub(super) fn start_controller(self, settings: Settings) -> Result<Self, BusFailure> {
+    pub(super) fn start_controller(self, settings: Settings, drives: CanDrives) -> Result<Self, BusFailure> {
         if self.clock.is_manual() {
             // Each thread has its own turns, and so its own connection.
             let clock = self.spec.clock();
             let wire = can_link::open(&self.spec, clock)?;
-            let (soft, _) = SoftController::start(wire, clock, settings)?;
+            let (soft, _) = SoftController::start(wire, clock, settings, drives)?;
             return Ok(Self { soft: Some(soft), ..self });
         }
-        let (soft, door) = SoftController::start(self.link, self.clock, settings)?;
+        let (soft, door) = SoftController::start(self.link, self.clock, settings, drives)?;
         Ok(Self { link: Box::new(door), soft: Some(soft), ..self })
     }
 

@@ -6,7 +6,7 @@
 //! | modules | hold | must not |
 //! |---|---|---|
 //! | [`entropy`], [`key_file`], [`storage`] | random bytes of the operating system; key files; what a controller on this machine keeps | be used for tokens in virtual time |
-//! | [`settings`] | settings of a controller for a robot | choose gains |
+//! | [`settings`], [`can_drives`] | settings of a controller for a robot, and the group of its drives | choose gains |
 //! | [`failure`], `seen` | why a bus is lost; what it saw in one step | recover |
 //! | [`cycle_timing`], [`period`] | which control period machine and bus hold, measured; the choice of one, with gains | move anything |
 //! | [`soft`], [`sim`], [`live`] | a controller in a thread; the embedded cell in virtual time; a link in real time | know what a verb wants |
@@ -22,6 +22,7 @@
 //!   interrupted stops it before it returns.
 
 pub mod args;
+pub mod can_drives;
 pub mod cycle_timing;
 pub mod entropy;
 pub mod failure;

@@ -39,7 +39,7 @@ impl NoSettings {
     pub fn next(&self) -> Option<String> {
         Some(match self {
             Self::NoDrives { .. } => {
-                "give each [[joint]] of its file a [joint.drive] table with address and current".to_owned()
+                "give each [[joint]] of its file a [joint.drive] table with address and current, or a [joint.mit] table".to_owned()
             }
             Self::NoSuchModule { .. } => "name the robot of this arm with --robot; `cubectl scan` \
          shows which modules are there"
@@ -74,24 +74,41 @@ const _: () = assert!(robot_model::JOINTS_MAX <= protocol::JOINTS_MAX);
 /// [`NoSettings`].
 pub fn settings_of(model: &RobotModel) -> Result<Settings, NoSettings> {
     let robot = || model.name().to_owned();
-    let drives = model.drives().ok_or_else(|| NoSettings::NoDrives { robot: robot() })?;
     let mut settings = Settings::powercube6();
     settings.joints = model.n() as u32;
     let PerJoint(places) = &mut settings.joint;
-    for ((place, joint), drive) in places.iter_mut().zip(model.joints()).zip(drives) {
+    for (place, joint) in places.iter_mut().zip(model.joints()) {
         let limits = &joint.limits;
         *place = JointSettings {
-            address: drive.address.into(),
             q_min_rad: limits.q_min_rad as f32,
             q_max_rad: limits.q_max_rad as f32,
             v_max_rad_s: limits.v_max_rad_s as f32,
             a_max_rad_s2: limits.a_control_max_rad_s2 as f32,
-            current_max_a: drive.current_max_a as f32,
-            slow_current_a: (SLOW_CURRENT_SHARE * drive.current_max_a) as f32,
             jog_v_rad_s: place.jog_v_rad_s.min(limits.v_max_rad_s as f32),
             jog_a_rad_s2: place.jog_a_rad_s2.min(limits.a_control_max_rad_s2 as f32),
             ..*place
         };
+    }
+    match (model.drives(), model.mit_motors()) {
+        (Some(drives), _) => {
+            for (place, drive) in places.iter_mut().zip(drives) {
+                place.address = drive.address.into();
+                place.current_max_a = drive.current_max_a as f32;
+                place.slow_current_a = (SLOW_CURRENT_SHARE * drive.current_max_a) as f32;
+            }
+            // The gripper hangs on the last drive, as in the simulated cell.
+            settings.gripper_address = drives.last().map_or(0, |drive| drive.address.into());
+        }
+        (None, Some(motors)) => {
+            for (place, motor) in places.iter_mut().zip(&motors.joints) {
+                place.address = motor.id.get().into();
+            }
+            settings.gripper_address = 0;
+            if let Some(gripper) = &motors.gripper {
+                settings.gripper_opening_us = (1e6 * gripper.opening_s()).round() as u32;
+            }
+        }
+        (None, None) => return Err(NoSettings::NoDrives { robot: robot() }),
     }
     if let Some(drive) = model.drive_loop() {
         settings.drive_lag_us = (2e6 * drive.damping_ratio / drive.natural_frequency_rad_s).round() as u32;
@@ -103,8 +120,6 @@ pub fn settings_of(model: &RobotModel) -> Result<Settings, NoSettings> {
             (joint.k_error_1_s2, joint.k_rate_1_s, joint.k_last) = (0.0, 0.0, 0.0);
         }
     }
-    // The gripper hangs on the last drive, as in the simulated cell.
-    settings.gripper_address = drives.last().map_or(0, |drive| drive.address.into());
     match settings.check() {
         Ok(()) => Ok(settings),
         Err(refusal) => Err(NoSettings::Invalid {

@@ -6,7 +6,6 @@ use std::time::Instant as WallTime;
 
 use firmware::ControllerNode;
 use firmware::authority::Seed;
-use firmware::groups::powercube::PowerCubes;
 use firmware::host_link::Identity;
 use firmware::settings::Settings;
 use firmware::spline::Spline;
@@ -19,6 +18,7 @@ use hil_sim::{Cell as SimCell, CellOptions, Observer, World};
 use protocol::{Duration, Frame, Instant, Node};
 use robot_model::RobotModel;
 
+use super::can_drives::CanDrives;
 use super::failure::BusFailure;
 use super::period::CYCLE_BITS;
 use super::seen::Seen;
@@ -76,20 +76,23 @@ pub fn no_guests() -> Guests {
 }
 
 /// The controller of the firmware, as a program on this machine: starts at time 0 and forgets when it ends.
-pub fn soft_controller(settings: &Settings) -> ControllerNode<RamStorage, Spline, PowerCubes> {
+pub fn soft_controller(
+    settings: &Settings,
+    drives: CanDrives,
+) -> ControllerNode<RamStorage, Spline, CanDrives> {
     // Equal runs give equal logs, tokens included.
     let seed = Seed::FORESEEABLE;
-    ControllerNode::new(Instant::ZERO, RamStorage::new(), settings, Identity::default(), seed)
+    ControllerNode::with_group(Instant::ZERO, RamStorage::new(), drives, settings, Identity::default(), seed)
 }
 
 /// The soft controller with its built-in settings as a guest.
 pub fn soft_controller_guest() -> Guests {
-    controller_guest(&Settings::powercube6(), Rc::default())
+    controller_guest(&Settings::powercube6(), CanDrives::default(), Rc::default())
 }
 
-/// The soft controller with `settings` as a guest, on the bus until `off` is set.
-pub fn controller_guest(settings: &Settings, off: Rc<Cell<bool>>) -> Guests {
-    Box::new(vec![Solo::new("controller", Guest::new(Box::new(soft_controller(settings)), off))])
+/// The soft controller with `settings` for `drives` as a guest, on the bus until `off` is set.
+pub fn controller_guest(settings: &Settings, drives: CanDrives, off: Rc<Cell<bool>>) -> Guests {
+    Box::new(vec![Solo::new("controller", Guest::new(Box::new(soft_controller(settings, drives)), off))])
 }
 
 /// Everything about a simulated cell beside its robot and seed; by default the nominal cell on a good bus.

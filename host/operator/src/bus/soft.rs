@@ -29,13 +29,13 @@ use can_link::{
 };
 use firmware::ControllerNode;
 use firmware::authority::Seed;
-use firmware::groups::powercube::PowerCubes;
 use firmware::host_link::Identity;
 use firmware::settings::Settings;
 use firmware::store::RamStorage;
 use protocol::{Frame, Node};
 use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
+use super::can_drives::CanDrives;
 use super::entropy;
 use super::failure::BusFailure;
 
@@ -258,6 +258,7 @@ impl SoftController {
         wire: Box<dyn CanLink + Send>,
         clock: Clock,
         settings: Settings,
+        drives: CanDrives,
     ) -> Result<(Self, Door), BusFailure> {
         let seed = entropy::seed(clock)?;
         let (ours, theirs) = Bell::pair().map_err(BusFailure::Wait)?;
@@ -282,7 +283,7 @@ impl SoftController {
             let mut shared =
                 Shared { wire, clock, apart, frames, events: to_session, bell: theirs, unseen: counter };
             let urgent = Urgent::request(Role::Controller);
-            let (result, stats) = serve(&mut shared, clock, (&settings, seed), &off, &stop);
+            let (result, stats) = serve(&mut shared, clock, (&settings, drives, seed), &off, &stop);
             if let (Err(error), Ok(mut place)) = (result, ending.lock()) {
                 *place = Some(match error {
                     RunError::Link(error) => error,
@@ -327,13 +328,12 @@ impl Drop for SoftController {
 fn serve(
     shared: &mut Shared,
     clock: Clock,
-    (settings, seed): (&Settings, Seed),
+    (settings, drives, seed): (&Settings, CanDrives, Seed),
     off: &AtomicBool,
     stop: &AtomicBool,
 ) -> (Result<(), RunError>, RunStats) {
     let (storage, identity) = (RamStorage::new(), Identity::default());
-    let mut controller =
-        ControllerNode::<_, _, PowerCubes>::new(clock.now(), storage, settings, identity, seed);
+    let mut controller = ControllerNode::with_group(clock.now(), storage, drives, settings, identity, seed);
     let mut runner = Runner::new(shared, clock);
     let mut nodes: [&mut dyn Node; 1] = [&mut controller];
     let mut result = runner.run(&mut nodes, off, None);

@@ -10,7 +10,6 @@ use firmware::Controller;
 use firmware::authority::{Peer, Seed};
 use firmware::fault::Cause;
 use firmware::group::DriveGroup;
-use firmware::groups::powercube::PowerCubes;
 use firmware::host_link::group_message;
 use firmware::orders::{Done, Order};
 use firmware::registers;
@@ -29,6 +28,7 @@ use robot_model::RobotModel;
 
 use super::{BallSeen, Operator};
 use crate::bus::BusFailure;
+use crate::bus::can_drives::CanDrives;
 use crate::bus::sim::SimSetup;
 use crate::dialogue::following::Following;
 use crate::dialogue::operator::{
@@ -50,7 +50,7 @@ const PIECE: usize = 256;
 /// A stop along the path takes at most this long.
 const STOP_MAX: Duration = Duration::from_secs(10);
 
-type Members = ((Cell, Solo<ScriptedHost>), Solo<Controller<RamStorage, Spline, PowerCubes>>);
+type Members = ((Cell, Solo<ScriptedHost>), Solo<Controller<RamStorage, Spline, CanDrives>>);
 
 /// A controller in this program, with the drives of a simulated cell.
 pub struct InProcess {
@@ -92,7 +92,9 @@ impl InProcess {
         settings: &Settings,
     ) -> Result<Self, BusFailure> {
         // Orders come from inside the program only: nobody has to guess tokens.
-        let controller = Controller::new(RamStorage::new(), settings, Seed::FORESEEABLE);
+        let drives = CanDrives::of(robot, settings)?;
+        let (storage, spline) = (RamStorage::new(), Spline::empty());
+        let controller = Controller::with_group(storage, spline, drives, settings, Seed::FORESEEABLE);
         let cell = Cell::new(robot, &setup.cell, seed)?;
         let script = Solo::new("script", ScriptedHost::new(&setup.actions));
         let participants = ((cell, script), Solo::new("controller", controller));
@@ -112,14 +114,14 @@ impl InProcess {
         &self.world.participants().0.0
     }
 
-    fn controller(&self) -> &Controller<RamStorage, Spline, PowerCubes> {
+    fn controller(&self) -> &Controller<RamStorage, Spline, CanDrives> {
         &self.world.participants().1.node
     }
 
     /// Acts on the controller; what it wants to send leaves.
     fn act<R>(
         &mut self,
-        act: impl FnOnce(&mut Controller<RamStorage, Spline, PowerCubes>, Instant) -> R,
+        act: impl FnOnce(&mut Controller<RamStorage, Spline, CanDrives>, Instant) -> R,
     ) -> Result<R, OperatorError> {
         let result = self.world.with_participants(|participants, now| {
             participants.1.node.host_heartbeat(now, Peer::LOCAL);
@@ -244,7 +246,7 @@ impl Operator for InProcess {
 
     fn pose(&mut self) -> Result<Vec<f64>, OperatorError> {
         let asked_at = self.world.now();
-        let pose = |controller: &Controller<RamStorage, Spline, PowerCubes>| {
+        let pose = |controller: &Controller<RamStorage, Spline, CanDrives>| {
             let position = |joint| controller.group().position(joint).filter(|p| p.at > asked_at);
             controller.joints().map(|joint| position(joint).map(|p| f64::from(p.q_rad))).collect()
         };
@@ -394,14 +396,14 @@ struct Kept {
 }
 
 impl Kept {
-    fn new(controller: &Controller<RamStorage, Spline, PowerCubes>) -> Self {
+    fn new(controller: &Controller<RamStorage, Spline, CanDrives>) -> Self {
         let joints = vec![JointSamples::default(); controller.joints().count()];
         let samples = Samples { joints, ..Samples::default() };
         Self { samples, watch: Watch::default(), traced: controller.trace().total() }
     }
 
     /// Measurements and orders to the gripper since the last look; with `told` also what the controller tells of its joints.
-    fn collect(&mut self, now: Instant, controller: &Controller<RamStorage, Spline, PowerCubes>, told: bool) {
+    fn collect(&mut self, now: Instant, controller: &Controller<RamStorage, Spline, CanDrives>, told: bool) {
         for (kept, joint) in self.samples.joints.iter_mut().zip(controller.joints()) {
             if let Some(position) = controller.group().position(joint)
                 && kept.positions.last().is_none_or(|last| last.at < position.at)
@@ -430,7 +432,7 @@ impl Kept {
     fn hear(
         &mut self,
         now: Instant,
-        controller: &Controller<RamStorage, Spline, PowerCubes>,
+        controller: &Controller<RamStorage, Spline, CanDrives>,
         state: &GroupState,
     ) {
         self.samples.group.push(GroupTold { at: now, made_by: now, state: *state });
@@ -456,7 +458,7 @@ impl Kept {
     }
 }
 
-fn node_of(controller: &Controller<RamStorage, Spline, PowerCubes>) -> NodeId {
+fn node_of(controller: &Controller<RamStorage, Spline, CanDrives>) -> NodeId {
     NodeId::from_low_bits(controller.settings().node_id as u8)
 }
 

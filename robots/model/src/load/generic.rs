@@ -53,11 +53,14 @@ pub(super) fn read(section: &Section<'_>, joints: &[Joint]) -> Result<(Vec<Drive
     Ok((drives, Supply { name: Drive::GENERIC.to_owned(), voltage_v, current_max_a, feeds }))
 }
 
-/// Refuses `[generic_drives]` beside drives or supplies of the file's own.
-pub(super) fn require_alone(root: &Section<'_>, drives: bool) -> Result<(), LoadError> {
-    let beside = if drives { "[joint.drive]" } else { "[[supply]]" };
-    if drives || root.has("supply") {
-        return Err(root.error("generic_drives", Problem::GenericBeside(beside)));
-    }
-    Ok(())
+/// Refuses `[generic_drives]` beside drives, motors or supplies of the file's own.
+pub(super) fn require_alone(root: &Section<'_>, joints: &[Section<'_>]) -> Result<(), LoadError> {
+    let has = |key| joints.iter().any(|joint| joint.has(key));
+    let beside = match (has("drive"), has("mit"), root.has("supply")) {
+        (true, _, _) => "[joint.drive]",
+        (_, true, _) => "[joint.mit]",
+        (_, _, true) => "[[supply]]",
+        _ => return Ok(()),
+    };
+    Err(root.error("generic_drives", Problem::GenericBeside(beside)))
 }

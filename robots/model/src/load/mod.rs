@@ -134,7 +134,7 @@ fn read_model(root: &Section<'_>) -> Result<RobotModel, LoadError> {
     let mut drives = read_drives(&joint_sections)?;
     let mut supplies = read_supplies(root, &joints, drives.is_some())?;
     if let Some(section) = root.optional("generic_drives", Value::section)? {
-        generic::require_alone(root, joint_sections.iter().any(|joint| joint.has("drive")))?;
+        generic::require_alone(root, &joint_sections)?;
         let (of_joints, supply) = generic::read(&section, &joints)?;
         (drives, supplies) = (Some(of_joints), vec![supply]);
     }
