@@ -95,6 +95,11 @@ impl Keys {
         Self { typed: console::typed_bytes(), held, sequence, _raw: raw }
     }
 
+    /// What is held counts as let go.
+    pub(super) fn let_go(&mut self) {
+        self.held = HeldKey::default();
+    }
+
     /// What the keys ask for at `now`. Each other key is given once.
     pub(super) fn fetch(&mut self, now: WallTime) -> Pressed {
         loop {
@@ -109,6 +114,19 @@ impl Keys {
                 Fetched::Nothing => return self.held.sign(now).map_or(Pressed::Nothing, Pressed::Held),
             }
         }
+    }
+}
+
+/// A key is held by the clock of the person; a simulated cell, which would be faster, waits for it.
+#[derive(Debug, Default)]
+pub(super) struct Pace(Option<(WallTime, f64)>);
+
+impl Pace {
+    /// Returns when as much time has passed by the wall as in the cell, where it is `now_s`, since the first call.
+    pub(super) fn keep(&mut self, now_s: f64) {
+        let (begun, begun_s) = *self.0.get_or_insert((WallTime::now(), now_s));
+        let due = begun + WallSpan::from_secs_f64((now_s - begun_s).max(0.0));
+        std::thread::sleep(due.saturating_duration_since(WallTime::now()));
     }
 }
 

@@ -6,7 +6,7 @@ use std::time::Instant as WallTime;
 use protocol::{Duration, Instant, JointIndex, ModuleId};
 
 use super::controlled::{Controlled, ControllerArgs};
-use super::held_key::{Keys, Pressed, wait};
+use super::held_key::{Keys, Pace, Pressed, wait};
 use super::home::at;
 use super::print_json;
 use crate::error::ExpectedError;
@@ -152,14 +152,19 @@ fn by_keys(args: &Args, mut controlled: Controlled, joint: JointIndex) -> Result
             Pressed::Nothing if controlled.session.is_interrupted() => break,
             Pressed::Nothing => wait(&mut controlled.session)?,
             Pressed::Held(sign) => {
-                let mut last = Pressed::Held(sign);
-                let jogged = jog(&mut controlled, (joint, args), sign * args.speed.abs(), &mut |_| {
+                let (mut last, mut pace) = (Pressed::Held(sign), Pace::default());
+                let jogged = jog(&mut controlled, (joint, args), sign * args.speed.abs(), &mut |now| {
+                    pace.keep(now.as_secs_f64());
                     last = keys.fetch(WallTime::now());
                     last == Pressed::Held(sign)
                 })?;
                 report(args.module, &jogged);
-                if matches!(last, Pressed::Other(_) | Pressed::Ended) {
+                let is_interrupted = controlled.session.is_interrupted();
+                if is_interrupted || matches!(last, Pressed::Other(_) | Pressed::Ended) {
                     break;
+                }
+                if jogged.at_limit {
+                    keys.let_go();
                 }
             }
         }

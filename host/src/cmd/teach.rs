@@ -2,7 +2,7 @@
 
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
-use std::time::{Duration as WallSpan, Instant as WallTime};
+use std::time::Instant as WallTime;
 
 use nalgebra::{Vector3, Vector6};
 use operator::bus::BusArgs;
@@ -19,7 +19,7 @@ use protocol::cyphal::id::NodeId;
 use super::connected::Connected;
 use super::consent::Consent;
 use super::controlled::tell_warnings;
-use super::held_key::{Keys, Pressed, wait};
+use super::held_key::{Keys, Pace, Pressed, wait};
 use super::jog::SPEED_MAX_RAD_S;
 use super::move_arm::scene;
 use super::program_file::{ArmProgram, ProgramFile, Written, is_program};
@@ -289,7 +289,8 @@ impl Lesson<'_> {
         };
         let (session, node) = operator.parts()?;
         let (view, args) = (&mut self.view, self.args);
-        let mut stream = Led { args, keys, view, begun: None, ticks: 0, asked: false, by: Pressed::Nothing };
+        let mut stream =
+            Led { args, keys, view, pace: Pace::default(), ticks: 0, asked: false, by: Pressed::Nothing };
         match follow(session, node, self.arm, &keeps, &mut stream) {
             Ok(streamed) if streamed.interrupted => Err(interrupted()),
             Ok(streamed) => {
@@ -359,8 +360,9 @@ impl Lesson<'_> {
     /// Writes the program if it has changed, and says what has.
     fn keep(&mut self, changed: bool, text: &str) {
         self.view.steps = self.program.steps.len();
+        let written = if changed { self.program.write(&self.args.file) } else { Ok(()) };
         self.view.note(text);
-        if let Err(error) = if changed { self.program.write(&self.args.file) } else { Ok(()) } {
+        if let Err(error) = written {
             self.view.note(&format!("the file is not written: {}", error.all_that_happened()));
         }
     }
@@ -382,8 +384,7 @@ struct Led<'a, 'v> {
     args: &'a Args,
     keys: &'a mut Keys,
     view: &'a mut View<'v>,
-    /// When it began by the wall, and by the stream, s.
-    begun: Option<(WallTime, f64)>,
+    pace: Pace,
     ticks: u32,
     /// The keys were asked in this tick.
     asked: bool,
@@ -396,10 +397,7 @@ impl Stream for Led<'_, '_> {
         if std::mem::replace(&mut self.asked, true) {
             return Next::Nothing;
         }
-        // A key is held by the clock of the person; the simulated cell would be faster.
-        let (begun, begun_s) = *self.begun.get_or_insert((WallTime::now(), t_s));
-        let due = begun + WallSpan::from_secs_f64((t_s - begun_s).max(0.0));
-        std::thread::sleep(due.saturating_duration_since(WallTime::now()));
+        self.pace.keep(t_s);
         let joints = self.view.arm.n();
         let sign = match self.keys.fetch(WallTime::now()) {
             Pressed::Held(sign) => sign,

@@ -6,8 +6,8 @@ use std::process::{Child, Command, Stdio};
 
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
-/// The near end of a terminal, and the path of the far one.
-pub(crate) fn terminal() -> (File, File) {
+/// The near and the far end of a terminal.
+fn terminal() -> (File, File) {
     let near = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
     grantpt(&near).unwrap();
     unlockpt(&near).unwrap();
@@ -38,8 +38,16 @@ impl AtTerminal {
         Self { near, program, seen: String::new() }
     }
 
-    pub(crate) fn id(&self) -> u32 {
-        self.program.id()
+    /// The next line on standard output.
+    pub(crate) fn says(&mut self) -> String {
+        let bytes = self.program.stdout.as_mut().unwrap().bytes().map_while(Result::ok);
+        String::from_utf8(bytes.take_while(|byte| *byte != b'\n').collect()).unwrap()
+    }
+
+    /// Ctrl-C: it is no terminal that controls the program, so the signal is sent.
+    pub(crate) fn interrupts(&self) {
+        let id = rustix::process::Pid::from_child(&self.program);
+        rustix::process::kill_process(id, rustix::process::Signal::INT).unwrap();
     }
 
     pub(crate) fn types(&mut self, keys: &str) {
@@ -55,19 +63,13 @@ impl AtTerminal {
         true
     }
 
-    /// Waits until the program shows a text, and forgets what it has shown until then.
-    ///
-    /// # Errors
-    /// What it has shown instead, if it ends before.
-    pub(crate) fn sees(&mut self, wanted: &str) -> Result<(), String> {
+    /// Waits until the program shows a text, and forgets what it has shown until then; returns that.
+    pub(crate) fn sees(&mut self, wanted: &str) -> String {
         loop {
             if let Some(at) = self.seen.find(wanted) {
-                self.seen.drain(..at + wanted.len());
-                return Ok(());
+                return self.seen.drain(..at + wanted.len()).collect();
             }
-            if !self.read() {
-                return Err(std::mem::take(&mut self.seen));
-            }
+            assert!(self.read(), "it ended without \"{wanted}\": {}", self.seen);
         }
     }
 

@@ -1,0 +1,190 @@
+//! `cubectl teach`: a person types keys at a terminal.
+
+use crate::bus_common::{Folder, Served, code, cubectl, err, out};
+use crate::terminal::AtTerminal;
+
+/// What the status line shows.
+struct Status {
+    joints_deg: Vec<f64>,
+    hand_m: Vec<f64>,
+}
+
+impl Status {
+    fn of(text: &str) -> Self {
+        let (before, after) = text.split_once(" deg  hand ").unwrap_or_else(|| panic!("{text}"));
+        let numbers = |text: &str| text.split(' ').map(|n| n.parse().unwrap()).collect();
+        let joints_deg = numbers(before.rsplit_once("  ").unwrap().1);
+        Self { joints_deg, hand_m: numbers(after.split_once(" m  ").unwrap().0) }
+    }
+}
+
+/// Types a key again and again, once for each status line, until one shows what is wanted.
+fn hold(person: &mut AtTerminal, key: &str, wanted: &dyn Fn(&Status) -> bool) {
+    loop {
+        person.types(key);
+        person.sees("\x1b[?7l");
+        let line = person.sees("\x1b[?7h");
+        if wanted(&Status::of(line.strip_suffix("\x1b[?7h").unwrap())) {
+            return;
+        }
+    }
+}
+
+/// The steps of a program that was written: each as its key and its value.
+fn steps(path: &str) -> Vec<(String, String)> {
+    let file: toml::Table = std::fs::read_to_string(path).unwrap().parse().unwrap();
+    let step = |step: &toml::Value| {
+        let step = step.as_table().unwrap();
+        assert_eq!(step.len(), 1, "{step:?}");
+        let (key, value) = step.iter().next().unwrap();
+        (key.clone(), value.as_str().map_or_else(|| value.to_string(), str::to_owned))
+    };
+    file["step"].as_array().unwrap().iter().map(step).collect()
+}
+
+fn degrees(step: &(String, String)) -> Vec<f64> {
+    assert_eq!(step.0, "joints");
+    step.1.split(',').map(|angle| angle.strip_suffix("deg").unwrap().parse().unwrap()).collect()
+}
+
+/// A person whose arm in the simulated cell is ready.
+fn at_work(words: &[&str]) -> AtTerminal {
+    let mut person = AtTerminal::run(&[&["teach"], words].concat());
+    person.sees("q: end");
+    person
+}
+
+#[test]
+fn steps_that_a_person_saved_with_keys_are_a_program_that_the_arm_does() {
+    let folder = Folder::new("teach");
+    let path = folder.file("taught.toml");
+    let mut person = at_work(&[&path, "--home"]);
+    person.types("s");
+    person.sees("step 1: move");
+    person.types("3");
+    hold(&mut person, "+", &|status| status.joints_deg[2] > -85.0);
+    person.types("s");
+    person.sees("step 2: move");
+    assert_eq!(steps(&path).len(), 2, "on the disk as soon as it is saved");
+    person.types("cwwu");
+    person.sees("step 5 removed");
+    // Up with the key for down: the other way round it would stop at the end of its reach.
+    person.types("z");
+    hold(&mut person, "-", &|status| status.hand_m[2] < 1.27);
+    person.types("so");
+    person.sees("step 6: gripper open");
+    person.types("q");
+    let (code_of_it, said, _) = person.ends();
+    assert_eq!(code_of_it, 0, "{said}");
+    assert!(said.contains("6 steps in ") && said.contains("`cubectl run "), "{said}");
+
+    let steps = steps(&path);
+    let names: Vec<&str> = steps.iter().map(|(key, _)| key.as_str()).collect();
+    assert_eq!(names, ["joints", "joints", "gripper", "wait_s", "joints", "gripper"]);
+    assert_eq!((&*steps[2].1, &*steps[3].1, &*steps[5].1), ("close", "1.0", "open"));
+    let [first, second] = [0, 1].map(|k| degrees(&steps[k]));
+    for (joint, (from, to)) in first.iter().zip(&second).enumerate() {
+        assert!(
+            if joint == 2 { *to > -85.0 && *from < -89.0 } else { (from - to).abs() < 0.002 },
+            "{second:?}"
+        );
+    }
+
+    let results = folder.file("out");
+    let output = cubectl(&["run", &path, "--home", "--repeat", "2", "--json", "--out", &results]);
+    assert_eq!(code(&output), 0, "{}", err(&output));
+    let table = std::fs::read_to_string(format!("{results}/cycles.csv")).unwrap();
+    let rows: Vec<Vec<&str>> = table.lines().skip(1).map(|line| line.split(',').collect()).collect();
+    assert_eq!(rows.len(), 12);
+    for row in rows.iter().filter(|row| row[2] == "move") {
+        let wanted = degrees(&steps[row[1].parse::<usize>().unwrap() - 1]);
+        for (measured, wanted) in row[8..].iter().zip(wanted) {
+            assert!((measured.parse::<f64>().unwrap() - wanted.to_radians()).abs() < 3e-3, "{row:?}");
+        }
+    }
+}
+
+#[test]
+fn ctrl_c_while_a_key_is_held_brings_the_arm_to_rest_and_keeps_what_was_saved() {
+    let folder = Folder::new("teach-ctrl-c");
+    let path = folder.file("taught.toml");
+    let served = Served::with_controller();
+    let mut person = at_work(&[&path, "--bus", &served.spec, "--yes"]);
+    person.types("s");
+    person.sees("step 1: move");
+    person.types("6");
+    hold(&mut person, "l", &|status| status.joints_deg[5] > 5.0);
+    person.interrupts();
+    let (code_of_it, said, shown) = person.ends();
+    assert_eq!(code_of_it, 6, "{said}{shown}");
+    assert!(shown.contains("interrupted; the arm stands") && said.contains("1 step in "), "{said}{shown}");
+    assert_eq!(steps(&path).len(), 1);
+
+    let seen = || out(&cubectl(&["status", "--bus", &served.spec, "--json"]));
+    let positions = |text: &str| -> Vec<f64> {
+        let found: serde_json::Value = serde_json::from_str(text).unwrap();
+        let modules = found["modules"].as_array().unwrap_or_else(|| panic!("{text}")).clone();
+        modules
+            .iter()
+            .map(|module| module["position_rad"].as_f64().unwrap_or_else(|| panic!("{module}")))
+            .collect()
+    };
+    let (before, after) = (positions(&seen()), positions(&seen()));
+    assert!(before[5].to_degrees() > 5.0 && before.len() == 6, "{before:?}");
+    assert!(before.iter().zip(&after).all(|(a, b)| (a - b).abs() < 1e-4), "{before:?} {after:?}");
+    let moved = cubectl(&["move", "--by", "6=-2deg", "--bus", &served.spec, "--yes"]);
+    assert_eq!(code(&moved), 0, "no fault is left: {}", err(&moved));
+}
+
+#[test]
+fn step_that_run_would_refuse_is_not_saved_and_the_reason_is_shown() {
+    let folder = Folder::new("teach-refused");
+    let path = folder.file("taught.toml");
+    // Around the hand where it stands after homing.
+    let mut person = at_work(&[&path, "--home", "--obstacle", "0,0,1.3,0.05,0.05,0.05"]);
+    person.types("s");
+    person.sees("not saved: ");
+    let why = person.sees("obstacle 1");
+    assert!(why.contains("step 1") && why.contains("touches something"), "{why}");
+    person.types("+");
+    person.sees("no motion from here: ");
+    person.types("uq");
+    person.sees("there is no step");
+    let (code_of_it, said, _) = person.ends();
+    assert_eq!((code_of_it, said.trim_end()), (0, "no step was saved"));
+    assert!(!std::path::Path::new(&path).exists());
+}
+
+#[test]
+fn file_that_is_there_or_could_not_be_written_is_refused_before_anything_moves() {
+    let folder = Folder::new("teach-there");
+    let path = folder.file("taught.toml");
+    std::fs::write(&path, "kept").unwrap();
+    for (file, status, next) in [
+        (&*path, 10, "--force overwrites it"),
+        (&folder.file("taught.json"), 4, "name it so"),
+        (&folder.file("none/taught.toml"), 4, "make the folder"),
+    ] {
+        let (code_of_it, said, shown) = AtTerminal::run(&["teach", file, "--home"]).ends();
+        assert_eq!((code_of_it, &*said), (status, ""), "{file}: {shown}");
+        assert!(shown.contains(file) && shown.contains("next: ") && shown.contains(next), "{shown}");
+    }
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), "kept");
+    let mut person = at_work(&[&path, "--home", "--force", "--speed-share", "0.3"]);
+    person.types("sq");
+    assert_eq!(person.ends().0, 0);
+    assert_eq!(steps(&path).len(), 1);
+    assert!(std::fs::read_to_string(&path).unwrap().contains("speed_share = 0.3"));
+}
+
+#[test]
+fn key_that_moves_nothing_ends_a_jog() {
+    let mut person = AtTerminal::run(&["jog", "3"]);
+    person.sees("any other key ends");
+    person.types("+");
+    let said = person.says();
+    assert!(said.starts_with("module 3: ") && said.contains(" -> "), "{said}");
+    person.types("q");
+    let (code_of_it, _, shown) = person.ends();
+    assert_eq!(code_of_it, 0, "{shown}");
+}
