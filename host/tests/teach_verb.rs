@@ -104,6 +104,45 @@ fn steps_that_a_person_saved_with_keys_are_a_program_that_the_arm_does() {
     }
 }
 
+/// Holds a key until the arm has moved more than `least` from one status line to the next, 0.1 s of the arm's time later.
+/// It never moves more than `most`.
+fn hold_until_fast(
+    person: &mut AtTerminal,
+    key: &str,
+    [least, most]: [f64; 2],
+    place: impl Fn(&Status) -> f64,
+) {
+    let before = std::cell::Cell::new(None);
+    hold(person, key, &|status| {
+        let now = place(status);
+        let moved = before.replace(Some(now)).map_or(0.0, |before: f64| (now - before).abs());
+        assert!(moved < most, "{moved}");
+        assert!(now.abs() < 90.0, "so far without being as fast as it is to be");
+        moved > least
+    });
+}
+
+#[test]
+fn arm_moves_as_fast_as_the_options_say_and_the_obstacles_are_in_the_program() {
+    let folder = Folder::new("teach-fast");
+    let path = folder.file("taught.toml");
+    let obstacle = "0.5,0,0.1,0.05,0.05,0.05";
+    let words = [&path, "--home", "--speed", "0.2", "--hand-speed", "0.1", "--obstacle", obstacle];
+    let mut person = at_work(&words);
+    // 0.2 rad/s are 1.15 degrees in 0.1 s; the usual speed is half of that.
+    hold_until_fast(&mut person, "+", [0.8, 1.3], |status| status.joints_deg[0]);
+    person.types("3");
+    hold(&mut person, "+", &|status| status.joints_deg[2] > -60.0);
+    person.types("z");
+    hold_until_fast(&mut person, "-", [0.0065, 0.0115], |status| status.hand_m[2]);
+    person.types("sq");
+    let (code_of_it, said, shown) = person.ends();
+    assert_eq!(code_of_it, 0, "{said}{shown}");
+    assert!(
+        std::fs::read_to_string(&path).unwrap().contains("obstacles = [[0.5, 0.0, 0.1, 0.05, 0.05, 0.05]]")
+    );
+}
+
 #[test]
 fn ctrl_c_while_a_key_is_held_brings_the_arm_to_rest_and_keeps_what_was_saved() {
     let folder = Folder::new("teach-ctrl-c");
@@ -160,14 +199,20 @@ fn file_that_is_there_or_could_not_be_written_is_refused_before_anything_moves()
     let folder = Folder::new("teach-there");
     let path = folder.file("taught.toml");
     std::fs::write(&path, "kept").unwrap();
-    for (file, status, next) in [
-        (&*path, 10, "--force overwrites it"),
-        (&folder.file("taught.json"), 4, "name it so"),
-        (&folder.file("none/taught.toml"), 4, "make the folder"),
+    let other = folder.file("other.toml");
+    for (words, status, next) in [
+        (&[&*path, "--home"][..], 10, "--force overwrites it"),
+        (&[&folder.file("taught.json")], 4, "name it so"),
+        (&[&folder.file("none/taught.toml")], 4, "make the folder"),
+        (&[&other, "--key-file", &folder.file("none.key")], 4, "none.key"),
+        (&[&other, "--controller", "77", "--home"], 8, "no controller is heard"),
+        (&[&other, "--speed", "0.3"], 2, "at most 0.25 rad/s"),
+        (&[&other, "--hand-speed", "0.3"], 2, "at most 0.25 m/s"),
+        (&[&other], 8, "--home"),
     ] {
-        let (code_of_it, said, shown) = AtTerminal::run(&["teach", file, "--home"]).ends();
-        assert_eq!((code_of_it, &*said), (status, ""), "{file}: {shown}");
-        assert!(shown.contains(file) && shown.contains("next: ") && shown.contains(next), "{shown}");
+        let (code_of_it, said, shown) = AtTerminal::run(&[&["teach"], words].concat()).ends();
+        assert_eq!(code_of_it, status, "{words:?}: {said}{shown}");
+        assert!(shown.contains(next) && !said.contains("steps"), "{said}{shown}");
     }
     assert_eq!(std::fs::read_to_string(&path).unwrap(), "kept");
     let mut person = at_work(&[&path, "--home", "--force", "--speed-share", "0.3"]);

@@ -105,7 +105,7 @@ fn judge(trace: &Trace, (from, to): (Instant, Instant), keeps: &Keeps) -> f64 {
 }
 
 fn keeps(scene: Scene) -> Keeps {
-    Keeps { share: SHARE, hold: Duration::from_secs_f64(HOLD_S), scene }
+    Keeps { share: SHARE, v_max_rad_s: f64::INFINITY, hold: Duration::from_secs_f64(HOLD_S), scene }
 }
 
 /// Where a joint is at the end of the trace, and how fast.

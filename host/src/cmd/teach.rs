@@ -32,6 +32,8 @@ use crate::exit;
 
 /// Fastest hand, m/s: reduced speed by ISO 10218.
 const HAND_SPEED_MAX_M_S: f64 = 0.25;
+/// Share of the accelerations and jerks of the arm while it is led.
+const SHARE: f64 = 0.2;
 /// Without a tick of the keys for this long the arm comes to rest.
 const HOLD: Duration = Duration::from_millis(200);
 /// The status line is written once in so many ticks.
@@ -144,6 +146,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let finished = session.finish().map_err(ExpectedError::from);
     let file = args.file.display();
     match steps {
+        0 if taught.is_err() => {}
         0 => console::line!("no step was saved"),
         _ => console::line!("{} in {file}; `cubectl run {file}` does them", counted(steps, "step")),
     }
@@ -281,9 +284,9 @@ impl Lesson<'_> {
 
     /// Moves the arm by keys until another one comes, and lets it come to rest; that key is returned.
     fn lead(&mut self, operator: &mut OnBus<'_>, keys: &mut Keys) -> Result<Pressed, ExpectedError> {
-        let fastest = self.arm.joints().iter().map(|joint| joint.limits.v_max_rad_s).fold(0.0, f64::max);
         let keeps = Keeps {
-            share: (SPEED_MAX_RAD_S / fastest).min(1.0),
+            share: SHARE,
+            v_max_rad_s: SPEED_MAX_RAD_S,
             hold: HOLD,
             scene: scene(&self.args.obstacle, self.closed),
         };
@@ -421,7 +424,7 @@ impl Stream for Led<'_, '_> {
     fn ticked(&mut self, _: f64, servo: &Servo<'_>, limited: Option<&Limited>) {
         self.asked = false;
         self.ticks += 1;
-        if self.ticks % SHOWN_EACH == 0 {
+        if self.ticks.is_multiple_of(SHOWN_EACH) {
             self.view.status(&servo.q_rad(), limited);
         }
     }
