@@ -50,7 +50,7 @@ fn degrees(step: &(String, String)) -> Vec<f64> {
 /// A person whose arm in the simulated cell is ready.
 fn at_work(words: &[&str]) -> AtTerminal {
     let mut person = AtTerminal::run(&[&["teach"], words].concat());
-    person.sees("q: end");
+    person.sees("q end");
     person
 }
 
@@ -157,6 +157,7 @@ fn ctrl_c_while_a_key_is_held_brings_the_arm_to_rest_and_keeps_what_was_saved() 
     let (code_of_it, said, shown) = person.ends();
     assert_eq!(code_of_it, 6, "{said}{shown}");
     assert!(shown.contains("interrupted; the arm stands") && said.contains("1 step in "), "{said}{shown}");
+    assert!(said.contains(&format!("`cubectl run --bus {}", served.spec)), "{said}");
     assert_eq!(steps(&path).len(), 1);
 
     let seen = || out(&cubectl(&["status", "--bus", &served.spec, "--json"]));
@@ -220,6 +221,15 @@ fn file_that_is_there_or_could_not_be_written_is_refused_before_anything_moves()
     assert_eq!(person.ends().0, 0);
     assert_eq!(steps(&path).len(), 1);
     assert!(std::fs::read_to_string(&path).unwrap().contains("speed_share = 0.3"));
+
+    // It goes away on the way: what is not in the file is an error at the end.
+    std::fs::create_dir(folder.file("gone")).unwrap();
+    let mut person = at_work(&[&folder.file("gone/taught.toml"), "--home"]);
+    std::fs::remove_dir(folder.file("gone")).unwrap();
+    person.types("s");
+    person.sees("the file is not written: ");
+    person.types("q");
+    assert_eq!(person.ends().0, 10);
 }
 
 #[test]

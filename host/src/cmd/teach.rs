@@ -27,6 +27,7 @@ use super::progress::{ProgressView, Ui};
 use super::report::BIT_RATE;
 use super::servo::limit_text;
 use super::{counted, fixed};
+use crate::advice::{Place, quoted};
 use crate::error::ExpectedError;
 use crate::exit;
 
@@ -40,8 +41,8 @@ const HOLD: Duration = Duration::from_millis(200);
 const SHOWN_EACH: u32 = 5;
 /// Pause that `w` saves, s.
 const WAIT_S: f64 = 1.0;
-const HELP: &str = "1 to 8: joint   x y z: hand   hold + or l, - or h: move   s: save the pose   o c: open, close the gripper   \
-                    w: wait 1 s   u: remove the last step   q: end";
+const HELP: &str =
+    "1-8 joint   x y z hand   hold + l or - h to move   s save   o c gripper   w wait 1 s   u undo   q end";
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -135,20 +136,22 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             program: ProgramFile::new(source, args.speed_share, &args.obstacle),
             from,
             here: from,
+            unwritten: None,
             closed: false,
             view: View { arm: &arm, chosen: Chosen::Joint(0), steps: 0, shown: String::new() },
         };
         let taught = lesson.teach(&mut connected.operator);
-        steps = lesson.program.steps.len();
-        taught
+        steps = if lesson.unwritten.is_some() { 0 } else { lesson.program.steps.len() };
+        taught.and(lesson.unwritten.map_or(Ok(()), Err))
     });
     tell_warnings(&mut session);
     let finished = session.finish().map_err(ExpectedError::from);
-    let file = args.file.display();
-    match steps {
-        0 if taught.is_err() => {}
-        0 => console::line!("no step was saved"),
-        _ => console::line!("{} in {file}; `cubectl run {file}` does them", counted(steps, "step")),
+    if steps > 0 {
+        let (file, steps) = (args.file.to_string_lossy(), counted(steps, "step"));
+        let text = format!("{steps} in {file}; `cubectl run {}` does them", quoted(&file));
+        console::line!("{}", Place::of_bus(&args.bus).told(&text));
+    } else if taught.is_ok() {
+        console::line!("no step was saved");
     }
     taught.and(finished)
 }
@@ -253,6 +256,8 @@ struct Lesson<'a> {
     /// Where the arm stood at the begin, and where it stands, rad.
     from: Joints,
     here: Joints,
+    /// Why the steps are not in the file, if they are not.
+    unwritten: Option<ExpectedError>,
     /// The gripper was closed.
     closed: bool,
     view: View<'a>,
@@ -321,51 +326,48 @@ impl Lesson<'_> {
             b'o' | b'c' => Written::grip(key == b'o'),
             b'w' => Written::wait(WAIT_S),
             b'u' => {
-                let removed = self.program.steps.pop().map(|_| self.program.steps.len() + 1);
-                let text =
-                    removed.map_or("there is no step".to_owned(), |number| format!("step {number} removed"));
-                self.keep(removed.is_some(), &text);
+                match self.program.steps.pop() {
+                    Some(_) => self.keep(&format!("step {} removed", self.program.steps.len() + 1)),
+                    None => self.view.note("there is no step"),
+                }
                 return Ok(());
             }
             _ => return Ok(()),
         };
-        let number = self.program.steps.len() + 1;
         let what = step.name();
-        self.program.steps.push(step);
-        let mut kept = self.require_runs();
-        if let (Ok(()), Some(open)) = (&kept, matches!(key, b'o' | b'c').then_some(key == b'o')) {
+        let mut longer = self.program.clone();
+        longer.steps.push(step);
+        let mut done = self.require_runs(&longer);
+        if done.is_ok() && matches!(key, b'o' | b'c') {
             operator.heed_stops()?;
-            kept = match operator.set_gripper(open) {
-                Err(error @ OperatorError::Refused { .. }) => Err(ExpectedError::from(&error)),
-                other => {
-                    other?;
-                    self.closed = !open;
-                    Ok(())
-                }
-            };
-        }
-        match kept {
-            Ok(()) => self.keep(true, &format!("step {number}: {what}")),
-            Err(why) => {
-                self.program.steps.pop();
-                self.view.note(&format!("not saved: {}", why.all_that_happened()));
+            match operator.set_gripper(key == b'o') {
+                Ok(()) => self.closed = key == b'c',
+                Err(error @ OperatorError::Refused { .. }) => done = Err((&error).into()),
+                Err(error) => return Err((&error).into()),
             }
+        }
+        match done {
+            Ok(()) => {
+                self.program = longer;
+                self.keep(&format!("step {}: {what}", self.program.steps.len()));
+            }
+            Err(why) => self.view.note(&format!("not saved: {}", why.all_that_happened())),
         }
         Ok(())
     }
 
     /// That `cubectl run` does the program from where the arm stood at the begin.
-    fn require_runs(&self) -> Result<(), ExpectedError> {
-        let (program, _) = ArmProgram::of_file(self.program.clone(), &self.args.file, None)?;
+    fn require_runs(&self, program: &ProgramFile) -> Result<(), ExpectedError> {
+        let (program, _) = ArmProgram::of_file(program.clone(), &self.args.file, None)?;
         program.cycles(self.arm, self.from, 1).map(drop)
     }
 
-    /// Writes the program if it has changed, and says what has.
-    fn keep(&mut self, changed: bool, text: &str) {
+    /// Writes the program, and says what has changed.
+    fn keep(&mut self, text: &str) {
         self.view.steps = self.program.steps.len();
-        let written = if changed { self.program.write(&self.args.file) } else { Ok(()) };
+        self.unwritten = self.program.write(&self.args.file).err();
         self.view.note(text);
-        if let Err(error) = written {
+        if let Some(error) = &self.unwritten {
             self.view.note(&format!("the file is not written: {}", error.all_that_happened()));
         }
     }

@@ -1,7 +1,7 @@
 //! A terminal for the program under test: what it shows there is read, and keys are typed.
 
 use std::fs::File;
-use std::io::{Read, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Child, Command, Stdio};
 
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -40,8 +40,9 @@ impl AtTerminal {
 
     /// The next line on standard output.
     pub(crate) fn says(&mut self) -> String {
-        let bytes = self.program.stdout.as_mut().unwrap().bytes().map_while(Result::ok);
-        String::from_utf8(bytes.take_while(|byte| *byte != b'\n').collect()).unwrap()
+        let mut line = String::new();
+        BufReader::new(self.program.stdout.as_mut().unwrap()).read_line(&mut line).unwrap();
+        line
     }
 
     /// Ctrl-C: it is no terminal that controls the program, so the signal is sent.
