@@ -177,6 +177,26 @@ fn ctrl_c_while_a_key_is_held_brings_the_arm_to_rest_and_keeps_what_was_saved() 
 }
 
 #[test]
+fn stop_that_somebody_else_gives_ends_it_while_the_arm_is_led_and_while_it_stands() {
+    for led in [true, false] {
+        let folder = Folder::new("teach-stop");
+        let path = folder.file("taught.toml");
+        let served = Served::with_controller();
+        let mut person = at_work(&[&path, "--bus", &served.spec, "--yes"]);
+        person.types("s");
+        person.sees("step 1: move");
+        if led {
+            hold(&mut person, "+", &|status| status.joints_deg[0] > 2.0);
+        }
+        assert_eq!(code(&cubectl(&["stop", "--bus", &served.spec])), 0);
+        let (code_of_it, said, shown) = person.ends();
+        assert_eq!(code_of_it, 13, "{led}: {said}{shown}");
+        assert!(said.contains("1 step in ") && shown.contains("next: "), "{said}{shown}");
+        assert_eq!(steps(&path).len(), 1);
+    }
+}
+
+#[test]
 fn step_that_run_would_refuse_is_not_saved_and_the_reason_is_shown() {
     let folder = Folder::new("teach-refused");
     let path = folder.file("taught.toml");
