@@ -197,22 +197,44 @@ fn stop_that_somebody_else_gives_ends_it_while_the_arm_is_led_and_while_it_stand
 }
 
 #[test]
+fn person_is_asked_before_a_real_arm_is_led() {
+    let folder = Folder::new("teach-asks");
+    let path = folder.file("taught.toml");
+    let served = Served::with_controller();
+    for (answer, status) in [("n\n", 6), ("\n", 0)] {
+        let mut person = AtTerminal::run(&["teach", &path, "--bus", &served.spec]);
+        person.sees("Nobody near?");
+        person.types(answer);
+        if status == 0 {
+            person.sees("q end");
+            person.types("sq");
+        }
+        let (code_of_it, said, shown) = person.ends();
+        assert_eq!((code_of_it, said.contains("1 step in ")), (status, status == 0), "{said}{shown}");
+    }
+}
+
+#[test]
 fn step_that_run_would_refuse_is_not_saved_and_the_reason_is_shown() {
     let folder = Folder::new("teach-refused");
     let path = folder.file("taught.toml");
     // Around the hand where it stands after homing.
-    let mut person = at_work(&[&path, "--home", "--obstacle", "0,0,1.3,0.05,0.05,0.05"]);
-    person.types("s");
-    person.sees("not saved: ");
-    let why = person.sees("obstacle 1");
-    assert!(why.contains("step 1") && why.contains("touches something"), "{why}");
+    let words = [&path, "--home", "--obstacle", "0,0,1.3,0.05,0.05,0.05"];
+    let mut person = at_work(&words);
+    person.types("suq");
+    let (code_of_it, said, shown) = person.ends();
+    assert_eq!((code_of_it, said.trim_end()), (0, "no step was saved"), "{shown}");
+    let why = shown.split_once("not saved: ").unwrap_or_else(|| panic!("{shown}")).1;
+    assert!(
+        why.contains("step 1: ") && why.contains("touches something") && why.contains("obstacle 1"),
+        "{why}"
+    );
+    assert!(why.contains("there is no step") && !std::path::Path::new(&path).exists());
+    let mut person = at_work(&words);
     person.types("+");
     person.sees("no motion from here: ");
-    person.types("uq");
-    person.sees("there is no step");
-    let (code_of_it, said, _) = person.ends();
-    assert_eq!((code_of_it, said.trim_end()), (0, "no step was saved"));
-    assert!(!std::path::Path::new(&path).exists());
+    person.types("q");
+    assert_eq!(person.ends().0, 0);
 }
 
 #[test]
