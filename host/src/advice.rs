@@ -7,7 +7,7 @@ use clap::parser::ValueSource;
 use operator::bus::BusArgs;
 
 /// What a command line in a message begins with if it acts on a bus: without `--bus` it would mean the simulated cell.
-pub const BUS_VERBS: [&str; 28] = [
+pub const BUS_VERBS: [&str; 29] = [
     "clear",
     "config diff",
     "config dump",
@@ -33,6 +33,7 @@ pub const BUS_VERBS: [&str; 28] = [
     "servo",
     "status",
     "stop",
+    "teach",
     "throw",
     "unlock",
     "upload",

@@ -38,6 +38,8 @@ pub enum Verb {
     Move(Box<cmd::move_arm::Args>),
     /// Follow a stream of commands: joint angles or speeds, or the hand.
     Servo(cmd::servo::Args),
+    /// Lead the arm with keys and save the steps of a program.
+    Teach(cmd::teach::Args),
     /// Save, show and remove named poses.
     #[command(subcommand)]
     Pose(cmd::pose::PoseVerb),
@@ -123,6 +125,7 @@ pub fn run(cli: Cli) -> Result<(), ExpectedError> {
         Verb::Plan(verb) => cmd::plan::run(*verb),
         Verb::Move(args) => cmd::move_arm::run(&args),
         Verb::Servo(args) => cmd::servo::run(&args),
+        Verb::Teach(args) => cmd::teach::run(&args),
         Verb::Pose(verb) => cmd::pose::run(&verb),
         Verb::Catch(args) => cmd::catch::run(&args),
         Verb::Check(args) => cmd::check::run(&args),

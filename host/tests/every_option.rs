@@ -211,6 +211,7 @@ const ELSEWHERE: &[(&str, &str)] = &[
     ("controller", "tests/bus_live.rs"),
     ("sim", "tests/bus_live.rs, tests/robot_link.rs"),
     ("servo", "tests/servo_verb.rs"),
+    ("teach", "tests/teach_verb.rs"),
     ("tracker show", "tests of operator::tracker"),
     ("tracker calibrate", "tests of operator::tracker"),
     ("replay", "tests/throw_job.rs, tests/recordings.rs"),

@@ -50,9 +50,12 @@ fn without_a_terminal_and_without_yes_no_verb_moves_a_real_arm() {
             err(&refused)
         );
     }
-    let jog = cubectl(&["jog", "3"]);
-    assert_eq!(code(&jog), 2, "{}{}", out(&jog), err(&jog));
-    assert!(err(&jog).contains("nothing has moved") && err(&jog).contains("--for"), "{}", err(&jog));
+    for (words, next) in [(["jog", "3"], "--for"), (["teach", "none.toml"], "in a terminal")] {
+        let refused = cubectl(&words);
+        assert_eq!(code(&refused), 2, "{}{}", out(&refused), err(&refused));
+        let why = err(&refused);
+        assert!(why.contains("nothing has moved") && why.contains(next), "{why}");
+    }
 }
 
 #[test]

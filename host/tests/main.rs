@@ -33,6 +33,8 @@ mod robot_throw;
 mod robot_verbs;
 mod robots_and_gains;
 mod servo_verb;
+mod teach_verb;
+mod terminal;
 mod throw_failures;
 mod throw_job;
 mod throw_outcome;

@@ -86,6 +86,8 @@ pub trait Stream {
 pub struct Keeps {
     /// Share of the limits of the arm, above 0 and at most 1.
     pub share: f64,
+    /// No joint is faster, rad/s.
+    pub v_max_rad_s: f64,
     /// Without a command for this long the arm comes to rest.
     pub hold: Duration,
     pub scene: Scene,
@@ -170,7 +172,8 @@ pub fn follow(
     }
     let wanted = |info: &firmware::registers::RegisterInfo| REGISTERS.contains(&info.name);
     let settings = settings_of(wanted, &mut |name| session.register(node, name))?;
-    let bounds = within(&settings, bounds_of(arm, keeps.share));
+    let mut bounds = within(&settings, bounds_of(arm, keeps.share));
+    bounds.iter_mut().for_each(|joint| joint.v_rad_s = joint.v_rad_s.min(keeps.v_max_rad_s));
     let mut streamed = Streamed::default();
     let hold_s = keeps.hold.as_secs_f64();
     let since = |session: &Session, zero: Instant| session.now().saturating_since(zero).as_secs_f64();

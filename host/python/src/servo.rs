@@ -98,7 +98,12 @@ impl Connected<'_> {
         self.arm.forget_end();
         let (robot, keeps) = (
             self.arm.robot,
-            Keeps { share: how.speed_share(), hold: Duration::from_secs_f64(hold_s), scene: how.scene() },
+            Keeps {
+                share: how.speed_share(),
+                v_max_rad_s: f64::INFINITY,
+                hold: Duration::from_secs_f64(hold_s),
+                scene: how.scene(),
+            },
         );
         let (session, node) = self.arm.operator.parts()?;
         let streamed =

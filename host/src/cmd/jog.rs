@@ -1,12 +1,12 @@
 //! `cubectl jog`
 
 use std::io::IsTerminal;
-use std::time::{Duration as WallSpan, Instant as WallTime};
+use std::time::Instant as WallTime;
 
-use console::Fetched;
 use protocol::{Duration, Instant, JointIndex, ModuleId};
 
 use super::controlled::{Controlled, ControllerArgs};
+use super::held_key::{Keys, Pace, Pressed, wait};
 use super::home::at;
 use super::print_json;
 use crate::error::ExpectedError;
@@ -18,10 +18,6 @@ use operator::dialogue::registers::Numbers;
 
 /// Fastest jog, rad/s: slow enough to step aside.
 pub const SPEED_MAX_RAD_S: f64 = 0.25;
-/// A key repeats after this at the latest: the usual pause before the first repetition.
-const FIRST_REPEAT: WallSpan = WallSpan::from_millis(600);
-/// And then at least this often.
-const REPEAT: WallSpan = WallSpan::from_millis(150);
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -146,100 +142,35 @@ fn report(module: ModuleId, jogged: &Jogged) {
     console::line!("module {module}: {:.4} rad -> {:.4} rad{limit}", jogged.from_rad, jogged.to_rad);
 }
 
-/// Which way a key means; `None` for a key that ends.
-fn direction(key: u8) -> Option<f64> {
-    match key {
-        b'+' | b'=' | b'l' | b'k' => Some(1.0),
-        b'-' | b'_' | b'h' | b'j' => Some(-1.0),
-        _ => None,
-    }
-}
-
 fn by_keys(args: &Args, mut controlled: Controlled, joint: JointIndex) -> Result<(), ExpectedError> {
-    let raw = RawTerminal::enter();
-    console::note!(
-        "module {}: hold + or l to move up, - or h to move down; any other key ends\r",
-        args.module
-    );
-    let mut keys = console::typed_bytes();
+    let mut keys = Keys::of_terminal();
+    console::note!("module {}: hold + or l to move up, - or h to move down; any other key ends", args.module);
     loop {
-        // While nothing is held the session still listens, so that it sees Ctrl-C and the bus.
-        let key = match keys.fetch() {
-            Fetched::Item(key) => key,
-            Fetched::Ended => break,
-            Fetched::Nothing if controlled.session.is_interrupted() => break,
-            Fetched::Nothing => {
-                std::thread::sleep(WallSpan::from_millis(5));
-                let until = controlled.session.now() + Duration::from_millis(5);
-                controlled.session.run(until, &mut |_| false)?;
-                continue;
-            }
-        };
-        let Some(sign) = direction(key) else {
-            if matches!(key, b'\n' | b'\r') {
-                continue;
-            }
-            break;
-        };
-        let mut held_until = WallTime::now() + FIRST_REPEAT;
-        let mut ended = false;
-        let jogged = jog(&mut controlled, (joint, args), sign * args.speed.abs(), &mut |_| {
-            loop {
-                match keys.fetch() {
-                    Fetched::Item(again) if direction(again) == Some(sign) => {
-                        held_until = held_until.max(WallTime::now() + REPEAT);
-                        if held_until > WallTime::now() + REPEAT {
-                            held_until = WallTime::now() + REPEAT;
-                        }
-                    }
-                    // Another key, or the end of the input: let go at once.
-                    Fetched::Item(_) => return false,
-                    Fetched::Ended => {
-                        ended = true;
-                        return false;
-                    }
-                    Fetched::Nothing => return WallTime::now() < held_until,
+        match keys.fetch(WallTime::now()) {
+            Pressed::Other(b'\n' | b'\r') => {}
+            Pressed::Other(_) | Pressed::Ended => break,
+            Pressed::Nothing if controlled.session.is_interrupted() => break,
+            Pressed::Nothing => wait(&mut controlled.session)?,
+            Pressed::Held(sign) => {
+                let (mut last, mut pace) = (Pressed::Held(sign), Pace::default());
+                let jogged = jog(&mut controlled, (joint, args), sign * args.speed.abs(), &mut |now| {
+                    pace.keep(now.as_secs_f64());
+                    last = keys.fetch(WallTime::now());
+                    last == Pressed::Held(sign)
+                })?;
+                report(args.module, &jogged);
+                let is_interrupted = controlled.session.is_interrupted();
+                if is_interrupted || matches!(last, Pressed::Other(_) | Pressed::Ended) {
+                    break;
+                }
+                if jogged.at_limit {
+                    keys.let_go();
                 }
             }
-        })?;
-        report(args.module, &jogged);
-        if ended {
-            break;
         }
     }
-    drop(raw);
+    drop(keys);
     let interrupted = controlled.session.is_interrupted();
     end(controlled)?;
     if interrupted { Err(stands()) } else { Ok(()) }
-}
-
-/// Terminal that hands out keys one by one and does not echo them; as it was again when dropped. Ctrl-C stays a
-/// signal.
-struct RawTerminal(Option<rustix::termios::Termios>);
-
-impl RawTerminal {
-    fn enter() -> Self {
-        use rustix::termios::{LocalModes, OptionalActions, tcgetattr, tcsetattr};
-        let stdin = std::io::stdin();
-        if !stdin.is_terminal() {
-            return Self(None);
-        }
-        let Ok(before) = tcgetattr(&stdin) else { return Self(None) };
-        let mut raw = before.clone();
-        raw.local_modes.remove(LocalModes::ICANON | LocalModes::ECHO);
-        match tcsetattr(&stdin, OptionalActions::Now, &raw) {
-            Ok(()) => Self(Some(before)),
-            Err(_) => Self(None),
-        }
-    }
-}
-
-impl Drop for RawTerminal {
-    fn drop(&mut self) {
-        use rustix::termios::{OptionalActions, tcsetattr};
-        if let Some(before) = &self.0 {
-            // Nothing is left to do if the terminal is gone.
-            let _ = tcsetattr(std::io::stdin(), OptionalActions::Now, before);
-        }
-    }
 }

@@ -28,11 +28,13 @@ use std::rc::Rc;
 use operator::job::Target;
 use planner::motion::Motion;
 use planner::plan::{Arm, Joints};
-use planner::way::{Travel, require_free_motion, way};
+use planner::store::file::write_whole;
+use planner::way::{Travel, require_free_motion, require_free_pose, way};
 use protocol::Duration;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use toml_reader::{DESCRIPTION_MAX_BYTES, read_text};
 
+use super::fixed;
 use super::goal::{Angles, Difference, Hand};
 use super::move_arm::{no_way, scene};
 use super::path_file::{self, RetimeArgs};
@@ -45,9 +47,10 @@ const MEND: &str = "mend the program; nothing has moved";
 /// Longest pause, s.
 const WAIT_MAX_S: f64 = 3_600.0;
 
-#[derive(Debug, Clone, Deserialize)]
+/// A program as it is written.
+#[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct File {
+pub(super) struct ProgramFile {
     schema_version: u32,
     robot: Option<String>,
     #[serde(default = "usual_share")]
@@ -55,13 +58,34 @@ struct File {
     /// File of named poses, beside this one.
     poses: Option<PathBuf>,
     /// The hand holds the ball of the robot file when the program begins.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     holding: bool,
     /// Boxes that nothing may touch: centre and half edges, m, base frame.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     obstacles: Vec<[f64; 6]>,
     #[serde(rename = "step")]
-    steps: Vec<Written>,
+    pub(super) steps: Vec<Written>,
+}
+
+impl ProgramFile {
+    /// A program without steps.
+    pub(super) fn new(robot: &str, speed_share: f64, obstacles: &[[f64; 6]]) -> Self {
+        Self {
+            schema_version: SCHEMA_VERSION,
+            robot: Some(robot.to_owned()),
+            speed_share,
+            poses: None,
+            holding: false,
+            obstacles: obstacles.to_vec(),
+            steps: Vec::new(),
+        }
+    }
+
+    /// Writes the file, whole or not at all.
+    pub(super) fn write(&self, path: &Path) -> Result<(), ExpectedError> {
+        let text = toml::to_string(self).map_err(|error| ExpectedError::bad_input(&error))?;
+        write_whole(path, text.as_bytes()).map_err(|error| ExpectedError::output(path, &error))
+    }
 }
 
 const fn usual_share() -> f64 {
@@ -69,9 +93,9 @@ const fn usual_share() -> f64 {
 }
 
 /// A step as it is written.
-#[derive(Debug, Clone, Default, Deserialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Written {
+pub(super) struct Written {
     joints: Option<String>,
     by: Option<String>,
     to: Option<String>,
@@ -79,12 +103,12 @@ struct Written {
     path: Option<PathBuf>,
     gripper: Option<Grip>,
     wait_s: Option<f64>,
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     straight: bool,
     speed_share: Option<f64>,
 }
 
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Grip {
     Open,
@@ -163,10 +187,22 @@ impl ArmProgram {
     /// Reads a program for `robot`, if that is given; else for the robot that it names.
     pub(super) fn read(path: &Path, robot: Option<&str>) -> Result<(Self, Arm), ExpectedError> {
         let text = read_text(path, DESCRIPTION_MAX_BYTES).map_err(|error| ExpectedError::io(path, &error))?;
+        let file: ProgramFile = toml::from_str(&text).map_err(|error| {
+            ExpectedError::bad_input(&format!("{}: {}", path.display(), error.to_string().trim_end()))
+                .next(MEND)
+        })?;
+        Self::of_file(file, path, robot)
+    }
+
+    /// The program of a file that is at `path`.
+    pub(super) fn of_file(
+        file: ProgramFile,
+        path: &Path,
+        robot: Option<&str>,
+    ) -> Result<(Self, Arm), ExpectedError> {
         let refused = |what: &dyn std::fmt::Display| {
             ExpectedError::bad_input(&format!("{}: {what}", path.display())).next(MEND)
         };
-        let file: File = toml::from_str(&text).map_err(|error| refused(&error.to_string().trim_end()))?;
         if file.schema_version != SCHEMA_VERSION {
             let found = file.schema_version;
             return Err(refused(&format!("schema_version is {found}, this program reads {SCHEMA_VERSION}")));
@@ -242,7 +278,12 @@ impl ArmProgram {
                 Asked::Wait(span) => Step::Wait(*span),
                 Asked::Go { target, share } => {
                     let found = target.way(arm, &scene, &travel(*share), &end);
-                    let found = found.map_err(|error| place(no_way(&error)))?;
+                    let found = found
+                        .and_then(|way| match way {
+                            None => require_free_pose(arm, &scene, &end).map(|()| None),
+                            way => Ok(way),
+                        })
+                        .map_err(|error| place(no_way(&error)))?;
                     end = found.as_ref().map_or(end, Motion::stop_rad);
                     found.map_or(Step::There, Step::Move)
                 }
@@ -268,6 +309,30 @@ impl ArmProgram {
 }
 
 impl Written {
+    /// A motion to these angles, rad.
+    pub(super) fn to(q_rad: &Joints) -> Self {
+        let angles = q_rad.iter().map(|q| fixed(q.to_degrees(), 3) + "deg").collect::<Vec<_>>();
+        Self { joints: Some(angles.join(",")), ..Self::default() }
+    }
+
+    pub(super) fn grip(open: bool) -> Self {
+        Self { gripper: Some(if open { Grip::Open } else { Grip::Close }), ..Self::default() }
+    }
+
+    pub(super) fn wait(wait_s: f64) -> Self {
+        Self { wait_s: Some(wait_s), ..Self::default() }
+    }
+
+    /// What it does, in a word or a few.
+    pub(super) const fn name(&self) -> &'static str {
+        match (self.gripper, self.wait_s) {
+            (Some(Grip::Open), _) => "gripper open",
+            (Some(Grip::Close), _) => "gripper close",
+            (None, Some(_)) => "wait",
+            (None, None) => "move",
+        }
+    }
+
     fn asked(
         &self,
         arm: &Arm,

@@ -159,6 +159,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         let input = file.map_or_else(console::typed_lines, |file| console::lines_of(BufReader::new(file)));
         let keeps = Keeps {
             share: args.speed_share,
+            v_max_rad_s: f64::INFINITY,
             hold: Duration::from_secs_f64(args.hold),
             scene: scene(&args.obstacle, args.ball),
         };

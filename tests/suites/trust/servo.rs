@@ -119,7 +119,12 @@ fn job(session: &mut Session, bench: &Bench) -> Result<Streamed, ServoError> {
         .pass(BEGIN.saturating_sub(session.now().saturating_since(Instant::ZERO)))
         .map_err(OperatorError::from)?;
     let from = Joints::from_slice(&session.measured_pose(node)?);
-    let keeps = Keeps { share: 0.5, hold: Duration::from_millis(200), scene: Scene::default() };
+    let keeps = Keeps {
+        share: 0.5,
+        v_max_rad_s: f64::INFINITY,
+        hold: Duration::from_millis(200),
+        scene: Scene::default(),
+    };
     follow(session, node, &bench.arm, &keeps, &mut Wave { from, sent: 0 })
 }
 

@@ -224,6 +224,14 @@ fn limits(arm: &RobotModel, share: f64) -> Result<Limits, WayError> {
     fits.then(|| Limits::of_arm(arm, share)).flatten().ok_or(WayError::Share { share })
 }
 
+/// That the arm at `q` is inside its ranges and touches nothing.
+///
+/// # Errors
+/// [`WayError::Blocked`].
+pub fn require_free_pose(arm: &RobotModel, scene: &Scene, q: &JointVec) -> Result<(), WayError> {
+    require_free(arm, &mut CollisionChecker::new(arm, scene), q, false)
+}
+
 /// Refuses a pose that is outside the ranges or touches something.
 fn require_free(
     arm: &RobotModel,

@@ -29,6 +29,11 @@ pub fn run(verb: &RobotVerb) -> Result<(), ExpectedError> {
     }
 }
 
+/// The refusal of a result whose file is there already.
+pub(super) fn is_there(path: &std::path::Path) -> ExpectedError {
+    ExpectedError::new(crate::exit::OUTPUT, format!("{}: the file is there already", path.display()))
+}
+
 /// Writes a result: a file of that name is kept unless `force` is set.
 fn write(path: &std::path::Path, text: &str, force: bool) -> Result<(), ExpectedError> {
     use std::io::Write as _;
@@ -37,8 +42,7 @@ fn write(path: &std::path::Path, text: &str, force: bool) -> Result<(), Expected
     let written = options.open(path).and_then(|mut file| file.write_all(text.as_bytes()));
     written.map_err(|e| match e.kind() {
         std::io::ErrorKind::AlreadyExists => {
-            ExpectedError::new(crate::exit::OUTPUT, format!("{}: the file is there already", path.display()))
-                .next("--force overwrites it, --out names another")
+            is_there(path).next("--force overwrites it, --out names another")
         }
         _ => ExpectedError::output(path, &e),
     })
