@@ -13,25 +13,27 @@ use crate::group::PositionSample;
 pub const WINDOW: Duration = Duration::from_millis(50);
 /// Width of a standing position, rad: one and a half steps of the encoder (0.02 degrees, `robot-models` 1.2). A joint that
 /// stands between two steps toggles by one.
-pub const BAND_RAD: f32 = 5.3e-4;
+pub const BAND_RAD: f32 = 1e-6 * BAND_URAD as f32;
+/// [`BAND_RAD`] in µrad.
+pub const BAND_URAD: u32 = 530;
 
 /// Longest time from a halt to measured rest: the slowest drive brakes from its highest speed in less than half of it.
 pub const HALT_REST_MAX: Duration = Duration::from_millis(1_500);
 /// Added to the computed time of a ramp before its end must be measured: the window and what a drive's loop settles.
 pub const REST_SLACK: Duration = Duration::from_millis(250);
 
-/// Since when a joint stands.
+/// Since when a joint stands. `BAND` is the width of a standing position, µrad.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Rest {
+pub struct Rest<const BAND: u32 = BAND_URAD> {
     since: Option<PositionSample>,
     last: Instant,
 }
 
-impl Rest {
+impl<const BAND: u32> Rest<BAND> {
     /// Takes a measured position.
     pub fn take(&mut self, sample: PositionSample) {
         // The comparison is false for NaN: such a position does not stand.
-        let stands = self.since.is_some_and(|since| (sample.q_rad - since.q_rad).abs() <= BAND_RAD);
+        let stands = self.since.is_some_and(|since| (sample.q_rad - since.q_rad).abs() <= 1e-6 * BAND as f32);
         if !stands {
             self.since = Some(sample);
         }

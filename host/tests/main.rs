@@ -14,6 +14,7 @@ mod home_verify;
 mod identify_report;
 mod job_rules;
 mod lock_step;
+mod mit_arm;
 mod move_verb;
 mod newcomer;
 mod option_walk;

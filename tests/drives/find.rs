@@ -129,7 +129,7 @@ fn a_turn_that_was_lost_is_found_again_or_refused() {
     let q_rad = rig.controller().group().position(joint(0)).unwrap().q_rad;
     assert!((q_rad - 4.5).abs() < 2e-3, "{q_rad}");
     rig.order(Order::Home { mask: 0x7F });
-    rig.run_to(100, StateKind::Ready);
+    rig.run_to(1_000, StateKind::Ready);
     // No turn lies within the limits.
     let mut narrow = settings();
     let limits = narrow.joint.at_mut(joint(0));
@@ -137,7 +137,7 @@ fn a_turn_that_was_lost_is_found_again_or_refused() {
     let mut rig = Rig::with(&narrow, |_, _| {});
     rig.run_to(500, StateKind::Idle);
     rig.order(Order::Home { mask: 1 });
-    rig.run_to(100, StateKind::Fault);
+    rig.run_to(200, StateKind::Fault);
     let fault = rig.fault().unwrap();
     assert_eq!((fault.cause, fault.joint), (Cause::HomingFailed, Some(joint(0))));
 }

@@ -216,7 +216,7 @@ impl Rig {
         let mut rig = Self::new();
         rig.run_to(500, StateKind::Idle);
         rig.order(Order::Home { mask: 0x7F });
-        rig.run_to(100, StateKind::Ready);
+        rig.run_to(1_000, StateKind::Ready);
         rig
     }
 

@@ -42,7 +42,7 @@ fn a_jog_ends_at_the_limit_and_leads_back_from_it() {
     let mut rig = Rig::with(&near, |_, _| {});
     rig.run_to(500, StateKind::Idle);
     rig.order(Order::Home { mask: 0x7F });
-    rig.run_to(100, StateKind::Ready);
+    rig.run_to(1_000, StateKind::Ready);
     jog(&mut rig, 3, 0.25, 1_500);
     rig.run_to(1_000, StateKind::Ready);
     let furthest = rig.track.iter().map(|(_, q)| q[3]).fold(0.0, f64::max);
@@ -65,6 +65,6 @@ fn a_joint_that_is_not_at_home_is_jogged_back_into_its_limits() {
     jog(&mut rig, 0, 0.25, 1_000);
     rig.run_to(1_000, StateKind::Idle);
     rig.order(Order::Home { mask: 0x7F });
-    rig.run_to(200, StateKind::Ready);
+    rig.run_to(1_000, StateKind::Ready);
     assert!(rig.controller().group().is_homed(joint(0)));
 }

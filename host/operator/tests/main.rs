@@ -6,6 +6,7 @@ mod bus_session;
 mod common;
 mod disc;
 mod live;
+mod mit_arm;
 mod online;
 mod operators;
 mod rsi_common;

@@ -91,7 +91,7 @@ fn with_storage(args: &Args, storage: impl Storage) -> Result<(), ExpectedError>
     let mut link = can_link::open(&args.bus, clock).map_err(BusFailure::from)?;
     let robot = RobotModel::load(&args.robot).map_err(|error| ExpectedError::bad_input(&error))?;
     let defaults = defaults(args, &robot, &storage, &mut *link, clock)?;
-    let drives = CanDrives::of(&robot, &defaults).map_err(|error| ExpectedError::bad_input(&error))?;
+    let drives = CanDrives::of(&robot).map_err(|error| ExpectedError::bad_input(&error))?;
     let seed = entropy::seed(clock)?;
     let mut node = ControllerNode::with_group(clock.now(), storage, drives, &defaults, identity(), seed);
     let settings = *node.controller().settings();

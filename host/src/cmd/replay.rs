@@ -92,10 +92,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if let Some(path) = args.gains.as_ref().or_else(|| beside.is_file().then_some(&beside)) {
         begin_with(path, &robot, &mut settings)?;
     }
-    let mut controller = soft_controller(
-        &settings,
-        CanDrives::of(&robot, &settings).map_err(|error| ExpectedError::bad_input(&error))?,
-    );
+    let mut controller =
+        soft_controller(&settings, CanDrives::of(&robot).map_err(|error| ExpectedError::bad_input(&error))?);
     let replayed = replay(&lines, &mut controller);
     if args.json {
         print_json(&serde_json::json!({

@@ -85,7 +85,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let guests = if args.controller {
         let robot = RobotModel::load(&scenario.robot).map_err(|error| ExpectedError::bad_input(&error))?;
         let settings = settings_with_gains(&robot).map_err(|error| ExpectedError::bad_input(&error))?;
-        let drives = CanDrives::of(&robot, &settings).map_err(|error| ExpectedError::bad_input(&error))?;
+        let drives = CanDrives::of(&robot).map_err(|error| ExpectedError::bad_input(&error))?;
         controller_guest(&settings, drives, std::rc::Rc::default())
     } else {
         no_guests()

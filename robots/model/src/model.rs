@@ -157,6 +157,18 @@ impl LinkInertia {
     pub fn about_com_kg_m2(&self) -> &Matrix3<f64> {
         &self.about_com_kg_m2
     }
+
+    /// Mass times centre of mass in the joint frame, kg·m.
+    #[must_use]
+    pub fn first_moment_kg_m(&self) -> &Vector3<f64> {
+        &self.first_moment_kg_m
+    }
+
+    /// Inertia tensor about the origin of the joint frame, kg·m².
+    #[must_use]
+    pub fn about_origin_kg_m2(&self) -> &Matrix3<f64> {
+        &self.about_origin_kg_m2
+    }
 }
 
 /// The drive module behind a joint.

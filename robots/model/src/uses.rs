@@ -59,7 +59,9 @@ pub fn missing(robot: &RobotModel, file: &str, text: &str) -> Result<Vec<Missing
     let mut add = |purpose, key: String, what: String, lines: String| {
         out.push(Missing { purpose, key, what, lines });
     };
-    if robot.drives().is_none() {
+    // The tables of MIT motors say what the cell and the bus need.
+    let described = robot.mit_motors().is_some();
+    if robot.drives().is_none() && !described {
         for (k, joint) in robot.joints().iter().enumerate().filter(|(_, j)| j.limits.torque_max_nm.is_none())
         {
             let what = format!("the generic drive of `{}` follows from it", joint.name);
@@ -70,11 +72,7 @@ pub fn missing(robot: &RobotModel, file: &str, text: &str) -> Result<Vec<Missing
         let what = "the simulated cell moves drives; generic ones follow from speed and torque of the joints";
         add(Use::Simulate, "generic_drives".to_owned(), what.to_owned(), lines);
     }
-    if robot.mit_motors().is_some() {
-        let what = "no verb of `cubectl` drives motors with MIT frames on a real bus yet";
-        let lines = "# nothing to add: use the file to plan, and to simulate (`--bus sim`)";
-        add(Use::RealBus, "joint.mit".to_owned(), what.to_owned(), lines.to_owned());
-    } else if robot.drives().is_none() || generic {
+    if (robot.drives().is_none() || generic) && !described {
         for (k, section) in root.sections("joint")?.iter().enumerate() {
             let what = format!("the module that moves `{}`", section.or("name", "?", Value::text)?);
             let lines = format!(

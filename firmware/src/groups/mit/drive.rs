@@ -18,6 +18,8 @@ use crate::supervisor::is_plausible;
 
 /// Way of the set points while the answer stays the same, bit by bit, that shows a stale answer: eight steps of the position.
 const STALE_RAD: f32 = 3e-3;
+/// Width of a standing position, µrad: four steps of the position. A joint that only its gains hold creeps through its friction.
+const STANDING_URAD: u32 = 1_530;
 /// Share of the following error at which the set point waits for the motor.
 const WINDOW_SHARE: f32 = 0.5;
 /// A position older than this many periods bounds nothing.
@@ -58,11 +60,13 @@ pub(super) struct Drive {
     answer: Option<[u8; 8]>,
     moved_rad: f32,
     /// Set point sent last.
-    pub(super) sent_rad: f32,
+    pub(super) sent: Axis,
+    /// Torque that the set point needs, N·m.
+    pub(super) ahead_nm: f32,
     /// Whole turns between the motor and the joint, rad.
     turn_rad: f32,
     pub(super) sample: Option<PositionSample>,
-    pub(super) rest: Rest,
+    pub(super) rest: Rest<STANDING_URAD>,
     pub(super) is_proven: bool,
     pub(super) is_homed: bool,
     /// Set point, joint side.
@@ -105,10 +109,11 @@ impl Drive {
         limits.to_joint_rad(p_rad) + self.turn_rad
     }
 
-    /// Position and velocity for the motor.
-    pub(super) fn for_motor(&self, limits: &JointSettings) -> (f32, f32) {
-        let v_rad_s = if limits.inverted { -self.set.v_rad_s } else { self.set.v_rad_s };
-        (limits.to_drive_rad(self.set.q_rad - self.turn_rad), v_rad_s)
+    /// Position, velocity and torque for the motor.
+    pub(super) fn for_motor(&self, limits: &JointSettings) -> (f32, f32, f32) {
+        let turned = |value: f32| if limits.inverted { -value } else { value };
+        let p_rad = limits.to_drive_rad(self.set.q_rad - self.turn_rad);
+        (p_rad, turned(self.set.v_rad_s), turned(self.ahead_nm))
     }
 
     /// Takes a state that the motor measured at `at`.
@@ -141,7 +146,8 @@ impl Drive {
             self.rest = Rest::default();
         }
         let q_rad = self.sample.map_or(sample.q_rad, |sample| sample.q_rad);
-        (self.set, self.sent_rad) = (Axis { q_rad, v_rad_s: 0.0 }, q_rad);
+        self.set = Axis { q_rad, v_rad_s: 0.0 };
+        self.sent = self.set;
     }
 
     /// The shaft is absolute within a turn: the joint is at home if no other turn would be within the limits.
@@ -191,9 +197,12 @@ impl Drive {
         }
     }
 
-    /// The set point moved by so much.
-    pub(super) fn moved(&mut self, way_rad: f32) {
-        self.moved_rad = at_least(self.moved_rad + way_rad.abs(), 0.0);
+    /// The set point is that of this period. Returns its acceleration, rad/s².
+    pub(super) fn send_set_point(&mut self, dt_s: f32) -> f32 {
+        self.moved_rad = at_least(self.moved_rad + (self.set.q_rad - self.sent.q_rad).abs(), 0.0);
+        let qdd_rad_s2 = (self.set.v_rad_s - self.sent.v_rad_s) / dt_s;
+        self.sent = self.set;
+        qdd_rad_s2
     }
 }
 

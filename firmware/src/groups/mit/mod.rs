@@ -1,8 +1,9 @@
 //! Motors that speak MIT frames (Damiao) on one CAN bus: the group is the clock, each motor gets one command per period and gives one answer.
 //!
 //! The motor gives `kp (p - q) + kd (v - q̇) + t` and holds it until the next command. The group leads a set point (q_c, v_c) of each
-//! joint from the accelerations of the law, and sends p = q_c, v = v_c with the gains of [`Motor`]. The seam has no torque: t is 0, so
-//! the load costs a distance of load / kp between set point and joint, which the law closes while tracking.
+//! joint from the accelerations of the law, and sends p = q_c, v = v_c with the gains of [`Motor`], and as t the torque that the set points
+//! need by the [`ArmModel`]. Without a model t is 0, and the load costs a distance of load / kp between set point and joint, which the law
+//! closes while tracking.
 //!
 //! # Stops
 //!
@@ -30,10 +31,12 @@
 //! |---|---|
 //! | [`options`] | motors, gains, ids |
 //! | `finding` | from silence to torque: registers compared, time-out proven |
+//! | [`dynamics`] | torque that the set points need |
 //! | `drive` | a motor as the group knows it |
 //! | `motion` | what the set points do in a mode, and the commands of a period |
 
 mod drive;
+pub mod dynamics;
 mod finding;
 mod motion;
 pub mod options;
@@ -43,6 +46,7 @@ use mit_protocol::{RegisterAnswer, RegisterRequest, State};
 use protocol::{Duration, Frame, Id, Instant, JointIndex};
 
 use self::drive::{Drive, Worth};
+pub use self::dynamics::{ArmModel, Body};
 pub use self::finding::Mismatch;
 use self::finding::{STEP_PERIODS, Step};
 use self::motion::Mode;
@@ -64,6 +68,8 @@ const AGE_PERIODS: u64 = 4;
 const SETTLING: Duration = Duration::from_millis(160);
 /// Speed below which a set point stands, rad/s.
 const STANDS_RAD_S: f32 = 1e-3;
+/// Nothing turns in a homing: a host that hears the state of the group now and then sees it all the same.
+const HOMING: Duration = Duration::from_millis(100);
 /// See the [module](self).
 #[derive(Debug)]
 pub struct Mit {
@@ -71,8 +77,8 @@ pub struct Mit {
     drives: PerJoint<Drive>,
     mode: Mode,
     end_rad: PerJoint<Option<f32>>,
-    /// Its zero is looked for.
-    homing: Option<JointIndex>,
+    /// Its zero is looked for until then.
+    homing: Option<(JointIndex, Instant)>,
     /// Last order to the gripper.
     gripper_open: Option<bool>,
     events: Deque<GroupEvent, 32>,
@@ -208,7 +214,7 @@ impl Mit {
 
     /// Events of modes that end by themselves.
     fn proceed(&mut self, now: Instant, settings: &Settings) {
-        if let Some(joint) = self.homing.take() {
+        if let Some((joint, _)) = self.homing.take_if(|(_, until)| *until <= now) {
             let is_homed = self.drives.at_mut(joint).home(settings.joint.at(joint));
             if is_homed {
                 self.push(GroupEvent::Homed(joint));
@@ -349,6 +355,7 @@ impl DriveGroup for Mit {
     }
 
     fn command(&mut self, now: Instant, settings: &Settings, command: Command) {
+        self.homing = None;
         match command {
             Command::Find { reset } => {
                 (self.mode, self.abandoned, self.mismatch) = (Mode::Finding { reset }, false, None);
@@ -362,8 +369,7 @@ impl DriveGroup for Mit {
                 if self.mode == Mode::Halted && command != Command::Reset => {}
             Command::Reset | Command::Stand { .. } => self.mode = Mode::Standing,
             Command::Abandon => (self.mode, self.abandoned) = (Mode::Halted, true),
-            // With the next period, so that whoever ordered it sees it begin.
-            Command::Home(joint) => self.homing = Some(joint),
+            Command::Home(joint) => self.homing = Some((joint, now + HOMING)),
             _ if self.mode == Mode::Halted => {}
             Command::Jog { joint, qd_rad_s, until } => {
                 let until = if qd_rad_s == 0.0 { now } else { until };

@@ -3,6 +3,7 @@
 use mit_protocol::{Command, Mit as SetPoint};
 use protocol::{Frame, Instant, JointIndex};
 
+use super::dynamics::Motion;
 use super::finding::{Ask, Step};
 use super::{Mit, Motor};
 use crate::joints::{PerJoint, clamp};
@@ -90,16 +91,10 @@ impl Mit {
             return self.finger_command(joint, &motor);
         }
         if drive.is_held() {
-            self.lead(settings, joint);
-            let drive = self.drives.at_mut(joint);
-            let before_rad = drive.sent_rad;
-            drive.keep_near(now, limits, settings.cycle_period());
-            drive.moved(drive.set.q_rad - before_rad);
-            drive.sent_rad = drive.set.q_rad;
-            let (p_rad, v_rad_s) = drive.for_motor(limits);
+            let (p_rad, v_rad_s, t_nm) = drive.for_motor(limits);
             let Motor { ranges, kp_nm_rad, kd_nm_s_rad, .. } = motor;
             let below = if is_odd { -BELOW_ZERO } else { 0.0 };
-            let (v_rad_s, t_nm) = (v_rad_s + below * ranges.v_max_rad_s(), below * ranges.t_max_nm());
+            let (v_rad_s, t_nm) = (v_rad_s + below * ranges.v_max_rad_s(), t_nm + below * ranges.t_max_nm());
             let command = SetPoint { p_rad, v_rad_s, kp_nm_rad, kd_nm_s_rad, t_nm };
             if matches!(self.mode, Mode::Tracking | Mode::Moving | Mode::Jogging { .. }) {
                 self.counters.motions = self.counters.motions.saturating_add(1);
@@ -121,6 +116,30 @@ impl Mit {
         }
     }
 
+    /// The set points of this period, and the torques that they need.
+    fn lead_all(&mut self, now: Instant, settings: &Settings) {
+        let mut motion = PerJoint::default();
+        for joint in settings.joints() {
+            if self.drives.at(joint).is_held() {
+                self.lead(settings, joint);
+            }
+            let drive = self.drives.at_mut(joint);
+            let at = if drive.is_held() {
+                drive.keep_near(now, settings.joint.at(joint), settings.cycle_period());
+                let qdd_rad_s2 = drive.send_set_point(settings.cycle_period_s());
+                Motion { q_rad: drive.set.q_rad, qd_rad_s: drive.set.v_rad_s, qdd_rad_s2 }
+            } else {
+                Motion { q_rad: drive.sample.map_or(0.0, |sample| sample.q_rad), ..Motion::default() }
+            };
+            motion.set(joint, at);
+        }
+        let Some(torques) = self.options.model().map(|model| model.torques_nm(&motion)) else { return };
+        for joint in settings.joints() {
+            let t_nm = torques.get(joint);
+            self.drives.at_mut(joint).ahead_nm = if t_nm.is_finite() { t_nm } else { 0.0 };
+        }
+    }
+
     /// The command of the fingers: where they were ordered to, or where they were found.
     pub(super) fn finger_command(&mut self, place: JointIndex, motor: &Motor) -> Option<Frame> {
         let (_, gripper) = self.options.gripper()?;
@@ -136,6 +155,7 @@ impl Mit {
     /// The commands of a period, in the order of the bus.
     pub(super) fn send_burst(&mut self, now: Instant, settings: &Settings) {
         self.out.clear();
+        self.lead_all(now, settings);
         let mut frames = PerJoint::default();
         for joint in self.places(settings) {
             frames.set(joint, self.command_of(now, settings, joint));

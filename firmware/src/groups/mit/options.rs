@@ -2,6 +2,7 @@
 
 use core::fmt;
 
+use super::dynamics::ArmModel;
 use heapless::Vec;
 use mit_protocol::{KD_MAX_NM_S_RAD, KP_MAX_NM_RAD, MotorId, REGISTER_ID, Ranges};
 use protocol::{Duration, JOINTS_MAX, JointIndex, StandardId};
@@ -76,6 +77,7 @@ pub const CLASSICAL_FRAME: Duration = Duration::from_micros(111);
 pub struct Options {
     motors: Vec<Motor, JOINTS_MAX>,
     gripper: Option<GripperMotor>,
+    model: Option<ArmModel>,
     /// Shortest time of a frame on the bus.
     pub frame: Duration,
     /// Temperature of transistors or rotor that stops the group, °C.
@@ -89,7 +91,7 @@ impl Options {
     /// See [`OptionsError`].
     pub fn new(motors: &[Motor]) -> Result<Self, OptionsError> {
         let all = Vec::from_slice(motors).map_err(|_| OptionsError::Count)?;
-        let options = Self { motors: all, gripper: None, frame: CLASSICAL_FRAME, hot_c: 90 };
+        let options = Self { motors: all, gripper: None, model: None, frame: CLASSICAL_FRAME, hot_c: 90 };
         if options.motors.is_empty() {
             return Err(OptionsError::Count);
         }
@@ -105,6 +107,19 @@ impl Options {
             return Err(OptionsError::Count);
         }
         Self { gripper: Some(gripper), ..self }.checked()
+    }
+
+    /// With the arm that the motors move: they get the torque that their set points need. Without it the gains alone carry the arm.
+    ///
+    /// # Errors
+    /// [`OptionsError::Count`]: not one body for each joint.
+    pub fn with_model(self, model: ArmModel) -> Result<Self, OptionsError> {
+        let fits = model.bodies.len() == self.motors.len();
+        if fits { Ok(Self { model: Some(model), ..self }) } else { Err(OptionsError::Count) }
+    }
+
+    pub(super) const fn model(&self) -> Option<&ArmModel> {
+        self.model.as_ref()
     }
 
     fn checked(self) -> Result<Self, OptionsError> {

@@ -164,7 +164,7 @@ impl BusArgs {
             BusSpec::Sim => {
                 let guests = match settings {
                     Some(settings) => {
-                        let drives = CanDrives::of(&cell.robot, settings)?;
+                        let drives = CanDrives::of(&cell.robot)?;
                         controller_guest(settings, drives, Rc::clone(&off))
                     }
                     None => no_guests(),
@@ -182,9 +182,7 @@ impl BusArgs {
                 }
                 let live = LiveBus::open(spec)?;
                 Medium::Live(Box::new(match settings {
-                    Some(settings) => {
-                        live.start_controller(*settings, CanDrives::of(&cell.robot, settings)?)?
-                    }
+                    Some(settings) => live.start_controller(*settings, CanDrives::of(&cell.robot)?)?,
                     None => live,
                 }))
             }

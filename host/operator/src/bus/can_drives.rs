@@ -5,9 +5,10 @@ use firmware::group::{
     Command, DriveGroup, GroupCounters, GroupEvent, PositionSample, Profile, Readings, SetPoint, Standing,
     Taken,
 };
-use firmware::groups::mit::{GripperMotor, Mit, Motor, Options};
+use firmware::groups::mit::{ArmModel, Body, GripperMotor, Mit, Motor, Options};
 use firmware::groups::powercube::PowerCubes;
 use firmware::settings::Settings;
+use nalgebra::{Matrix3, Vector3};
 use protocol::{Frame, Instant, JointIndex};
 use robot_model::{MitMotor, RobotModel};
 
@@ -28,29 +29,43 @@ impl Default for CanDrives {
 }
 
 impl CanDrives {
-    /// The drives of `robot` that `settings` name.
+    /// The drives of `robot`. PowerCubes are those that the settings name; an arm of motors, which has no brakes, is held as a whole.
     ///
     /// # Errors
     /// [`NoSettings::Invalid`]: motors that make no group.
-    pub fn of(robot: &RobotModel, settings: &Settings) -> Result<Self, NoSettings> {
+    pub fn of(robot: &RobotModel) -> Result<Self, NoSettings> {
         let Some(motors) = robot.mit_motors() else { return Ok(Self::default()) };
-        let named = settings.joints().map(|joint| settings.joint.at(joint).address);
-        let motor = |address| motors.joints.iter().find(|motor| u32::from(motor.id.get()) == address);
-        let joints: Vec<Motor> = named.filter_map(motor).map(motor_of).collect();
-        let all = joints.len() == motors.joints.len();
-        let options = Options::new(&joints).and_then(|options| match motors.gripper.filter(|_| all) {
+        let joints: Vec<Motor> = motors.joints.iter().map(motor_of).collect();
+        let options = Options::new(&joints).and_then(|options| options.with_model(model_of(robot)));
+        let options = options.and_then(|options| match motors.gripper {
             Some(gripper) => options.with_gripper(GripperMotor {
                 motor: motor_of(&gripper.motor),
                 open_rad: gripper.open_rad as f32,
                 closed_rad: gripper.closed_rad as f32,
             }),
-            // A controller for some joints leaves the fingers alone.
             None => Ok(options),
         });
         options
             .map(|options| Self::Mit(Mit::new(options)))
             .map_err(|error| NoSettings::Invalid { robot: robot.name().to_owned(), cause: error.to_string() })
     }
+}
+
+/// The arm with its ball in the hand, as the torques ahead see it.
+fn model_of(robot: &RobotModel) -> ArmModel {
+    let robot = &robot.holding_ball().unwrap_or_else(|| robot.clone());
+    let rotors = robot.mit_motors().into_iter().flat_map(|motors| &motors.joints);
+    let vector = |v: &Vector3<f64>| v.map(|x| x as f32).into();
+    let rows = |m: &Matrix3<f64>| m.transpose().map(|x| x as f32).into();
+    let bodies = robot.joints().iter().zip(robot.links()).zip(rotors).map(|((joint, link), motor)| Body {
+        rotation: rows(&joint.x_pj.rot),
+        origin_m: vector(&joint.x_pj.pos),
+        mass_kg: link.inertia.mass_kg() as f32,
+        first_moment_kg_m: vector(link.inertia.first_moment_kg_m()),
+        inertia_kg_m2: rows(link.inertia.about_origin_kg_m2()),
+        rotor_kg_m2: motor.rotor_kg_m2 as f32,
+    });
+    ArmModel { bodies: bodies.collect(), gravity_m_s2: robot.world().gravity_m_s2 as f32 }
 }
 
 fn motor_of(motor: &MitMotor) -> Motor {
@@ -111,5 +126,43 @@ impl DriveGroup for CanDrives {
         fn counters(&self) -> GroupCounters;
         fn is_keeping_time(&self) -> bool;
         fn is_cycle_done(&self, settings: &Settings) -> bool;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use firmware::groups::mit::dynamics::Motion;
+    use firmware::joints::PerJoint;
+    use robot_model::JointVec;
+
+    #[test]
+    fn torques_ahead_are_those_of_the_model_of_the_robot_and_its_rotors() {
+        let robot = format!("{}/../../robots/openarm7.toml", env!("CARGO_MANIFEST_DIR"));
+        let robot = RobotModel::load(&robot).unwrap();
+        let (arm, holding) = (model_of(&robot), robot.holding_ball().unwrap());
+        let rotors = &robot.mit_motors().unwrap().joints;
+        for k in 0..200 {
+            let wave = |scale: f64, f: f64| {
+                JointVec::from_fn(robot.n(), |i| scale * (f64::from(k) * f + 1.7 * i as f64).sin())
+            };
+            let (q, qd, qdd) = (wave(2.0, 0.71), wave(4.0, 1.13), wave(30.0, 1.57));
+            let wanted = holding.inverse_dynamics(&q, &qd, &qdd);
+            let mut motion = PerJoint::default();
+            for joint in JointIndex::first(robot.n()) {
+                let i = joint.get();
+                motion.set(
+                    joint,
+                    Motion { q_rad: q[i] as f32, qd_rad_s: qd[i] as f32, qdd_rad_s2: qdd[i] as f32 },
+                );
+            }
+            let found = arm.torques_nm(&motion);
+            for joint in JointIndex::first(robot.n()) {
+                let i = joint.get();
+                let wanted_nm = wanted[i] + rotors[i].rotor_kg_m2 * qdd[i];
+                let off_nm = (f64::from(found.get(joint)) - wanted_nm).abs();
+                assert!(off_nm < 2e-4, "joint {}: {off_nm} N·m beside {wanted_nm}", i + 1);
+            }
+        }
     }
 }

@@ -92,7 +92,7 @@ impl InProcess {
         settings: &Settings,
     ) -> Result<Self, BusFailure> {
         // Orders come from inside the program only: nobody has to guess tokens.
-        let drives = CanDrives::of(robot, settings)?;
+        let drives = CanDrives::of(robot)?;
         let (storage, spline) = (RamStorage::new(), Spline::empty());
         let controller = Controller::with_group(storage, spline, drives, settings, Seed::FORESEEABLE);
         let cell = Cell::new(robot, &setup.cell, seed)?;

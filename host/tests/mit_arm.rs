@@ -1,0 +1,39 @@
+//! An arm of seven motors with MIT frames, driven by the verbs. The simulated cell says where arm and ball came.
+
+use crate::bus_common::{Folder, code, cubectl, err, out};
+use serde_json::Value;
+
+const ARM: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/openarm7.toml");
+
+fn miss_m(folder: &Folder, target: &str) -> f64 {
+    let dir = folder.file(target);
+    let thrown = cubectl(&["throw", "--robot", ARM, "--target", target, "--out", &dir]);
+    assert_eq!(code(&thrown), 0, "{}{}", out(&thrown), err(&thrown));
+    let text = std::fs::read_to_string(folder.0.join(target).join("summary.json")).unwrap();
+    let told: Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(told["outcome"], "landed");
+    told["landing_error_m"].as_f64().unwrap_or_else(|| panic!("{text}"))
+}
+
+#[test]
+fn it_throws_up_to_3_m() {
+    let folder = Folder::new("mit-throw");
+    for target in ["1.5,0,-1.1", "3.0,0.3,-1.1"] {
+        let miss_m = miss_m(&folder, target);
+        assert!((1e-4..8e-3).contains(&miss_m), "{target}: {miss_m} m");
+    }
+}
+
+#[test]
+fn it_homes_jogs_and_goes_to_a_pose_and_verbs_for_powercubes_say_who_answers() {
+    let homed = cubectl(&["home", "--robot", ARM]);
+    assert_eq!(code(&homed), 0, "{}{}", out(&homed), err(&homed));
+    let jogged = cubectl(&["jog", "4", "--for", "0.5", "--robot", ARM]);
+    assert_eq!(code(&jogged), 0, "{}{}", out(&jogged), err(&jogged));
+    let moved =
+        cubectl(&["move", "--joints", "0.3,0.4,0,0.5,0,0,0", "--home", "--yes", "--json", "--robot", ARM]);
+    assert_eq!(code(&moved), 0, "{}{}", out(&moved), err(&moved));
+    let scanned = cubectl(&["scan", "--robot", ARM]);
+    assert_eq!(code(&scanned), 8, "{}{}", out(&scanned), err(&scanned));
+    assert!(err(&scanned).contains("answer a controller only"), "{}", err(&scanned));
+}
