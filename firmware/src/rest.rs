@@ -72,7 +72,7 @@ mod tests {
 
     fn measured(speed_rad_s: f32, every_ms: u64) -> Rest {
         let step = 0.02f32.to_radians();
-        let mut rest = Rest::default();
+        let mut rest: Rest = Rest::default();
         for k in 0..=20 {
             let at = ms(k * every_ms);
             let q_rad = (speed_rad_s * (k * every_ms) as f32 * 1e-3 / step).round() * step;
@@ -83,7 +83,7 @@ mod tests {
 
     #[test]
     fn joint_stands_once_its_position_has_not_changed_for_the_window() {
-        let mut rest = Rest::default();
+        let mut rest: Rest = Rest::default();
         assert_eq!(rest.since(ms(0), AGE), None, "nothing measured");
         for (at, stands) in [(0, false), (20, false), (40, false), (50, true), (70, true)] {
             rest.take(PositionSample { q_rad: 1.0, at: ms(at) });
@@ -113,7 +113,7 @@ mod tests {
         for speed in [-2.0, -0.1, 0.02, 0.012] {
             assert!(measured(speed, 10).is_moving(ms(200), AGE), "{speed}");
         }
-        let mut rest = Rest::default();
+        let mut rest: Rest = Rest::default();
         for k in 0..10 {
             let q_rad = if k % 2 == 0 { 0.0 } else { 0.02f32.to_radians() };
             rest.take(PositionSample { q_rad, at: ms(10 * k) });
@@ -123,7 +123,7 @@ mod tests {
 
     #[test]
     fn position_that_is_no_number_is_no_rest() {
-        let mut rest = Rest::default();
+        let mut rest: Rest = Rest::default();
         for k in 0..10 {
             rest.take(PositionSample { q_rad: f32::NAN, at: ms(10 * k) });
         }

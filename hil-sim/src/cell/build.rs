@@ -126,7 +126,7 @@ impl Cell {
             Some(described) => {
                 Drives::PowerCubes(powercubes(model, options, described, &deviations, &q, seed)?)
             }
-            None => Drives::Mit(MitArm::new(model, options, q.as_slice())?),
+            None => Drives::Mit(Box::new(MitArm::new(model, options, q.as_slice())?)),
         };
         let plant = options.mechanics.build(model, q, &deviations);
         let supplies: Vec<Supply> = model

@@ -16,7 +16,7 @@ use crate::participants::BusConnection;
 /// The drives of a cell, base first.
 pub(super) enum Drives {
     PowerCubes(Vec<PowerCubeDrive>),
-    Mit(MitArm),
+    Mit(Box<MitArm>),
 }
 
 /// One motor for each joint, and perhaps one for the fingers.
@@ -115,9 +115,9 @@ impl Drives {
     pub(super) fn node(&mut self, index: usize) -> &mut dyn Node {
         match self {
             Self::PowerCubes(drives) => &mut drives[index],
-            Self::Mit(MitArm { joints, fingers }) => match fingers {
-                Some(fingers) if index == joints.len() => &mut fingers.motor,
-                _ => &mut joints[index],
+            Self::Mit(arm) => match &mut arm.fingers {
+                Some(fingers) if index == arm.joints.len() => &mut fingers.motor,
+                _ => &mut arm.joints[index],
             },
         }
     }
@@ -128,9 +128,9 @@ impl Drives {
                 let plate = drives[index].nameplate();
                 format!("drive {} ({})", plate.address, plate.module)
             }
-            Self::Mit(MitArm { joints, fingers }) => match fingers {
-                Some(fingers) if index == joints.len() => format!("gripper ({})", fingers.motor.name()),
-                _ => format!("motor {} ({})", index + 1, joints[index].name()),
+            Self::Mit(arm) => match &arm.fingers {
+                Some(fingers) if index == arm.joints.len() => format!("gripper ({})", fingers.motor.name()),
+                _ => format!("motor {} ({})", index + 1, arm.joints[index].name()),
             },
         })
     }
@@ -166,7 +166,9 @@ impl Drives {
 
     /// Moves the fingers on to `end`, if a motor moves them.
     pub(super) fn step_fingers(&mut self, dt_s: f64, end: Instant) {
-        if let Self::Mit(MitArm { fingers: Some(fingers), .. }) = self {
+        if let Self::Mit(arm) = self
+            && let Some(fingers) = &mut arm.fingers
+        {
             fingers.step(dt_s, end);
         }
     }

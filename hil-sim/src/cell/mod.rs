@@ -76,7 +76,7 @@ impl Cell {
     /// The motors with MIT frames, in joint order, the one of the gripper last; none in an arm of other drives.
     pub fn mit_motors_mut(&mut self) -> impl Iterator<Item = &mut MitMotor> {
         let arm = if let Drives::Mit(arm) = &mut self.drives { Some(arm) } else { None };
-        arm.into_iter().flat_map(drives::MitArm::motors_mut)
+        arm.into_iter().flat_map(|arm| arm.motors_mut())
     }
 
     pub fn plant(&self) -> &dyn Plant {
