@@ -40,6 +40,7 @@ pub mod sim;
 pub mod sim_robot;
 pub mod status;
 pub mod stop;
+pub mod target;
 pub mod throw;
 pub mod tracker;
 pub mod tune;
