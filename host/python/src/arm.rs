@@ -11,8 +11,9 @@ use std::thread;
 use std::time::Duration as WallTime;
 
 use host::cmd::connected::Connected as OneArm;
-use host::cmd::move_arm::{no_way, scene};
+use host::cmd::move_arm::no_way;
 use host::cmd::report::BIT_RATE;
+use host::cmd::target::scene;
 use host::error::{Cause, ExpectedError};
 use host::exit;
 use nalgebra::Vector3;

@@ -6,7 +6,7 @@ use protocol::cyphal::id::NodeId;
 use protocol::powercube::SimpleCommand;
 
 use super::modules::{require_alone, survey_with_progress};
-use super::upload::node_id;
+use super::target::node_id;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::{BusArgs, Session};

@@ -17,8 +17,8 @@ use protocol::cyphal::crc::Crc64;
 use protocol::cyphal::id::NodeId;
 use robot_model::RobotModel;
 
+use super::target::node_id;
 use super::throw::{period_request, period_us, read_gains};
-use super::upload::node_id;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::BusFailure;

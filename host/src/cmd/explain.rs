@@ -9,7 +9,7 @@ use protocol::powercube::state::BitInfo;
 use protocol::powercube::{Config, CubeState, Setup, ShortState};
 
 use super::rsi;
-use super::upload::node_id;
+use super::target::node_id;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::BusArgs;

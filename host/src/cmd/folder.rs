@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
+use operator::bus::BusArgs;
 use planner::store::file::write_whole;
 
 use crate::error::ExpectedError;
@@ -24,6 +25,15 @@ impl Folder {
             }
         }
         Ok(this)
+    }
+
+    /// The folder `out`, if one is named, and the recording of `bus` in it.
+    pub(super) fn recording(out: Option<&Path>, bus: &mut BusArgs) -> Result<Option<Self>, ExpectedError> {
+        let folder = out.map(|out| Self::create(Some(out))).transpose()?;
+        if let Some(folder) = &folder {
+            bus.record = Some(folder.file("bus"));
+        }
+        Ok(folder)
     }
 
     pub(super) fn file(&self, name: &str) -> PathBuf {

@@ -5,12 +5,12 @@ use std::path::PathBuf;
 use protocol::cyphal::cubecell::command::{UNLOCK, Unlock};
 use protocol::cyphal::id::NodeId;
 
-use super::upload::node_id;
+use super::target::Target;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::entropy;
-use operator::bus::key_file::{KeyArgs, make, read_bytes};
-use operator::bus::{BusArgs, BusFailure, Session};
+use operator::bus::key_file::{make, read_bytes};
+use operator::bus::{BusFailure, Session};
 
 /// What to do with the key of a controller.
 #[derive(Debug, clap::Subcommand)]
@@ -53,32 +53,6 @@ pub struct RemoveArgs {
     /// Bus and controller.
     #[command(flatten)]
     pub target: Target,
-}
-
-/// Which controller.
-#[derive(Debug, clap::Args)]
-pub struct Target {
-    /// Bus options.
-    #[command(flatten)]
-    pub bus: BusArgs,
-    /// The key that the controller has now.
-    #[command(flatten)]
-    pub key: KeyArgs,
-    /// Cyphal node-ID of the controller. Default: the one that is heard.
-    #[arg(long, value_name = "NODE-ID", value_parser = node_id)]
-    pub controller: Option<NodeId>,
-}
-
-impl Target {
-    /// The session with the key, and the controller.
-    pub(super) fn open(&self) -> Result<(Session, NodeId), ExpectedError> {
-        let key = self.key.load()?;
-        let mut session = self.bus.open_with_controller()?;
-        session.set_key(key);
-        let node = session.find_controller(self.controller)?;
-        session.find_drives()?;
-        Ok((session, node))
-    }
 }
 
 /// Runs the verb.

@@ -41,6 +41,7 @@ pub mod sim;
 pub mod sim_robot;
 pub mod status;
 pub mod stop;
+pub mod target;
 pub mod teach;
 pub mod throw;
 pub mod tracker;

@@ -2,30 +2,21 @@
 
 use std::path::PathBuf;
 
-use nalgebra::Vector3;
 use planner::motion::Motion;
-use planner::plan::file::RobotId;
 use planner::plan::{Arm, Joints};
 use planner::store::robot_fingerprint;
 use planner::way::{Goal, Travel, WayError};
-use protocol::cyphal::id::NodeId;
-use robot_model::Pose;
-use robot_model::collision::{CollisionChecker, Obb, Scene};
+use robot_model::collision::CollisionChecker;
 
 use super::connected::Connected;
-use super::consent::Consent;
-use super::controlled::tell_warnings;
-use super::ended::{Seen, failure, off_target, outcome_last};
 use super::goal::{Angles, Difference, Hand};
 use super::poses::{Poses, PosesArgs};
-use super::progress::{ProgressView, Ui};
 use super::report::BIT_RATE;
 use super::results::Results;
+use super::target::{Bounds, Moving};
 use super::{fixed, print_json};
 use crate::error::ExpectedError;
 use crate::exit;
-use operator::bus::BusArgs;
-use operator::bus::key_file::KeyArgs;
 use operator::job::{Extent, Order, Target, TargetError, perform};
 use operator::port::OnBus;
 
@@ -58,15 +49,9 @@ pub struct Args {
     /// The place of --to is in the frame of the room, which this calibration of `cubectl tracker calibrate` relates to the robot.
     #[arg(long, value_name = "FILE", requires = "to")]
     pub calibration: Option<PathBuf>,
-    /// Share of the robot's speeds, accelerations and jerks.
-    #[arg(long, default_value_t = 0.2, value_name = "SHARE", value_parser = super::home::share)]
-    pub speed_share: f64,
-    /// Box that nothing may touch: centre and half edge lengths in m, base frame. May be given more than once.
-    #[arg(long, value_name = "X,Y,Z,HX,HY,HZ", allow_hyphen_values = true, value_parser = super::plan::six_numbers)]
-    pub obstacle: Vec<[f64; 6]>,
-    /// The ball is in the hand and must not touch anything either.
-    #[arg(long)]
-    pub ball: bool,
+    /// How fast, and around what.
+    #[command(flatten)]
+    pub bounds: Bounds,
     /// Seed of the search for a way around.
     #[arg(long, default_value_t = 1)]
     pub way_seed: u64,
@@ -79,24 +64,9 @@ pub struct Args {
     /// File with named poses.
     #[command(flatten)]
     pub poses: PosesArgs,
-    /// Bus options; on the bus `sim` a controller is in the cell.
+    /// The arm.
     #[command(flatten)]
-    pub bus: BusArgs,
-    /// Key of the controller.
-    #[command(flatten)]
-    pub key: KeyArgs,
-    /// Which controller.
-    #[arg(long, value_name = "NODE-ID", value_parser = super::upload::node_id)]
-    pub controller: Option<NodeId>,
-    /// Home what is not homed first.
-    #[arg(long)]
-    pub home: bool,
-    /// Do not ask before the arm moves.
-    #[arg(long)]
-    pub yes: bool,
-    /// Print JSON.
-    #[arg(long)]
-    pub json: bool,
+    pub moving: Moving,
 }
 
 /// Runs the verb.
@@ -105,92 +75,43 @@ pub struct Args {
 /// A place that cannot be reached, no way, the bus, a controller that refuses, a stop or fault on the way, or an arm that is not where
 /// it should be.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    let consent = Consent::on(&args.bus.bus, args.yes || args.dry_run)?;
-    let source = args.bus.cell.robot.as_deref().unwrap_or("powercube6");
+    let Args { moving, bounds, .. } = args;
+    let mut ui = moving.ui("The arm moves. Nobody near?", !args.dry_run)?;
+    let mut on = moving.on.clone();
+    let source = moving.on.robot();
     let arm = super::robot(source)?;
-    let scene = args.scene();
+    let scene = bounds.scene();
     let target = target(args, &arm)?;
     let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
-    let key = args.key.load()?;
-    let mut bus = args.bus.clone();
-    let results = Results::create(args.out.as_deref(), &mut bus)?;
+    let results = Results::create(args.out.as_deref(), &mut on.bus)?;
     if args.dry_run {
-        bus.record = None;
+        on.bus.record = None;
     }
-    let mut session = bus.open_with_controller()?;
-    session.set_key(key);
-    let words = ["The arm moves. Nobody near?"; 2];
-    let mut ui = Ui { progress: ProgressView::new(args.json), consent, words, look: None, agreed: false };
-    let operator = OnBus::new(&mut session, args.controller, BIT_RATE);
+    let mut session = on.session()?;
+    let operator = OnBus::new(&mut session, on.controller, BIT_RATE);
     let mut connected = Connected::new(operator, &arm, &fingerprint);
-    let way = connected.ready(args.home, &mut |step| ui.answer(step)).and_then(|from| {
-        let travel = Travel { share: args.speed_share, seed: args.way_seed, range: None };
+    let found = connected.ready(moving.home, &mut |step| ui.answer(step)).and_then(|from| {
+        let travel = Travel { share: bounds.speed_share, seed: args.way_seed, range: None };
         let way = target.way(&arm, &scene, &travel, &from).map_err(|error| no_way(&error))?;
-        Ok((way, from))
+        way.iter().try_for_each(|motion| results.write_plan(source, &arm, motion))?;
+        Ok((from, way))
     });
-    let (way, from) = match way {
-        Ok(found) => found,
-        Err(wrong) => {
+    let (from, motion) = match found {
+        Ok((from, Some(motion))) if !args.dry_run => (from, motion),
+        found => {
             ui.progress.quiet();
             session.finish()?;
-            return Err(wrong);
+            let (from, way) = found?;
+            say(args, &arm, &Said { from: &from, motion: way.as_ref(), moved: false, record: None });
+            return Ok(());
         }
     };
-    let Some(motion) = way else {
-        ui.progress.quiet();
-        session.finish()?;
-        say(args, &arm, &Said { from: &from, motion: None, moved: false, record: None });
-        return Ok(());
-    };
-    let written = results.as_ref().map_or(Ok(()), |results| {
-        let (source, name) = (source.to_owned(), arm.name().to_owned());
-        results.write_plan(RobotId { source, name, fingerprint: fingerprint.clone() }, &arm, &motion)
-    });
-    if args.dry_run || written.is_err() {
-        ui.progress.quiet();
-        session.finish()?;
-        written?;
-        say(args, &arm, &Said { from: &from, motion: Some(&motion), moved: false, record: None });
-        return Ok(());
-    }
     ui.progress.way(&describe(&arm, &motion));
-    let order = Order { homes: args.home, scene, ..connected.order(motion, Extent::Run) };
+    let order = Order { homes: moving.home, scene, ..connected.order(motion, Extent::Run) };
     let record = perform(&mut connected.operator, &order, &mut |step| ui.answer(step));
-    ui.progress.quiet();
-    tell_warnings(&mut session);
-    let wrong = failure(&record).or_else(|| off_target(&record, &order.judge));
-    let seen = Seen::of(&session);
-    let mut finished = session.finish().map_err(ExpectedError::from);
-    let summary = seen.summary(&order, &record, wrong.as_ref(), &ui.progress.wall_s);
-    if let Some(results) = &results {
-        finished = finished.and(results.write(source, summary.clone()));
-    }
-    if args.json {
-        print_json(&summary);
-    } else if wrong.is_none() {
-        let motion = Some(order.program.motion());
-        say(args, &arm, &Said { from: &from, motion, moved: true, record: Some(&record.verdict.text) });
-    }
-    if let (Some(results), None, false) = (&results, &wrong, args.json) {
-        console::line!("results in {}", results.path().display());
-    }
-    outcome_last(wrong, finished, results.as_ref().map(Results::path))
-}
-
-impl Args {
-    fn scene(&self) -> Scene {
-        scene(&self.obstacle, self.ball)
-    }
-}
-
-/// Boxes that nothing may touch (centre and half edge lengths, m, base frame), and whether a ball is in the hand.
-#[must_use]
-pub fn scene(obstacles: &[[f64; 6]], ball_held: bool) -> Scene {
-    let named = |(b, k): (&[f64; 6], usize)| {
-        let obb = Obb::new(Pose::translation(b[0], b[1], b[2]), Vector3::new(b[3], b[4], b[5]));
-        (format!("obstacle {k}"), obb)
-    };
-    Scene { obstacles: obstacles.iter().zip(1..).map(named).collect(), ball_held }
+    let motion = Some(order.program.motion());
+    let said = Said { from: &from, motion, moved: true, record: Some(&record.verdict.text) };
+    results.conclude(session, &ui, (&order, &record), source, || say(args, &arm, &said))
 }
 
 /// Where to, as the command line says.
@@ -255,7 +176,7 @@ fn describe(arm: &Arm, motion: &Motion) -> String {
 fn say(args: &Args, arm: &Arm, said: &Said<'_>) {
     let end = said.motion.map_or(*said.from, Motion::stop_rad);
     let clearance = said.motion.map(|motion| clearance_m(args, arm, motion));
-    if args.json {
+    if args.moving.json {
         print_json(&serde_json::json!({
             "outcome": if said.motion.is_none() { "there" } else { "dry_run" },
             "from_rad": said.from.as_slice(),
@@ -287,7 +208,7 @@ fn say(args: &Args, arm: &Arm, said: &Said<'_>) {
 
 /// Nearest approach of any two bodies that are tested, at samples of the motion, m.
 fn clearance_m(args: &Args, arm: &Arm, motion: &Motion) -> f64 {
-    let scene = args.scene();
+    let scene = args.bounds.scene();
     let mut checker = CollisionChecker::new(arm, &scene);
     let at = |i: u32| motion.at(motion.duration_s() * f64::from(i) / 200.0).q;
     (0..=200).map(|i| checker.clearance(&arm.fk(&at(i))).distance_m).fold(f64::INFINITY, f64::min)

@@ -37,7 +37,7 @@ pub struct SaveArgs {
     #[command(flatten)]
     pub bus: BusArgs,
     /// Cyphal node-ID of the controller. Default: the one that is heard.
-    #[arg(long, value_name = "NODE-ID", value_parser = super::upload::node_id)]
+    #[arg(long, value_name = "NODE-ID", value_parser = super::target::node_id)]
     pub controller: Option<NodeId>,
 }
 

@@ -36,9 +36,10 @@ use toml_reader::{DESCRIPTION_MAX_BYTES, read_text};
 
 use super::fixed;
 use super::goal::{Angles, Difference, Hand};
-use super::move_arm::{no_way, scene};
+use super::move_arm::no_way;
 use super::path_file::{self, RetimeArgs};
 use super::poses::Poses;
+use super::target::scene;
 use crate::error::ExpectedError;
 
 /// Version of the file.

@@ -13,12 +13,11 @@ use protocol::{Duration, Instant};
 use serde_json::json;
 
 use super::connected::Connected;
-use super::consent::Consent;
 use super::controlled::tell_warnings;
 use super::ended::outcome_last;
 use super::folder::Folder;
 use super::program_file::{ArmProgram, Part, Step};
-use super::progress::{ProgressView, Ui};
+use super::progress::Ui;
 use super::report::BIT_RATE;
 use super::rows::Rows;
 use super::run::Args;
@@ -36,22 +35,15 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
         return Err(ExpectedError::bad_input("--start-in is for one motion; a program has many")
             .next("leave --start-in out"));
     }
-    let consent = Consent::on(&args.bus.bus, args.yes)?;
-    let (program, arm) = ArmProgram::read(&args.file, args.bus.cell.robot.as_deref())?;
-    let key = args.key.load()?;
-    let mut bus = args.bus.clone();
-    bus.cell.robot = Some(program.robot.clone());
-    let folder = args.out.as_deref().map(|out| Folder::create(Some(out))).transpose()?;
-    if let Some(folder) = &folder {
-        bus.record = Some(folder.file("bus"));
-    }
+    let mut ui = args.moving.ui("The arm does the program. Nobody near?", true)?;
+    let mut on = args.moving.on.clone();
+    let (program, arm) = ArmProgram::read(&args.file, on.bus.cell.robot.as_deref())?;
+    on.bus.cell.robot = Some(program.robot.clone());
+    let folder = Folder::recording(args.out.as_deref(), &mut on.bus)?;
     let mut table = folder.as_ref().map(|folder| Table::create(folder, arm.n())).transpose()?;
-    let mut session = bus.open_with_controller()?;
-    session.set_key(key);
-    let words = ["The arm does the program. Nobody near?"; 2];
-    let mut ui = Ui { progress: ProgressView::new(args.json), consent, words, look: None, agreed: false };
+    let mut session = on.session()?;
     let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
-    let operator = OnBus::new(&mut session, args.controller, BIT_RATE);
+    let operator = OnBus::new(&mut session, on.controller, BIT_RATE);
     let mut performed = Performed::default();
     let mut connected = Connected::new(operator, &arm, &fingerprint);
     let outcome = perform(
@@ -77,7 +69,7 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
     let summary = performed.summary(args.repeat, wrong.as_ref());
     let kept =
         folder.as_ref().map_or(Ok(()), |folder| folder.write("summary.json", &format!("{summary:#}\n")));
-    if args.json {
+    if args.moving.json {
         print_json(&summary);
     } else {
         performed.say(args.repeat);
@@ -126,7 +118,7 @@ fn perform(
     keep: &mut dyn FnMut(&Row),
     performed: &mut Performed,
 ) -> Result<(), ExpectedError> {
-    let from = arm.ready(args.home, &mut |step| ui.answer(step))?;
+    let from = arm.ready(args.moving.home, &mut |step| ui.answer(step))?;
     let cycles = program.cycles(arm.robot, from, args.repeat)?;
     ui.agree(&mut arm.operator)?;
     performed.begun = Some(arm.operator.now());

@@ -42,7 +42,8 @@ pub fn while_working<T>(what: &str, usual: &str, work: impl FnOnce(&ProgressBar)
 
 /// What people see while it works.
 pub(super) struct ProgressView {
-    silent: bool,
+    /// The results are printed as JSON, and nothing else is.
+    pub(super) silent: bool,
     bar: ProgressBar,
     begun: WallTime,
     /// Time of each step by the wall, s.

@@ -7,8 +7,6 @@ use std::time::Duration as WallTime;
 
 use console::{Fetched, TypedInput};
 use nalgebra::{Vector3, Vector6};
-use operator::bus::BusArgs;
-use operator::bus::key_file::KeyArgs;
 use operator::dialogue::operator::OperatorError;
 use operator::port::OnBus;
 use operator::servo::{Keeps, Next, ServoError, Stream, Streamed, follow};
@@ -16,18 +14,15 @@ use planner::plan::Joints;
 use planner::servo::{Command, JointState, Limited, NoServo, Refused, Servo};
 use planner::store::robot_fingerprint;
 use protocol::Duration;
-use protocol::cyphal::id::NodeId;
 use robot_model::Pose;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::connected::Connected;
-use super::consent::Consent;
 use super::controlled::tell_warnings;
-use super::move_arm::scene;
-use super::progress::{ProgressView, Ui};
 use super::report::BIT_RATE;
 use super::rows::Rows;
+use super::target::{Bounds, Moving};
 use super::{fixed, print_json};
 use crate::error::{Cause, ExpectedError};
 use crate::exit;
@@ -53,39 +48,18 @@ on Ctrl-C, and when no command comes for --hold. From a command to the arm it ta
 pub struct Args {
     /// File with commands; without it they are read from standard input.
     pub file: Option<PathBuf>,
-    /// Bus options; on the bus `sim` a controller is in the cell, and each command needs its t_s.
+    /// The arm; on the bus `sim` each command needs its t_s.
     #[command(flatten)]
-    pub bus: BusArgs,
-    /// Key of the controller.
+    pub moving: Moving,
+    /// How fast, and around what.
     #[command(flatten)]
-    pub key: KeyArgs,
-    /// Which controller.
-    #[arg(long, value_name = "NODE-ID", value_parser = super::upload::node_id)]
-    pub controller: Option<NodeId>,
-    /// Share of the robot's speeds, accelerations and jerks.
-    #[arg(long, default_value_t = 0.2, value_name = "SHARE", value_parser = super::home::share)]
-    pub speed_share: f64,
+    pub bounds: Bounds,
     /// The arm comes to rest when no command has come for this long, s.
     #[arg(long, default_value_t = 0.2, value_name = "SECONDS", value_parser = super::home::positive)]
     pub hold: f64,
-    /// Box that nothing may touch: centre and half edge lengths in m, base frame. May be given more than once.
-    #[arg(long, value_name = "X,Y,Z,HX,HY,HZ", allow_hyphen_values = true, value_parser = super::plan::six_numbers)]
-    pub obstacle: Vec<[f64; 6]>,
-    /// The ball is in the hand and must not touch anything either.
-    #[arg(long)]
-    pub ball: bool,
     /// Write the states that were sent, one row per 20 ms (CSV).
     #[arg(long, value_name = "FILE")]
     pub states: Option<PathBuf>,
-    /// Home what is not homed first.
-    #[arg(long)]
-    pub home: bool,
-    /// Do not ask before the arm moves.
-    #[arg(long)]
-    pub yes: bool,
-    /// Print JSON.
-    #[arg(long)]
-    pub json: bool,
 }
 
 /// A line of the input.
@@ -139,29 +113,26 @@ pub fn parse(line: &str) -> Result<(Option<f64>, Command), String> {
 /// # Errors
 /// The input, the bus, a controller that refuses, an arm that touches something where it stands, a stop or a fault.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    let consent = Consent::on(&args.bus.bus, args.yes)?;
-    let arm = super::robot(args.bus.cell.robot.as_deref().unwrap_or("powercube6"))?;
+    let Args { moving, bounds, .. } = args;
+    let mut ui = moving.ui("The arm follows the commands. Nobody near?", true)?;
+    let arm = super::robot(moving.on.robot())?;
     let opened = |path: &PathBuf| File::open(path).map_err(|error| ExpectedError::io(path, &error));
     let file = args.file.as_ref().map(opened).transpose()?;
     let mut states = args.states.as_deref().map(States::create).transpose()?;
-    let key = args.key.load()?;
-    let mut session = args.bus.open_with_controller()?;
-    session.set_key(key);
-    let words = ["The arm follows the commands. Nobody near?"; 2];
-    let mut ui = Ui { progress: ProgressView::new(args.json), consent, words, look: None, agreed: false };
+    let mut session = moving.on.session()?;
     let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
-    let mut arm_on_bus =
-        Connected::new(OnBus::new(&mut session, args.controller, BIT_RATE), &arm, &fingerprint);
-    let ready = arm_on_bus.ready(args.home, &mut |step| ui.answer(step));
+    let operator = OnBus::new(&mut session, moving.on.controller, BIT_RATE);
+    let mut arm_on_bus = Connected::new(operator, &arm, &fingerprint);
+    let ready = arm_on_bus.ready(moving.home, &mut |step| ui.answer(step));
     let agreed = ready.and_then(|_| ui.agree(&mut arm_on_bus.operator));
     ui.progress.quiet();
     let streamed = agreed.and_then(|()| {
         let input = file.map_or_else(console::typed_lines, |file| console::lines_of(BufReader::new(file)));
         let keeps = Keeps {
-            share: args.speed_share,
+            share: bounds.speed_share,
             v_max_rad_s: f64::INFINITY,
             hold: Duration::from_secs_f64(args.hold),
-            scene: scene(&args.obstacle, args.ball),
+            scene: bounds.scene(),
         };
         let (session, node) = arm_on_bus.operator.parts()?;
         let needs_times = session.is_simulated();
@@ -326,7 +297,7 @@ pub fn limit_text(limited: &Limited) -> String {
 
 fn say(args: &Args, streamed: &Streamed, unread: u64) {
     let found = found(streamed, unread);
-    if args.json {
+    if args.moving.json {
         print_json(&found);
         return;
     }

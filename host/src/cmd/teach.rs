@@ -5,8 +5,6 @@ use std::path::{Path, PathBuf};
 use std::time::Instant as WallTime;
 
 use nalgebra::{Vector3, Vector6};
-use operator::bus::BusArgs;
-use operator::bus::key_file::KeyArgs;
 use operator::dialogue::operator::OperatorError;
 use operator::port::{OnBus, Operator as _};
 use operator::servo::{Keeps, Next, ServoError, Stream, follow};
@@ -14,18 +12,17 @@ use planner::plan::{Arm, Joints};
 use planner::servo::{Command, Limited, Refused, Servo};
 use planner::store::robot_fingerprint;
 use protocol::Duration;
-use protocol::cyphal::id::NodeId;
 
 use super::connected::Connected;
 use super::consent::Consent;
 use super::controlled::tell_warnings;
 use super::held_key::{Keys, Pace, Pressed, wait};
 use super::jog::SPEED_MAX_RAD_S;
-use super::move_arm::scene;
 use super::program_file::{ArmProgram, ProgramFile, Written, is_program};
 use super::progress::{ProgressView, Ui};
 use super::report::BIT_RATE;
 use super::servo::limit_text;
+use super::target::{Target, scene};
 use super::{counted, fixed};
 use crate::advice::{Place, quoted};
 use crate::error::ExpectedError;
@@ -56,15 +53,9 @@ the pause before a held key repeats may be at most 0.6 s."
 pub struct Args {
     /// Program that is written (TOML); `cubectl run` does it.
     pub file: PathBuf,
-    /// Bus options; on the bus `sim` a controller is in the cell.
+    /// Bus and controller.
     #[command(flatten)]
-    pub bus: BusArgs,
-    /// Key of the controller.
-    #[command(flatten)]
-    pub key: KeyArgs,
-    /// Which controller.
-    #[arg(long, value_name = "NODE-ID", value_parser = super::upload::node_id)]
-    pub controller: Option<NodeId>,
+    pub on: Target,
     /// Speed of a joint while a key is held, rad/s, at most 0.25.
     #[arg(long, default_value_t = 0.1, value_name = "RAD_S", value_parser = joint_speed)]
     pub speed: f64,
@@ -114,17 +105,15 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         .next("run it in a terminal, or write the program by hand: docs/moving.md"));
     }
     require_free_name(&args.file, args.force)?;
-    let consent = Consent::on(&args.bus.bus, args.yes)?;
-    let source = args.bus.cell.robot.as_deref().unwrap_or("powercube6");
+    let consent = Consent::on(&args.on.bus.bus, args.yes)?;
+    let source = args.on.robot();
     let arm = super::robot(source)?;
-    let key = args.key.load()?;
-    let mut session = args.bus.open_with_controller()?;
-    session.set_key(key);
+    let mut session = args.on.session()?;
     let words = ["The arm moves while a key is held. Nobody near?"; 2];
     let mut ui = Ui { progress: ProgressView::new(false), consent, words, look: None, agreed: false };
     let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
     let mut connected =
-        Connected::new(OnBus::new(&mut session, args.controller, BIT_RATE), &arm, &fingerprint);
+        Connected::new(OnBus::new(&mut session, args.on.controller, BIT_RATE), &arm, &fingerprint);
     let ready = connected.ready(args.home, &mut |step| ui.answer(step));
     let ready = ready.and_then(|from| ui.agree(&mut connected.operator).map(|()| from));
     ui.progress.quiet();
@@ -149,7 +138,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if steps > 0 {
         let (file, steps) = (args.file.to_string_lossy(), counted(steps, "step"));
         let text = format!("{steps} in {file}; `cubectl run {}` does them", quoted(&file));
-        console::line!("{}", Place::of_bus(&args.bus).told(&text));
+        console::line!("{}", Place::of_bus(&args.on.bus).told(&text));
     } else if taught.is_ok() {
         console::line!("no step was saved");
     }

@@ -4,7 +4,7 @@ use firmware::registers::{Kind, RegisterInfo, TABLE};
 use protocol::cyphal::cubecell::command::{UNLOCK, UNLOCK_VALID_S_MAX, Unlock};
 use robot_model::RobotModel;
 
-use super::key::Target;
+use super::target::Target;
 use crate::error::ExpectedError;
 use operator::bus::settings::crc32_of;
 use operator::dialogue::registers::Numbers;

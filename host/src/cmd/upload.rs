@@ -2,20 +2,17 @@
 
 use std::path::{Path, PathBuf};
 
-use protocol::cyphal::id::NodeId;
-
 use super::ended::{failure, outcome_last};
 use super::path_file::{self, RetimeArgs};
 use super::progress::ProgressView;
 use super::report::BIT_RATE;
+use super::target::Target;
 use crate::error::ExpectedError;
-use operator::bus::BusArgs;
-use operator::bus::key_file::KeyArgs;
 use operator::job::{Answer, Extent, Judge, Order, Program, perform};
 use operator::port::OnBus;
 use operator::trajectory::motion_of;
 use planner::plan::Arm;
-use planner::plan::file::{Kind, PlanFileError, RobotId, require_robot};
+use planner::plan::file::{Kind, PlanFileError, require_robot};
 use planner::record::PlanRecord;
 use planner::store::robot_fingerprint;
 
@@ -27,26 +24,12 @@ use planner::store::robot_fingerprint;
 pub struct Args {
     /// Plan (JSON), waypoints (CSV, or JointTrajectory as JSON or YAML), or trajectory file of a controller.
     pub file: PathBuf,
-    /// Bus options; on the bus `sim` a soft controller is in the cell.
+    /// Bus and controller.
     #[command(flatten)]
-    pub bus: BusArgs,
-    /// Key of the controller.
-    #[command(flatten)]
-    pub key: KeyArgs,
-    /// Cyphal node-ID of the controller. Default: the one that is heard.
-    #[arg(long, value_name = "NODE-ID", value_parser = node_id)]
-    pub controller: Option<NodeId>,
+    pub on: Target,
     /// Times of waypoints.
     #[command(flatten)]
     pub retime: RetimeArgs,
-}
-
-/// A Cyphal node-ID on the command line.
-pub(super) fn node_id(text: &str) -> Result<NodeId, String> {
-    text.parse::<u8>()
-        .ok()
-        .and_then(|id| NodeId::new(id).ok())
-        .ok_or("must be a number from 0 to 127".to_owned())
 }
 
 /// Runs the verb.
@@ -54,14 +37,12 @@ pub(super) fn node_id(text: &str) -> Result<NodeId, String> {
 /// # Errors
 /// The file, the bus, no controller, or its refusal with the cause.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    let source = read(&args.file, args.bus.cell.robot.as_deref(), &args.retime)?;
-    let key = args.key.load()?;
-    let mut session = args.bus.open_with_controller()?;
-    session.set_key(key);
+    let source = read(&args.file, args.on.bus.cell.robot.as_deref(), &args.retime)?;
+    let mut session = args.on.session()?;
     let mut order = source.order();
     order.extent = Extent::Upload;
     let mut progress = ProgressView::new(false);
-    let mut operator = OnBus::new(&mut session, args.controller, BIT_RATE);
+    let mut operator = OnBus::new(&mut session, args.on.controller, BIT_RATE);
     let record = perform(&mut operator, &order, &mut |step| {
         progress.show(step);
         Answer::Yes
@@ -79,11 +60,6 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 }
 
 impl Source {
-    pub(super) fn robot_id(&self) -> RobotId {
-        let (source, name) = (self.robot.clone(), self.arm.name().to_owned());
-        RobotId { source, name, fingerprint: self.fingerprint.clone() }
-    }
-
     /// The motion of an arm that stands where it begins.
     pub(super) fn order(&self) -> Order<'_> {
         Order::new(&self.arm, &self.fingerprint, self.program.clone(), Judge::Reach)

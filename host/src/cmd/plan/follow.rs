@@ -14,7 +14,6 @@ use planner::follow::setting::{CommandRange, PERIOD_S, Setting};
 use planner::follow::verify::{Report, verify_commands};
 use planner::plan::file::RobotId;
 use planner::store::file::write_whole;
-use planner::store::robot_fingerprint;
 
 use super::args::Args;
 use super::follow_options::{CriterionName, RampsName};
@@ -132,11 +131,7 @@ pub(super) fn plan(args: &Args, arm: &Arm) -> Result<Followed, ExpectedError> {
     let began = Instant::now();
     let found = throw_for(&setting, &search)?;
     let took_s = began.elapsed().as_secs_f64();
-    let id = RobotId {
-        name: arm.name().to_owned(),
-        source: args.search.options.robot.clone(),
-        fingerprint: format!("{:016x}", robot_fingerprint(arm)),
-    };
+    let id = RobotId::of(&args.search.options.robot, arm);
     let plan = FollowPlan::new(&setting, source, id, search.form(), &found, took_s);
     let verdict = verify_commands(arm, &limits, &commands, &plan);
     if let Some(finding) = verdict.findings.first() {

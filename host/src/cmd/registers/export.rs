@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use super::super::key::Target;
+use super::super::target::Target;
 use super::value;
 use crate::error::ExpectedError;
 use operator::dialogue::registers::{Numbers, RegisterEntry};

@@ -1,7 +1,7 @@
 //! `cubectl registers get`
 
-use super::super::key::Target;
 use super::super::print_json;
+use super::super::target::Target;
 use super::value;
 use crate::error::ExpectedError;
 

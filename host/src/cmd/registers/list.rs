@@ -2,8 +2,8 @@
 
 use firmware::registers::{MEANINGS, RegisterInfo, TABLE, Wider, Writable};
 
-use super::super::key::Target;
 use super::super::print_json;
+use super::super::target::Target;
 use super::value;
 use crate::error::ExpectedError;
 

@@ -7,7 +7,7 @@ use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;
 use protocol::cyphal::uavcan::command::standard::STORE_PERSISTENT_STATES;
 
-use super::super::key::Target;
+use super::super::target::Target;
 use super::export::SCHEMA_VERSION;
 use super::value;
 use crate::error::ExpectedError;

@@ -17,7 +17,6 @@ use planner::follow::search::Search;
 use planner::follow::setting::{CommandRange, Setting};
 use planner::follow::verify::verify_commands;
 use planner::plan::file::{PlanFileError, RobotId};
-use planner::store::robot_fingerprint;
 
 use super::{Args, Done};
 use crate::cmd::ended::{failure, off_target};
@@ -319,11 +318,7 @@ fn plan(
             let setting =
                 Setting { commands, lag_s, period_s, ..Setting::new(arm, Vector3::from(target_m), limits) };
             let found = throw_for(&setting, &search)?;
-            let robot = RobotId {
-                name: arm.name().to_owned(),
-                source: args.search.options.robot.clone(),
-                fingerprint: format!("{:016x}", robot_fingerprint(arm)),
-            };
+            let robot = RobotId::of(&args.search.options.robot, arm);
             FollowPlan::new(&setting, source, robot, search.form(), &found, 0.0)
         }
         (None, None) => return Err(ExpectedError::bad_input(&"give --target or --plan")),

@@ -2,10 +2,9 @@
 
 use std::path::PathBuf;
 
-use operator::bus::BusArgs;
-use operator::bus::key_file::KeyArgs;
-use protocol::cyphal::id::NodeId;
 use tuner::gains::machine::START_ERROR;
+
+use crate::cmd::target::Target;
 
 /// Which design to use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -45,12 +44,9 @@ impl std::str::FromStr for Joints {
     after_help = "Examples:\n  cubectl tune --plan throw.json --out gains.toml --report gains.html\n  cubectl tune --period 17 --joint 2 --design paper\n  cubectl tune --plan throw.json --apply --bus can0\n  cubectl tune --rollback gains-before.toml --bus can0\n  cubectl tune --compare a.toml b.toml --log throw1\n\nThe exit code is 9 if the errors asked for cannot be certified; the gains are then for the largest that can be, and are not\napplied.\n--apply keeps the gains from before in --backup; the controller takes gains only while nothing moves\nand nothing is armed."
 )]
 pub struct Args {
-    /// Bus of the controller; `--robot` names the robot model.
+    /// The controller; `--robot` names the robot model.
     #[command(flatten)]
-    pub bus: BusArgs,
-    /// Key of the controller.
-    #[command(flatten)]
-    pub key: KeyArgs,
+    pub on: Target,
     /// Joint number from 1, or `all`.
     #[arg(long, default_value = "all")]
     pub joint: Joints,
@@ -108,9 +104,6 @@ pub struct Args {
     /// Write the gains to the controller on the bus, and read them back.
     #[arg(long)]
     pub apply: bool,
-    /// Cyphal node-ID of the controller. Default: the one that is heard.
-    #[arg(long, value_name = "NODE-ID", value_parser = crate::cmd::upload::node_id)]
-    pub controller: Option<NodeId>,
     /// Where The exit code is 9 if the errors asked for cannot be certified; the gains are then for the largest that can be, and are not\napplied.\n--apply keeps the gains from before.
     #[arg(long, value_name = "FILE", default_value = "gains-before.toml")]
     pub backup: PathBuf,

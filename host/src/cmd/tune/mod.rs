@@ -105,7 +105,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     write_files(args, &file, &tuned)?;
     let apply = args.apply && short.is_none();
     let mut link =
-        if apply || args.bus.bus != BusSpec::Sim { Some(ControllerOnBus::open(args)?) } else { None };
+        if apply || args.on.bus.bus != BusSpec::Sim { Some(ControllerOnBus::open(args)?) } else { None };
     let before = match &mut link {
         Some(link) => Some(("in the controller", link.gains()?)),
         None => work.shipped().map(|gains| ("shipped", gains)),
@@ -172,7 +172,7 @@ const ERROR_MAX_RAD_S: f64 = 20.0;
 
 impl Work {
     fn new(args: &Args) -> Result<Self, ExpectedError> {
-        let cell = args.bus.cell.load()?;
+        let cell = args.on.bus.cell.load()?;
         let (robot, source) = (cell.robot, cell.robot_source);
         let machine = Machine::from_robot(&robot).map_err(|e| ExpectedError::bad_input(&e))?;
         if !(0.0..1.0).contains(&args.reference_share) {
@@ -343,11 +343,7 @@ struct ControllerOnBus {
 
 impl ControllerOnBus {
     fn open(args: &Args) -> Result<Self, ExpectedError> {
-        let key = args.key.load()?;
-        let mut session = args.bus.open_with_controller()?;
-        session.set_key(key);
-        let node = session.find_controller(args.controller)?;
-        session.find_drives()?;
+        let (session, node) = args.on.open()?;
         Ok(Self { session, node })
     }
 

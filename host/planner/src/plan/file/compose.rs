@@ -20,7 +20,6 @@ use crate::plan::problem::{CLEARANCE_EXTRA_M, Obstacle, Problem};
 use crate::plan::scan::{RELEASE_BLIND_S, Scanner};
 use crate::plan::search::Best;
 use crate::plan::statistics::{Noise, Region, landing_with_delay, predict};
-use crate::store::robot_fingerprint;
 use crate::throw::Throw;
 
 impl PlanFile {
@@ -68,11 +67,7 @@ impl PlanFile {
         Some(Self {
             format: FORMAT.to_owned(),
             version: VERSION,
-            robot: RobotId {
-                name: arm.name().to_owned(),
-                source: robot_source.to_owned(),
-                fingerprint: format!("{:016x}", robot_fingerprint(arm)),
-            },
+            robot: RobotId::of(robot_source, arm),
             target: Target {
                 position_m: problem.target.into(),
                 region,

@@ -17,6 +17,7 @@ mod compose;
 mod io;
 mod motion;
 
+use robot_model::RobotModel;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -27,6 +28,7 @@ use super::basins::Confidence;
 use super::paper::PaperParameters;
 use super::problem::{Form, Weights};
 use super::statistics::{Noise, Region};
+use crate::store::robot_fingerprint;
 
 /// Version of the format that this program writes, and the newest it reads.
 pub const VERSION: u32 = 11;
@@ -116,6 +118,15 @@ pub struct RobotId {
     pub source: String,
     /// Fingerprint of everything a throw depends on, hexadecimal.
     pub fingerprint: String,
+}
+
+impl RobotId {
+    /// Of `arm`, which `source` names.
+    #[must_use]
+    pub fn of(source: &str, arm: &RobotModel) -> Self {
+        let fingerprint = format!("{:016x}", robot_fingerprint(arm));
+        Self { name: arm.name().to_owned(), source: source.to_owned(), fingerprint }
+    }
 }
 
 /// The target.

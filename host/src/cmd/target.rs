@@ -1,0 +1,121 @@
+//! The options of verbs for a controller on a bus, and of those that move its arm: one owner of what follows from them.
+
+use nalgebra::Vector3;
+use operator::bus::key_file::KeyArgs;
+use operator::bus::{BusArgs, Session};
+use protocol::cyphal::id::NodeId;
+use robot_model::Pose;
+use robot_model::collision::{Obb, Scene};
+
+use super::consent::Consent;
+use super::progress::{ProgressView, Ui};
+use crate::error::ExpectedError;
+
+/// Which controller.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Target {
+    /// Bus options; on the bus `sim` a controller is in the cell.
+    #[command(flatten)]
+    pub bus: BusArgs,
+    /// The key that the controller has now.
+    #[command(flatten)]
+    pub key: KeyArgs,
+    /// Cyphal node-ID of the controller. Default: the one that is heard.
+    #[arg(long, value_name = "NODE-ID", value_parser = node_id)]
+    pub controller: Option<NodeId>,
+}
+
+/// A Cyphal node-ID on the command line.
+pub(super) fn node_id(text: &str) -> Result<NodeId, String> {
+    text.parse::<u8>()
+        .ok()
+        .and_then(|id| NodeId::new(id).ok())
+        .ok_or("must be a number from 0 to 127".to_owned())
+}
+
+impl Target {
+    /// The session with the key.
+    pub(super) fn session(&self) -> Result<Session, ExpectedError> {
+        let key = self.key.load()?;
+        let mut session = self.bus.open_with_controller()?;
+        session.set_key(key);
+        Ok(session)
+    }
+
+    /// The session with the key, and the controller.
+    pub(super) fn open(&self) -> Result<(Session, NodeId), ExpectedError> {
+        let mut session = self.session()?;
+        let node = session.find_controller(self.controller)?;
+        session.find_drives()?;
+        Ok((session, node))
+    }
+
+    /// Name or file of the robot.
+    pub(super) fn robot(&self) -> &str {
+        self.bus.cell.robot.as_deref().unwrap_or("powercube6")
+    }
+}
+
+/// An arm that moves, and the person who lets it.
+#[derive(Debug, clap::Args)]
+pub struct Moving {
+    /// Bus and controller.
+    #[command(flatten)]
+    pub on: Target,
+    /// Home what is not homed first.
+    #[arg(long)]
+    pub home: bool,
+    /// Do not ask before the arm moves.
+    #[arg(long)]
+    pub yes: bool,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl Moving {
+    /// The person, who is asked `question` before the first motion, if the verb `moves` the arm.
+    ///
+    /// # Errors
+    /// [`crate::exit::USAGE`] where a person must be asked and there is no terminal.
+    pub(super) fn ui(&self, question: &'static str, moves: bool) -> Result<Ui, ExpectedError> {
+        let consent = Consent::on(&self.on.bus.bus, self.yes || !moves)?;
+        Ok(Ui {
+            progress: ProgressView::new(self.json),
+            consent,
+            words: [question; 2],
+            look: None,
+            agreed: false,
+        })
+    }
+}
+
+/// How fast an arm moves, and what it must not touch.
+#[derive(Debug, clap::Args)]
+pub struct Bounds {
+    /// Share of the robot's speeds, accelerations and jerks.
+    #[arg(long, default_value_t = 0.2, value_name = "SHARE", value_parser = super::home::share)]
+    pub speed_share: f64,
+    /// Box that nothing may touch: centre and half edge lengths in m, base frame. May be given more than once.
+    #[arg(long, value_name = "X,Y,Z,HX,HY,HZ", allow_hyphen_values = true, value_parser = super::plan::six_numbers)]
+    pub obstacle: Vec<[f64; 6]>,
+    /// The ball is in the hand and must not touch anything either.
+    #[arg(long)]
+    pub ball: bool,
+}
+
+impl Bounds {
+    pub(super) fn scene(&self) -> Scene {
+        scene(&self.obstacle, self.ball)
+    }
+}
+
+/// Boxes that nothing may touch (centre and half edge lengths, m, base frame), and whether a ball is in the hand.
+#[must_use]
+pub fn scene(obstacles: &[[f64; 6]], ball_held: bool) -> Scene {
+    let named = |(b, k): (&[f64; 6], usize)| {
+        let obb = Obb::new(Pose::translation(b[0], b[1], b[2]), Vector3::new(b[3], b[4], b[5]));
+        (format!("obstacle {k}"), obb)
+    };
+    Scene { obstacles: obstacles.iter().zip(1..).map(named).collect(), ball_held }
+}
