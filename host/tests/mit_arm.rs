@@ -5,11 +5,12 @@ use serde_json::Value;
 
 const ARM: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/openarm7.toml");
 
-fn miss_m(folder: &Folder, target: &str) -> f64 {
-    let dir = folder.file(target);
-    let thrown = cubectl(&["throw", "--robot", ARM, "--target", target, "--out", &dir]);
+fn miss_m(folder: &Folder, target: &str, others: &[&str]) -> f64 {
+    let name = [&[target], others].concat().join(" ").replace('/', "_");
+    let dir = folder.file(&name);
+    let thrown = cubectl(&[&["throw", "--robot", ARM, "--target", target, "--out", &dir], others].concat());
     assert_eq!(code(&thrown), 0, "{}{}", out(&thrown), err(&thrown));
-    let text = std::fs::read_to_string(folder.0.join(target).join("summary.json")).unwrap();
+    let text = std::fs::read_to_string(folder.0.join(&name).join("summary.json")).unwrap();
     let told: Value = serde_json::from_str(&text).unwrap();
     assert_eq!(told["outcome"], "landed");
     told["landing_error_m"].as_f64().unwrap_or_else(|| panic!("{text}"))
@@ -19,8 +20,20 @@ fn miss_m(folder: &Folder, target: &str) -> f64 {
 fn it_throws_up_to_3_m() {
     let folder = Folder::new("mit-throw");
     for target in ["1.5,0,-1.1", "3.0,0.3,-1.1"] {
-        let miss_m = miss_m(&folder, target);
+        let miss_m = miss_m(&folder, target, &[]);
         assert!((1e-4..8e-3).contains(&miss_m), "{target}: {miss_m} m");
+    }
+}
+
+/// Masses differ from the file by up to a tenth, friction by up to a half: the arm sags and swings when it is held first, and is found all
+/// the same.
+#[test]
+fn an_arm_that_differs_from_its_file_is_found_and_throws() {
+    const PLANT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../hil-sim/scenarios/perturbed_plant.toml");
+    let folder = Folder::new("mit-perturbed");
+    for seed in ["1", "4", "5", "6"] {
+        let miss_m = miss_m(&folder, "1.5,0,-1.1", &["--scenario", PLANT, "--seed", seed]);
+        assert!((1e-4..8e-3).contains(&miss_m), "seed {seed}: {miss_m} m");
     }
 }
 

@@ -66,6 +66,8 @@ const LEAD_PERIODS: u64 = 2;
 const AGE_PERIODS: u64 = 4;
 /// From the end of a ramp to the rest of the joint behind its gains: a joint at 25 rad/s leaves 2 % of its distance by then.
 const SETTLING: Duration = Duration::from_millis(160);
+/// Time for which a joint must stand: one behind soft gains swings, and is slow for a moment where it turns.
+const SWING: Duration = Duration::from_millis(200);
 /// Speed below which a set point stands, rad/s.
 const STANDS_RAD_S: f32 = 1e-3;
 /// Nothing turns in a homing: a host that hears the state of the group now and then sees it all the same.
@@ -476,8 +478,8 @@ impl DriveGroup for Mit {
 
     fn is_at_rest(&self, now: Instant, settings: &Settings, joint: JointIndex) -> bool {
         let drive = self.drives.at(joint);
-        drive.set.v_rad_s.abs() <= STANDS_RAD_S
-            && drive.rest.since(now, settings.cycle_period() * AGE_PERIODS).is_some()
+        let since = drive.rest.since(now, settings.cycle_period() * AGE_PERIODS);
+        drive.set.v_rad_s.abs() <= STANDS_RAD_S && since.is_some_and(|since| now >= since + SWING)
     }
 
     fn is_moving(&self, now: Instant, settings: &Settings, joint: JointIndex) -> bool {
