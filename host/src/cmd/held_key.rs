@@ -137,8 +137,7 @@ pub(super) fn wait(session: &mut Session) -> Result<(), BusFailure> {
     session.run(until, &mut |_| false).map(drop)
 }
 
-/// Terminal that hands out keys one by one and does not echo them; as it was again when dropped. Ctrl-C stays a
-/// signal.
+/// A terminal that gives each key at once and does not show it. Drop puts the old mode back. Ctrl-C is still a signal.
 struct RawTerminal(Option<rustix::termios::Termios>);
 
 impl RawTerminal {

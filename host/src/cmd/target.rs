@@ -1,4 +1,4 @@
-//! The options of verbs for a controller on a bus, and of those that move its arm: one owner of what follows from them.
+//! Options that several verbs share: which controller, how the arm moves, and what it must not touch.
 
 use nalgebra::Vector3;
 use operator::bus::key_file::KeyArgs;

@@ -34,7 +34,7 @@ const HAND_SPEED_MAX_M_S: f64 = 0.25;
 const SHARE: f64 = 0.2;
 /// Without a tick of the keys for this long the arm comes to rest.
 const HOLD: Duration = Duration::from_millis(200);
-/// The status line is written once in so many ticks.
+/// Ticks from one writing of the status line to the next.
 const SHOWN_EACH: u32 = 5;
 /// Pause that `w` saves, s.
 const WAIT_S: f64 = 1.0;

@@ -18,7 +18,7 @@ use crate::supervisor::is_plausible;
 
 /// Way of the set points while the answer stays the same, bit by bit, that shows a stale answer: eight steps of the position.
 const STALE_RAD: f32 = 3e-3;
-/// Width of a standing position, µrad: four steps of the position. A joint that only its gains hold creeps through its friction.
+/// Width of a standing position, µrad: four steps of the position. A joint without a brake creeps slowly against its friction.
 const STANDING_URAD: u32 = 1_530;
 /// Share of the following error at which the set point waits for the motor.
 const WINDOW_SHARE: f32 = 0.5;
@@ -197,7 +197,7 @@ impl Drive {
         }
     }
 
-    /// The set point is that of this period. Returns its acceleration, rad/s².
+    /// Notes that the set point is sent in this period. Returns its acceleration since the last one, rad/s².
     pub(super) fn send_set_point(&mut self, dt_s: f32) -> f32 {
         self.moved_rad = at_least(self.moved_rad + (self.set.q_rad - self.sent.q_rad).abs(), 0.0);
         let qdd_rad_s2 = (self.set.v_rad_s - self.sent.v_rad_s) / dt_s;

@@ -66,11 +66,11 @@ const LEAD_PERIODS: u64 = 2;
 const AGE_PERIODS: u64 = 4;
 /// From the end of a ramp to the rest of the joint behind its gains: a joint at 25 rad/s leaves 2 % of its distance by then.
 const SETTLING: Duration = Duration::from_millis(160);
-/// Time for which a joint must stand: one behind soft gains swings, and is slow for a moment where it turns.
+/// Time for which a joint must stand. A joint with soft gains swings, and is slow for a moment where it turns back.
 const SWING: Duration = Duration::from_millis(200);
 /// Speed below which a set point stands, rad/s.
 const STANDS_RAD_S: f32 = 1e-3;
-/// Nothing turns in a homing: a host that hears the state of the group now and then sees it all the same.
+/// Duration of a homing, in which no joint turns. A state that lasts a few milliseconds may not reach the host.
 const HOMING: Duration = Duration::from_millis(100);
 /// See the [module](self).
 #[derive(Debug)]
@@ -139,9 +139,13 @@ impl Mit {
         self.push(GroupEvent::Trouble(Fault::at(cause, joint)));
     }
 
+    /// Place and motor of the gripper, unless the settings have a joint at that place.
+    fn gripper(&self, settings: &Settings) -> Option<(JointIndex, &GripperMotor)> {
+        self.options.gripper().filter(|(place, _)| place.get() == settings.joints as usize)
+    }
+
     fn gripper_place(&self, settings: &Settings) -> Option<JointIndex> {
-        let (place, _) = self.options.gripper()?;
-        (place.get() == settings.joints as usize).then_some(place)
+        self.gripper(settings).map(|(place, _)| place)
     }
 
     /// Places of all motors: the joints, base first, then the gripper.
@@ -157,8 +161,8 @@ impl Mit {
     /// Limits of a joint, or of the fingers.
     fn limits(&self, settings: &Settings, place: JointIndex) -> JointSettings {
         let own = *settings.joint.at(place);
-        match self.options.gripper() {
-            Some((fingers, gripper)) if fingers == place && self.gripper_place(settings).is_some() => {
+        match self.gripper(settings) {
+            Some((fingers, gripper)) if fingers == place => {
                 let (open, closed) = (gripper.open_rad, gripper.closed_rad);
                 JointSettings {
                     inverted: false,

@@ -28,7 +28,7 @@ impl JointState {
         self.qd_rad_s + self.qdd_rad_s2 * self.qdd_rad_s2.abs() / (2.0 * j_rad_s3)
     }
 
-    /// Least and largest speed up to `t_s` with a constant jerk, without the one at the begin.
+    /// Least and largest speed from now to `t_s` with a constant jerk; the present speed does not count.
     fn speeds(self, jerk_rad_s3: f64, t_s: f64) -> (f64, f64) {
         let end = self.after(jerk_rad_s3, t_s);
         let has_peak = self.qdd_rad_s2 * end.qdd_rad_s2 < 0.0;

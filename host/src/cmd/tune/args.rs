@@ -104,7 +104,7 @@ pub struct Args {
     /// Write the gains to the controller on the bus, and read them back.
     #[arg(long)]
     pub apply: bool,
-    /// Where The exit code is 9 if the errors asked for cannot be certified; the gains are then for the largest that can be, and are not\napplied.\n--apply keeps the gains from before.
+    /// Where --apply keeps the gains from before.
     #[arg(long, value_name = "FILE", default_value = "gains-before.toml")]
     pub backup: PathBuf,
     /// Put the gains of such a file back; nothing is designed.
