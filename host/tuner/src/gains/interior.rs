@@ -19,6 +19,9 @@ const CONTRADICTION: f64 = 1e-8;
 const START: f64 = 10.0;
 /// Share of the way to the boundary that a step takes: at least, and what is added for a whole step.
 const STEP_SHARE: (f64, f64) = (0.9, 0.09);
+/// Share of the tolerance that the gap of the centred point keeps. Closer to the boundary the rounding of a step grows,
+/// and the multipliers lose more than the gap wins.
+const CENTRED: f64 = 0.1;
 /// Way to the boundary that is far enough for a whole step.
 const FAR: f64 = 2.0;
 /// Added to the matrix of a step, relative and absolute: unknowns that depend on each other would make it singular.
@@ -221,8 +224,8 @@ impl<'a> Newton<'a> {
         Some((nearest(&change.s)?, nearest(&change.z)?))
     }
 
-    /// The change of the point, as long as it may be.
-    fn step(&self) -> Option<Point> {
+    /// The change of the point, as long as it may be. It aims at no smaller S Z than `least`.
+    fn step(&self, least: f64) -> Option<Point> {
         // Predictor: straight to S Z = 0. What it reaches tells how far the corrector may aim.
         let d = stacked(self.halfway.iter().map(|at| DMatrix::from_diagonal(&at.d)));
         let ahead = self.solve(&-&d);
@@ -230,6 +233,7 @@ impl<'a> Newton<'a> {
         let product = (&d + &ahead.s * primal.min(1.0)).dot(&(&d + &ahead.z * dual.min(1.0)));
         let rows: usize = self.program.sizes.iter().sum();
         let aim = d.norm_squared() / rows as f64 * (product / d.norm_squared()).clamp(0.0, 1.0).powi(3);
+        let aim = aim.max(least);
         let blocks = self.program.blocks(&ahead.s).zip(self.program.blocks(&ahead.z));
         let sum = stacked(self.halfway.iter().zip(blocks).map(|(at, (s, z))| at.sum(aim, &(s * z))));
         let mut change = self.solve(&sum);
@@ -263,7 +267,8 @@ pub(super) fn solve(lmi: &Lmi, floor: f64, tolerance: f64) -> Result<Solution, S
             dual: -&program.objective - &slope,
         };
         let (value, bound) = (program.unit * program.objective.dot(&at.x), program.unit * height);
-        let gap = (bound - value).abs() / value.abs().min(bound.abs()).max(1.0);
+        let size = value.abs().min(bound.abs()).max(1.0);
+        let gap = (bound - value).abs() / size;
         let (primal, dual) = (residuals.primal.amax(), residuals.dual.amax());
         if gap < tolerance && primal < tolerance && dual < tolerance {
             let multipliers = program.blocks(&at.z).zip(&program.multipliers).map(|(z, unit)| z * *unit);
@@ -275,7 +280,9 @@ pub(super) fn solve(lmi: &Lmi, floor: f64, tolerance: f64) -> Result<Solution, S
         if slope.amax() < -CONTRADICTION * height {
             return Err(SolveError::Infeasible);
         }
-        let step = Newton::new(&program, &at, &residuals).and_then(|newton| newton.step());
+        let rows: usize = program.sizes.iter().sum();
+        let least = CENTRED * tolerance * size / (program.unit * rows as f64);
+        let step = Newton::new(&program, &at, &residuals).and_then(|newton| newton.step(least));
         let Some(step) = step.filter(|_| steps < STEPS_MAX) else {
             return Err(SolveError::NotSolved { steps, gap, primal, dual });
         };

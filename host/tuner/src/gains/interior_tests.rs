@@ -217,3 +217,13 @@ fn lost_and_missing_numbers_end_without_a_solution() {
     lmi.objective[1] = 1.0;
     assert!(matches!(lmi.solve(TOLERANCE), Err(SolveError::NotSolved { .. })));
 }
+
+/// The gap was still above the tolerance when the points were closer to the boundary than rounding allows.
+#[test]
+fn point_far_closer_to_the_boundary_than_the_tolerance_asks_is_not_aimed_at() {
+    let shapes = [(5, 5), (7, 1), (2, 2), (6, 0), (5, 5)].map(|(rows, active)| Shape { rows, active });
+    let Known { lmi, optimum } =
+        known(9865337549504251686, &shapes, 0.777098953268489, (3.0, 10f64.powf(0.23389202234876577)));
+    let found = lmi.solve(TOLERANCE).unwrap();
+    assert!((lmi.objective.dot(&found) - optimum).abs() < 2.0 * TOLERANCE * optimum.abs().max(1.0));
+}
