@@ -137,6 +137,7 @@ causes! {
     404 AnswersLate PathStop "the robot counted too many late answers during a run", "look at the load of the computer and the network; clear the fault and arm again";
     405 RobotLags PathStop "the axes stay away from where their set points lead", "identify lag and dead time again; look at load and overrides of the robot";
     406 RobotRestarted Halt "the robot began a new program run, or its connection was lost for long", "look at the pendant for the cause; clear the fault to take the new start pose";
+    407 PathRanDry PathStop "the next segment of the plan did not come in time", "look at the load of the host and of the bus; clear the fault, go back to the start of the path";
 
     500 WatchdogUnproven Halt "a drive's watchdog did not stop it when it was tested", "check the drive's configuration word; a drive without watchdog must not be run";
     501 HomingTimeout Halt "a joint did not find its zero in time", "check the home switch and the direction of homing";
@@ -200,6 +201,8 @@ causes! {
     730 TargetAcceleration Refuse "the way to the new end state needs more acceleration than the envelope of a joint has", "a nearer end state, or a later time";
     731 TargetEvent Refuse "an event of the new end state has passed, or comes after its motion", "an event between now and the end of the motion";
     732 GainDelay Refuse "the gains were designed for another delay than the loop has, which acts one period after it measures", "tune with the delay left out, or with a range that ends with the period";
+    733 SegmentOther Refuse "the segment is not the one that follows in the plan that was armed", "send the segments of this plan in their order";
+    734 SegmentEarly Refuse "there is no room yet for the segment", "send it again when the plan has gone on";
 }
 
 impl Cause {

@@ -9,7 +9,7 @@
 //! |---|---|---|---|
 //! | ground | [`joints`], [`span`], `root`, [`crc`], [`credentials`] | one value per joint, time as f32, square root, checksums, names and keys of nodes | know anything else |
 //! | maths | [`spline`], [`retarget`], [`feedback`], [`path`] | reference, new end states in flight, control law, slowing down along the path | keep state of a bus; time is an argument |
-//! | facts | [`fault`], [`reach`], [`settings`], [`registers`], [`envelope`], [`events`], [`trajectory_format`] | numbered causes, where a joint may be led, what can be set, what new end states must stay in, outputs along a plan, the file a host uploads | act |
+//! | facts | [`fault`], [`reach`], [`settings`], [`registers`], [`envelope`], [`events`], [`trajectory_format`], [`segment`] | numbered causes, where a joint may be led, what can be set, what new end states must stay in, outputs along a plan, the file a host uploads, and how a longer plan goes on | act |
 //! | seam | [`group`] | what a controller and a group of drives say to each other | know a family of drives |
 //! | drives | [`groups`] | one module per family: packets, parameters, state words, how a drive moves | know orders or states of the controller |
 //! | parts | [`state`], [`orders`], [`supervisor`], [`rest`], [`gripper`], [`store`], [`authority`] | states, what is legal when, what must hold, the release, power-proof storage, who may order | send packets |
@@ -69,6 +69,7 @@ pub mod rest;
 pub mod retarget;
 mod root;
 pub mod runner;
+pub mod segment;
 pub mod settings;
 pub mod span;
 pub mod spline;

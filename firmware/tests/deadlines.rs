@@ -21,7 +21,7 @@ fn two_switchings_of_the_gripper_at_one_time_are_both_served_at_once() {
         assert!(events.push(PlanEvent { t_us, action }));
     }
     let (_, knots) = throw_knots();
-    let header = Header { joints: 6, period_us: 3_000, events, robot_crc32: 0, envelope: None };
+    let header = Header { joints: 6, period_us: 3_000, events, ..Header::default() };
     bench.start(&file(&header, &knots));
     bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Ready);
     assert_eq!(bench.kind(), StateKind::Ready);

@@ -26,6 +26,7 @@ mod rsi_link_faults;
 mod rsi_orders;
 mod runner;
 mod samples;
+mod segments;
 mod slow_moves;
 mod standing;
 mod start_time;

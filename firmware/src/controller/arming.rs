@@ -34,6 +34,10 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             return Err(Refusal::of(Cause::OtherTrajectory));
         }
         let digest = registers::run_digest(&committed.sha256, &self.settings);
+        if self.spline.borrow().is_altered() {
+            // A run went on with segments: the knots of the file are loaded again.
+            self.store.reload(&self.storage, &self.settings, self.spline.borrow_mut());
+        }
         if matches!(self.machine.state(), State::Stopped { .. }) {
             // Drives are halted; nothing moves by a reset. Their state words are read again before the second step.
             self.group.command(now, &self.settings, Command::Reset);

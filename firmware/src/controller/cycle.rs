@@ -147,9 +147,10 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             Some(_) => {}
             None if self.misses_start(now, s_us) => self.not_begun(now, Cause::StartPassed),
             None if self.is_overrun(now, overrun) => self.fail(now, Fault::group(Cause::CycleOverrun)),
+            None if self.runs_dry(s_us) => self.fail(now, Fault::group(Cause::PathRanDry)),
             None => {
                 let settled = self.group.profile(&self.settings).period * 2;
-                let end_us = i64::from(self.spline.borrow().duration_us()) + settled.as_micros() as i64;
+                let end_us = self.spline.borrow().end_us().saturating_add(settled.as_micros() as i64);
                 if s_us >= end_us {
                     self.park(now);
                 } else {

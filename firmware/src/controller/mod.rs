@@ -15,7 +15,7 @@
 //! |---|---|
 //! | `cycle` | analyse, decide, act: what follows from each event of the group |
 //! | `tracker` | estimator and law of one joint |
-//! | `standing`, `slow`, `starting`, `retargeting`, `stopping` | standing, homing and jogging, the start of a run, new end states in flight, stops and faults |
+//! | `standing`, `slow`, `starting`, `retargeting`, `extending`, `stopping` | standing, homing and jogging, the start of a run, new end states in flight, segments in flight, stops and faults |
 //! | `timers` | every deadline by name |
 //! | `host`, `arming`, `authority` | orders, what must hold before a run, who may order what |
 //! | `report` | samples |
@@ -29,6 +29,7 @@
 mod arming;
 mod authority;
 mod cycle;
+mod extending;
 mod host;
 mod report;
 mod retargeting;
@@ -45,6 +46,7 @@ use protocol::{Duration, Instant, JointIndex};
 
 use self::tracker::Tracker;
 use crate::authority::{Keyring, Peer, Seed, Session, Tokens};
+use crate::credentials::Digest;
 use crate::freeze::FreezeFrame;
 use crate::gripper::Gripper;
 use crate::group::{Command, DriveGroup};
@@ -105,6 +107,9 @@ pub struct Controller<S, M, G> {
     motions_before: u32,
     /// New end states taken since the start of the run.
     targets_taken: u16,
+    /// The segment with which the plan goes on, and the one that came last.
+    next_segment: Option<Digest>,
+    last_segment: Option<Digest>,
     /// Where each joint stood when the group came to rest, rad.
     stood_at_rad: PerJoint<f32>,
     /// Next repetition of the halt if something still moves.
@@ -182,6 +187,8 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             is_on_plan: false,
             motions_before: 0,
             targets_taken: 0,
+            next_segment: None,
+            last_segment: None,
             stood_at_rad: default_in_place(),
             halt_due: Instant::ZERO,
             now: Instant::ZERO,

@@ -38,6 +38,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
                     opening,
                 );
             }
+            (self.next_segment, self.last_segment) = (committed.header.next, None);
         }
         (self.late_in_row, self.targets_taken, self.is_on_plan) = (0, 0, false);
         self.motions_before = self.group.counters().motions;

@@ -4,7 +4,7 @@ use core::borrow::BorrowMut;
 
 use protocol::cyphal::bits::{Decode, Encode, Writer};
 use protocol::cyphal::cubecell::authorization::{Content, KEY_REGISTER, KEYED_REGISTER};
-use protocol::cyphal::cubecell::command::{self, ArmOffer, Challenge, ClockReading};
+use protocol::cyphal::cubecell::command::{self, ArmOffer, Challenge, ClockReading, Room};
 use protocol::cyphal::cubecell::history::{FREEZE_PATH, TRACE_PATH};
 use protocol::cyphal::cubecell::target::{self, TargetAnswer, TargetState};
 use protocol::cyphal::cubecell::{TRAJECTORY_PATH, group_state, joint_state, stop};
@@ -23,7 +23,7 @@ use super::messages::{order_of, status_of, target_of, to_message, to_value};
 use super::{Identity, NODE_NAME, UNSET};
 use crate::authority::{CHALLENGE_VALID, KEY_LEN, Key, Peer, Seed, Source};
 use crate::controller::Controller;
-use crate::fault::Cause;
+use crate::fault::{Cause, Refusal};
 use crate::group::DriveGroup;
 use crate::orders::{Done, Order};
 use crate::registers::{self, Kind, Number, Writable};
@@ -49,6 +49,24 @@ const KEYS: [&str; 2] = [KEY_REGISTER, KEYED_REGISTER];
 /// A node as the controller knows it.
 const fn peer(node: NodeId) -> Peer {
     Peer::new(node.get())
+}
+
+/// The output of a command, by what became of it.
+fn answer<T>(
+    outcome: Result<T, Refusal>,
+    output: &mut Writer<'_>,
+    write: impl FnOnce(T, &mut Writer<'_>),
+) -> Status {
+    match outcome {
+        Ok(done) => {
+            write(done, output);
+            Status::SUCCESS
+        }
+        Err(refusal) => {
+            to_message(&refusal).encode(output);
+            status_of(refusal.cause)
+        }
+    }
 }
 
 fn ms(span: Duration) -> u16 {
@@ -262,30 +280,32 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Application for App<S, M, 
             ClockReading { uptime_us: now.as_micros() }.encode(output);
             return Status::SUCCESS;
         }
+        let peer = peer(client);
+        if number == command::EXTEND {
+            self.controller.host_heartbeat(now, peer);
+            // Needs no code: the armed file has its digest.
+            return answer(self.controller.extend(now, peer, parameter), output, |knots, output| {
+                Room { knots: knots as u16 }.encode(output);
+            });
+        }
         let order = match order_of(number, parameter) {
             Ok(order) => order,
             Err(status) => return status,
         };
-        let peer = peer(client);
         // A command is a sign of life too.
         self.controller.host_heartbeat(now, peer);
         let content = Content::of_command(number, parameter).ok();
         let content = content.as_ref().map_or(&[][..], Content::as_slice);
-        match self.controller.order(now, Source { peer, content }, order) {
-            Ok(Done::Taken) => Status::SUCCESS,
-            Ok(Done::Offer { token, valid, digest }) => {
+        answer(self.controller.order(now, Source { peer, content }, order), output, |done, output| match done
+        {
+            Done::Taken => {}
+            Done::Offer { token, valid, digest } => {
                 ArmOffer { token, valid_ms: ms(valid), digest }.encode(output);
-                Status::SUCCESS
             }
-            Ok(Done::Challenge(nonce)) => {
+            Done::Challenge(nonce) => {
                 Challenge { nonce, valid_ms: ms(CHALLENGE_VALID) }.encode(output);
-                Status::SUCCESS
             }
-            Err(refusal) => {
-                to_message(&refusal).encode(output);
-                status_of(refusal.cause)
-            }
-        }
+        })
     }
 
     fn file_name(&self, index: u32) -> &[u8] {

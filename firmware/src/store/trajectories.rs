@@ -237,7 +237,8 @@ impl TrajectoryStore {
         Ok(())
     }
 
-    fn reload(&mut self, storage: &impl Storage, settings: &Settings, spline: &mut Spline) {
+    /// Loads the committed trajectory into `spline` again; one that cannot be loaded is no longer committed.
+    pub fn reload(&mut self, storage: &impl Storage, settings: &Settings, spline: &mut Spline) {
         let loaded = self
             .committed
             .is_some_and(|committed| load(storage, committed.slot, committed.name, settings, spline).is_ok());

@@ -1,5 +1,7 @@
 //! Host with node-ID 42 at the other end of the controller's Cyphal link, in the hands of a test.
 
+use std::collections::VecDeque;
+
 use firmware::authority::Seed;
 use firmware::groups::powercube::PowerCubes;
 use firmware::spline::Spline;
@@ -81,6 +83,10 @@ pub(crate) struct Host<C = Recorder> {
     /// Lines of text for people.
     pub records: Vec<String>,
     pub beating: bool,
+    /// Time between two frames of a transfer of the lowest priority, µs.
+    pub gap_us: u64,
+    slow: VecDeque<Frame>,
+    slow_due: u64,
     /// In the heartbeats, s.
     pub uptime_s: u32,
 }
@@ -141,6 +147,9 @@ impl<C: Controlled> Host<C> {
             beat_us: 30_000,
             records: Vec::new(),
             beating: true,
+            gap_us: 0,
+            slow: VecDeque::new(),
+            slow_due: 0,
             uptime_s: 7,
         }
     }
@@ -150,7 +159,12 @@ impl<C: Controlled> Host<C> {
         self.transfer = self.transfer.next();
         self.tx.push(&TxMeta { route, priority, transfer_id: self.transfer, deadline }, message).unwrap();
         while let Some(frame) = self.tx.pop() {
-            self.bench.foreign(frame);
+            // Those of the long transfers wait; others go at once.
+            if self.gap_us > 0 && priority == Priority::Optional {
+                self.slow.push_back(frame);
+            } else {
+                self.bench.foreign(frame);
+            }
         }
     }
 
@@ -168,6 +182,12 @@ impl<C: Controlled> Host<C> {
                 };
                 let route = Route::Message { subject: heartbeat::SUBJECT, source: self.address };
                 self.send(route, Priority::Nominal, &beat);
+            }
+            if self.bench.now >= self.slow_due
+                && let Some(frame) = self.slow.pop_front()
+            {
+                self.slow_due = self.bench.now + self.gap_us;
+                self.bench.foreign(frame);
             }
             self.bench.run_for(1_000.min(end - self.bench.now));
             let frames: Vec<(Instant, Frame)> = self.bench.log[self.seen..]
@@ -204,7 +224,8 @@ impl<C: Controlled> Host<C> {
 
     pub(crate) fn ask(&mut self, service: ServiceId, request: &dyn Encode) -> Vec<u8> {
         let route = Route::Request { service, source: self.address, destination: SERVER };
-        self.send(route, Priority::Nominal, request);
+        let priority = if self.gap_us > 0 { Priority::Optional } else { Priority::Nominal };
+        self.send(route, priority, request);
         let mut answer = None;
         for _ in 0..100 {
             self.run(2_000, |from, payload| {
@@ -220,7 +241,7 @@ impl<C: Controlled> Host<C> {
     }
 
     pub(crate) fn command(&mut self, number: u16, parameter: &dyn Encode) -> (Status, Vec<u8>) {
-        let mut bytes = [0; 64];
+        let mut bytes = [0; 255];
         let mut writer = Writer::new(&mut bytes);
         parameter.encode(&mut writer);
         let len = writer.finish().unwrap();

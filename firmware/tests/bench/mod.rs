@@ -493,7 +493,7 @@ pub(crate) fn throw_file(period_us: u32, release: bool) -> Vec<u8> {
 pub(crate) fn throw_file_of(robot_crc32: u32, period_us: u32, release: bool) -> Vec<u8> {
     let (a_us, knots) = throw_knots();
     let events = PlanEvents::release(release.then_some(a_us));
-    file(&Header { joints: 6, period_us, events, robot_crc32, envelope: None }, &knots)
+    file(&Header { joints: 6, period_us, events, robot_crc32, ..Header::default() }, &knots)
 }
 
 /// Knots of the throw, and the time of its release, µs.

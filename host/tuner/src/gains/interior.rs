@@ -268,7 +268,9 @@ pub(super) fn solve(lmi: &Lmi, floor: f64, tolerance: f64) -> Result<Solution, S
         };
         let (value, bound) = (program.unit * program.objective.dot(&at.x), program.unit * height);
         let size = value.abs().min(bound.abs()).max(1.0);
-        let gap = (bound - value).abs() / size;
+        // bound - value is the sum of these three, which must not cancel each other: the residuals are errors of both.
+        let apart = at.s.dot(&at.z) + residuals.primal.dot(&at.z).abs() + residuals.dual.dot(&at.x).abs();
+        let gap = program.unit * apart / size;
         let (primal, dual) = (residuals.primal.amax(), residuals.dual.amax());
         if gap < tolerance && primal < tolerance && dual < tolerance {
             let multipliers = program.blocks(&at.z).zip(&program.multipliers).map(|(z, unit)| z * *unit);

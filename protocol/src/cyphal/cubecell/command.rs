@@ -19,6 +19,7 @@
 //! | 12 | [`AUTHORIZE`] | [`Authorization`] | none | while the challenge holds |
 //! | 13 | [`UNLOCK`] | [`Unlock`] | none | nothing is armed or moves |
 //! | 14 | [`CLOCK`] | none | [`ClockReading`] | always |
+//! | 15 | [`EXTEND`] | the next segment of the plan | [`Room`] | Running |
 //!
 //! A command that is refused answers `BAD_STATE`, `BAD_PARAMETER`, `NOT_AUTHORIZED` or `FAILURE` with a [`Refusal`] as
 //! output. The standard `EMERGENCY_STOP` acts as the [stop message](super::stop): the halt goes out at once, where [`STOP`]
@@ -31,7 +32,7 @@
 //! command is defined to be harmless when it comes twice: a repeated `ARM_PREPARE` makes a new offer
 //! and voids the old one; `ARM_CONFIRM` with the token that armed the group, `RUN` of the trajectory
 //! that is running, `HOME` of joints that are homing, `COMMIT_TRAJECTORY` of the committed file,
-//! `DISARM` when not armed and `CLEAR_FAULT` when there is no fault all succeed and do nothing.
+//! `EXTEND` with the segment that came last, `DISARM` when not armed and `CLEAR_FAULT` when there is no fault all succeed and do nothing.
 //!
 //! # Arming
 //!
@@ -86,6 +87,9 @@ pub const UNLOCK: u16 = 13;
 
 /// Asks for the time of the controller.
 pub const CLOCK: u16 = 14;
+
+/// Goes on with the plan that runs: the parameter is its next segment.
+pub const EXTEND: u16 = 15;
 
 /// Longest time that limits may be unlocked for, s.
 pub const UNLOCK_VALID_S_MAX: u16 = 3_600;
@@ -166,6 +170,12 @@ parameters! {
     ClockReading {
         /// Time of the controller while it answered, µs, 56 bits.
         uptime_us: u64 as u56,
+    }
+
+    /// Output of [`EXTEND`].
+    Room {
+        /// Knots for which there is room now.
+        knots: u16 as u16,
     }
 
     /// Parameter of [`CLEAR_FAULT`].

@@ -31,7 +31,7 @@ pub const WORDS_MAX: usize = KNOTS_MAX * knot_words(6);
 /// Shortest segment, µs. Shorter ones would turn the rounding of a position (0.2 µrad) into
 /// noticeable acceleration, and no drive follows them.
 pub const SEGMENT_MIN_US: u32 = 2_000;
-/// Longest trajectory, µs (about 17 minutes).
+/// Longest trajectory of one file, µs (about 17 minutes). One that goes on with segments ([`crate::segment`]) has no end.
 pub const DURATION_MAX_US: u32 = 1_000_000_000;
 
 /// Position, velocity and acceleration of one joint at one time.
@@ -168,7 +168,7 @@ impl Cubic {
 /// State of all joints at one time of the plan.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Knot {
-    /// Time since the start of the plan, µs.
+    /// Time since the start of the plan, µs; modulo 2^32 in a segment.
     pub t_us: u32,
     /// Position and velocity per joint, rad and rad/s.
     pub state: PerJoint<(f32, f32)>,
@@ -177,20 +177,32 @@ pub struct Knot {
 /// Knots in ascending time; empty until one is loaded.
 ///
 /// Before the first knot the reference stands at its position, after the last one at that. Knots lie side by side, each as
-/// long as its joints need: most of a controller's RAM is here.
+/// long as its joints need: most of a controller's RAM is here. They are a ring: while a plan runs, knots behind make room for
+/// those of the next segment.
 #[derive(Clone, Debug)]
 pub struct Spline {
     /// Per knot: time, then position and velocity of each joint as the bits of their floats.
     words: [u32; WORDS_MAX],
+    /// Most knots, by the number of joints.
+    knots_max: usize,
+    /// Place of the first knot.
+    first: usize,
     count: usize,
+    /// From the start of the plan to where the times of the knots begin, µs.
+    base_us: i64,
     /// Time of the last knot, µs: asked for in each control step.
     knots_us: u32,
     joints: usize,
+    /// Knots were forgotten or came while the plan ran.
+    is_altered: bool,
     /// Segment of the last search: times asked for are close to each other.
     cursor: usize,
     active: PerJoint<Active>,
     detour: Detour,
 }
+
+/// Time of the first knot from which on the times of all are counted anew, µs.
+const REBASE_US: u32 = 1_000_000_000;
 
 /// Words of one knot.
 const fn knot_words(joints: usize) -> usize {
@@ -209,9 +221,13 @@ impl Spline {
         // Zeros only: a board keeps it out of its start-up data.
         Self {
             words: [0; WORDS_MAX],
+            knots_max: 0,
+            first: 0,
             count: 0,
+            base_us: 0,
             knots_us: 0,
             joints: 0,
+            is_altered: false,
             cursor: 0,
             active: PerJoint::splat(Active::NONE),
             detour: Detour::NONE,
@@ -220,9 +236,9 @@ impl Spline {
 
     /// Forgets all knots; the next ones are for this many joints.
     pub fn clear(&mut self, joints: usize) {
-        (self.count, self.knots_us) = (0, 0);
-        self.cursor = 0;
-        self.joints = joints;
+        (self.first, self.count, self.base_us, self.knots_us) = (0, 0, 0, 0);
+        (self.cursor, self.is_altered) = (0, false);
+        (self.joints, self.knots_max) = (joints, knots_max(joints));
         self.follow_knots();
     }
 
@@ -241,14 +257,13 @@ impl Spline {
     /// Appends a knot; false (and nothing changed) if it is full or time does not grow.
     #[must_use]
     pub fn push(&mut self, knot: &Knot) -> bool {
-        let grows = self.last().is_none_or(|last| knot.t_us > last.t_us);
-        let len = knot_words(self.joints);
-        if !grows || self.count >= knots_max(self.joints) {
+        let grows = self.is_empty() || knot.t_us > self.knots_us;
+        if !grows || self.room() == 0 {
             return false;
         }
-        let start = self.count * len;
+        let start = self.word_of(self.count);
         let Some((time, states)) =
-            self.words.get_mut(start..start + len).and_then(|row| row.split_first_mut())
+            self.words.get_mut(start..start + knot_words(self.joints)).and_then(|row| row.split_first_mut())
         else {
             return false;
         };
@@ -259,6 +274,69 @@ impl Spline {
         self.count += 1;
         self.knots_us = knot.t_us;
         true
+    }
+
+    /// Appends a knot to the plan that runs; its time is that of the plan modulo 2^32 µs. False, and nothing changed, if it is
+    /// full or time does not grow.
+    #[must_use]
+    pub fn extend(&mut self, knot: &Knot) -> bool {
+        let is_taken = self.push(&Knot { t_us: self.since_base_us(knot.t_us), ..*knot });
+        self.is_altered |= is_taken;
+        is_taken
+    }
+
+    /// Time of a knot from a time of the plan modulo 2^32 µs.
+    pub const fn since_base_us(&self, t_us: u32) -> u32 {
+        t_us.wrapping_sub(self.base_us as u32)
+    }
+
+    /// Forgets the knots whose segments end before `t_us` of the plan.
+    pub fn forget_before(&mut self, t_us: i64) {
+        let Ok(before_us) = u32::try_from(t_us.saturating_sub(self.base_us)) else { return };
+        while self.count > 2 && self.t_us(1).is_some_and(|end_us| end_us < before_us) {
+            self.first = self.place_of(1);
+            self.count -= 1;
+            self.cursor = self.cursor.saturating_sub(1);
+            self.is_altered = true;
+        }
+        if let Some(first_us) = self.t_us(0).filter(|first_us| *first_us > REBASE_US) {
+            self.rebase(first_us);
+        }
+    }
+
+    /// Lets the times of the knots begin at the first one, so that they never end.
+    #[inline(never)]
+    fn rebase(&mut self, first_us: u32) {
+        for index in 0..self.count {
+            let place = self.word_of(index);
+            if let Some(time) = self.words.get_mut(place) {
+                *time = time.saturating_sub(first_us);
+            }
+        }
+        self.base_us = self.base_us.saturating_add(first_us.into());
+        self.knots_us = self.knots_us.saturating_sub(first_us);
+        self.active = PerJoint::splat(Active::NONE);
+    }
+
+    /// Knots that can still be appended.
+    pub const fn room(&self) -> usize {
+        self.knots_max.saturating_sub(self.count)
+    }
+
+    /// True if these are not the knots that were loaded.
+    pub const fn is_altered(&self) -> bool {
+        self.is_altered
+    }
+
+    /// Place of a knot in the ring.
+    const fn place_of(&self, index: usize) -> usize {
+        let place = self.first + index;
+        if place < self.knots_max { place } else { place - self.knots_max }
+    }
+
+    /// First word of a knot.
+    const fn word_of(&self, index: usize) -> usize {
+        self.place_of(index) * knot_words(self.joints)
     }
 
     /// Number of knots.
@@ -277,11 +355,11 @@ impl Spline {
     }
 
     fn row(&self, index: usize) -> Option<(&u32, &[u32])> {
-        let len = knot_words(self.joints);
         if index >= self.count {
             return None;
         }
-        self.words.get(index * len..(index + 1) * len)?.split_first()
+        let start = self.word_of(index);
+        self.words.get(start..start + knot_words(self.joints))?.split_first()
     }
 
     fn t_us(&self, index: usize) -> Option<u32> {
@@ -310,9 +388,9 @@ impl Spline {
         self.knot(self.count.checked_sub(1)?)
     }
 
-    /// Time of the last knot, or of the rest after a new end state, µs.
-    pub fn duration_us(&self) -> u32 {
-        self.detour.end_us().unwrap_or(self.knots_us)
+    /// Time of the plan at the last knot, or at the rest after a new end state, µs.
+    pub fn end_us(&self) -> i64 {
+        self.base_us.saturating_add(self.detour.end_us().unwrap_or(self.knots_us).into())
     }
 
     /// Position of a joint at the first knot, rad.
@@ -343,6 +421,7 @@ impl Spline {
     /// segment that begins there.
     #[inline]
     pub fn at(&mut self, joint: JointIndex, t_us: i64) -> Setpoint {
+        let t_us = t_us.saturating_sub(self.base_us);
         match self.active.at(joint).at(t_us) {
             Some(setpoint) => setpoint,
             None => self.at_another(joint, t_us),
@@ -361,8 +440,7 @@ impl Spline {
         if t_us >= since_us {
             return self.at_detour(joint, t_us);
         }
-        let [first_us, ..] = &self.words;
-        if t_us < *first_us {
+        if self.t_us(0).is_none_or(|first_us| t_us < first_us) {
             return standing(self.start_rad(joint));
         }
         if t_us >= self.knots_us {
@@ -411,151 +489,4 @@ impl Spline {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    fn joint(index: usize) -> JointIndex {
-        JointIndex::new(index).unwrap()
-    }
-
-    /// Double precision, Hermite basis functions: another form of the same polynomial.
-    fn oracle(c: &Cubic, tau: f64) -> (f64, f64, f64) {
-        let [h, q0, v0, q1, v1] = [c.h_s, c.q0_rad, c.qd0_rad_s, c.q1_rad, c.qd1_rad_s].map(f64::from);
-        let (t, t2, t3) = (tau, tau * tau, tau * tau * tau);
-        let q = (2.0 * t3 - 3.0 * t2 + 1.0) * q0
-            + (t3 - 2.0 * t2 + t) * h * v0
-            + (3.0 * t2 - 2.0 * t3) * q1
-            + (t3 - t2) * h * v1;
-        let qd = (6.0 * t2 - 6.0 * t) * (q0 - q1) / h
-            + (3.0 * t2 - 4.0 * t + 1.0) * v0
-            + (3.0 * t2 - 2.0 * t) * v1;
-        let qdd =
-            (12.0 * t - 6.0) * (q0 - q1) / (h * h) + (6.0 * t - 4.0) * v0 / h + (6.0 * t - 2.0) * v1 / h;
-        (q, qd, qdd)
-    }
-
-    fn cubics() -> impl Strategy<Value = Cubic> {
-        (0.002f32..2.0, -6.2f32..6.2, -4.0f32..4.0, -1.0f32..1.0, -4.0f32..4.0).prop_map(
-            |(h_s, q0_rad, qd0_rad_s, mean, qd1_rad_s)| Cubic {
-                h_s,
-                q0_rad,
-                qd0_rad_s,
-                q1_rad: q0_rad + 4.0 * mean * h_s,
-                qd1_rad_s,
-            },
-        )
-    }
-
-    /// What single precision may be off by, on segments of up to 8 rad: position, velocity, acceleration.
-    fn assert_within_the_stated_error(c: &Cubic, tau: f32) {
-        let (q, qd, qdd) = oracle(c, tau.into());
-        let (got, h) = (c.at(tau), f64::from(c.h_s));
-        let off = [f64::from(got.q_rad) - q, f64::from(got.qd_rad_s) - qd, f64::from(got.qdd_rad_s2) - qdd];
-        for (off, bound) in off.into_iter().zip([8e-6, 32e-6 / h, 96e-6 / (h * h)]) {
-            assert!(off.abs() <= bound, "{off} beyond {bound} at {tau} of {c:?}");
-        }
-    }
-
-    /// Found by the property below, against tighter bounds: 7.6 and 5.5 rad of way in one segment that begins the other way
-    /// round. Coefficients of 35 and -21 rad cancel to a few radians just before the end, and leave their rounding.
-    #[test]
-    fn long_fast_segments_that_turn_round_stay_within_the_stated_error() {
-        let turns = Cubic {
-            h_s: 1.988_578_9,
-            q0_rad: 0.0,
-            qd0_rad_s: -3.123_651_7,
-            q1_rad: 7.585_407_7,
-            qd1_rad_s: 0.0,
-        };
-        assert_within_the_stated_error(&turns, 0.970_423_5);
-        let swings = Cubic {
-            h_s: 1.659_352_8,
-            q0_rad: 0.0,
-            qd0_rad_s: -3.438_891_2,
-            q1_rad: 5.497_6,
-            qd1_rad_s: -3.817_767_9,
-        };
-        assert_within_the_stated_error(&swings, 0.960_382_8);
-    }
-
-    proptest! {
-        #[test]
-        fn single_precision_stays_within_the_stated_error(c in cubics(), tau in 0.0f32..=1.0) {
-            assert_within_the_stated_error(&c, tau);
-        }
-
-        #[test]
-        fn extremes_bound_every_sample_and_are_attained(c in cubics()) {
-            let worst = c.extremes();
-            let mut seen = (f32::INFINITY, f32::NEG_INFINITY, 0.0f32, 0.0f32);
-            for i in 0..=2000 {
-                let s = c.at(i as f32 / 2000.0);
-                seen = (seen.0.min(s.q_rad), seen.1.max(s.q_rad), seen.2.max(s.qd_rad_s.abs()), seen.3.max(s.qdd_rad_s2.abs()));
-            }
-            let (dq, dv) = (5e-6, 2e-5 / c.h_s);
-            prop_assert!(worst.q_min_rad <= seen.0 + dq && worst.q_max_rad >= seen.1 - dq);
-            prop_assert!(worst.qd_abs_rad_s >= seen.2 - dv);
-            // Not wildly above either: a grid of 2000 misses a parabola's top by less than this.
-            let slack = worst.qdd_abs_rad_s2 * c.h_s * c.h_s * 1e-6 + dq;
-            prop_assert!(worst.q_min_rad >= seen.0 - slack && worst.q_max_rad <= seen.1 + slack);
-        }
-
-        #[test]
-        fn seeking_in_any_order_gives_the_same_as_from_the_start(times in proptest::collection::vec(-10_000i64..600_000, 1..40)) {
-            let mut spline = Spline::empty();
-            spline.clear(1);
-            for i in 0..50u32 {
-                let state = PerJoint::splat((libm::sinf(i as f32), libm::cosf(i as f32)));
-                let pushed = spline.push(&Knot { t_us: i * 10_000, state });
-                prop_assert!(pushed);
-            }
-            for t in times {
-                let mut fresh = spline.clone();
-                (fresh.cursor, fresh.active) = (0, PerJoint::splat(Active::NONE));
-                prop_assert_eq!(spline.at(joint(0), t), fresh.at(joint(0), t));
-            }
-        }
-    }
-
-    #[test]
-    fn reference_stands_before_the_start_and_after_the_end() {
-        let mut spline = Spline::empty();
-        assert_eq!(spline.at(joint(0), 5), Setpoint::default());
-        spline.clear(1);
-        assert!(spline.push(&Knot { t_us: 0, state: PerJoint::splat((1.0, 0.5)) }));
-        assert!(!spline.push(&Knot { t_us: 0, state: PerJoint::default() }), "time must grow");
-        assert!(spline.push(&Knot { t_us: 10_000, state: PerJoint::splat((2.0, 0.5)) }));
-        let standing = |q_rad| Setpoint { q_rad, ..Setpoint::default() };
-        assert_eq!(spline.at(joint(0), -1), standing(1.0));
-        assert_eq!(spline.at(joint(0), 10_000), standing(2.0));
-        assert_eq!(spline.at(joint(0), i64::MAX), standing(2.0));
-        assert_eq!(spline.at(joint(0), 0).qd_rad_s, 0.5);
-    }
-
-    #[test]
-    fn a_full_spline_takes_no_more_knots() {
-        let mut spline = Spline::empty();
-        for (joints, most) in [(1, 256), (6, 256), (7, 221), (8, 195)] {
-            spline.clear(joints);
-            for i in 0..most {
-                let state = PerJoint::splat((i as f32, -1.0));
-                assert!(spline.push(&Knot { t_us: i * 5_000, state }), "{joints} joints, knot {i}");
-            }
-            assert!(!spline.push(&Knot { t_us: u32::MAX, ..Knot::default() }));
-            assert_eq!((spline.len(), knots_max(joints)), (most as usize, most as usize));
-            assert_eq!(spline.knot(100).map(|knot| knot.state.0[joints - 1]), Some((100.0, -1.0)));
-        }
-    }
-
-    #[test]
-    fn throw_cubic_has_the_acceleration_of_the_printed_formula() {
-        // s = t - ha: qd = qd_r (1 - s²/ha²): at t = 0 acceleration 2 qd_r / ha, at release zero.
-        let (qd_r, ha) = (2.548_397_f32, 0.56);
-        let c =
-            Cubic { h_s: ha, q0_rad: 0.0, qd0_rad_s: 0.0, q1_rad: 2.0 / 3.0 * qd_r * ha, qd1_rad_s: qd_r };
-        assert!((c.at(0.0).qdd_rad_s2 - 2.0 * qd_r / ha).abs() < 1e-5);
-        assert!(c.at(1.0).qdd_rad_s2.abs() < 1e-5);
-        assert!((c.extremes().qdd_abs_rad_s2 - 2.0 * qd_r / ha).abs() < 1e-5);
-    }
-}
+mod tests;
