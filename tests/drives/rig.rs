@@ -297,7 +297,7 @@ pub(crate) fn quintic_file() -> Vec<u8> {
         period_us: PERIOD_US as u32,
         events: PlanEvents::release(None),
         robot_crc32: 0,
-        envelope: None,
+        ..Header::default()
     };
     let mut file = vec![0; FILE_LEN_MAX];
     let len = trajectory_format::encode(&header, &knots, &mut file).unwrap();

@@ -355,7 +355,7 @@ pub(crate) fn plan(from_rad: [f64; JOINTS], mrad: [i16; JOINTS], ms: u16, hand: 
             event(at + OPENING_MS, Action::Open);
         }
     }
-    let header = Header { joints: JOINTS as u8, period_us: 3_000, events, robot_crc32: 0, envelope: None };
+    let header = Header { joints: JOINTS as u8, period_us: 3_000, events, ..Header::default() };
     let mut file = vec![0; FILE_LEN_MAX];
     let knots = [knot(0, 0.0), knot(u32::from(ms) * 1_000, 1.0)];
     let len = trajectory_format::encode(&header, &knots, &mut file).expect("two knots fit");

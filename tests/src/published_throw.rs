@@ -56,7 +56,7 @@ fn encode(period_us: u32, robot_crc32: u32, slower: f64, release: bool) -> Vec<u
     };
     let knots = [knot(0.0), knot(HA_S), knot(HA_S + HB_S)];
     let events = PlanEvents::release(release.then(|| us(HA_S)));
-    let header = Header { joints: 6, period_us, events, robot_crc32, envelope: None };
+    let header = Header { joints: 6, period_us, events, robot_crc32, ..Header::default() };
     let mut out = vec![0; FILE_LEN_MAX];
     let len = trajectory_format::encode(&header, &knots, &mut out).unwrap_or(0);
     out.truncate(len);

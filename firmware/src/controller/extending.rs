@@ -3,11 +3,9 @@
 use core::borrow::BorrowMut;
 
 use protocol::Instant;
-use sha2::{Digest as _, Sha256};
 
 use super::Controller;
-use crate::authority::Peer;
-use crate::credentials::Digest;
+use crate::authority::{Peer, sha256};
 use crate::fault::{Cause, Refusal};
 use crate::group::DriveGroup;
 use crate::segment;
@@ -33,7 +31,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         let State::Running { parking: None, .. } = *self.machine.state() else {
             return Err(Refusal::of(Cause::OrderNotNow));
         };
-        let digest: Digest = Sha256::digest(bytes).into();
+        let digest = sha256(bytes);
         let spline = self.spline.borrow_mut();
         if self.last_segment != Some(digest) {
             if self.next_segment != Some(digest) {

@@ -103,7 +103,11 @@ fn unknown_events_too_many_and_unknown_flags_are_refused_with_their_place() {
     };
     assert_eq!(sealed(|b| b[36] = 2), Refusal::in_file(Cause::FileEvent, None, 1));
     assert_eq!(sealed(|b| b[12] = 9), Refusal::of(Cause::FileEvent));
-    assert_eq!(sealed(|b| b[13] = 3), Refusal::of(Cause::FileEvent), "an envelope and a segment that follows");
+    assert_eq!(
+        sealed(|b| b[13] = 3),
+        Refusal::of(Cause::FileEvent),
+        "an envelope and a segment that follows"
+    );
     assert_eq!(sealed(|b| b[13] = 4), Refusal::of(Cause::FileEvent));
     assert_eq!(sealed(|b| b[13] = 2), Refusal::of(Cause::FileKnots), "a digest that is not there");
     assert_eq!(sealed(|b| b[13] = 1), Refusal::of(Cause::FileKnots), "an envelope that is not there");

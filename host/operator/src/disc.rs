@@ -198,7 +198,7 @@ fn execute(
         let recorded = sim.world().with_participants(|participants, _| participants.0.0.0.record_trace());
         recorded.map_err(BusFailure::from)?;
     }
-    let told = session.run_trajectory_at(node, &name, Some(start), RUN_MAX, &mut |_, _| {}).map(drop);
+    let told = session.run_trajectory_at(node, &name, Some(start), RUN_MAX, &[], &mut |_, _| {}).map(drop);
     let until = release + Duration::from_secs_f64(plan.motion.end_s() + AFTER_S);
     session.halt_if_moving()?;
     session.pass(until.saturating_since(session.now()))?;

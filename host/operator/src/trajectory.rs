@@ -1,10 +1,12 @@
 //! From planned motions to the trajectory file of a controller: the only step from f64 to f32.
 
+use firmware::authority::sha256;
 use firmware::envelope::Envelope;
 use firmware::events::{Action, EVENTS_MAX, PlanEvent, PlanEvents};
 use firmware::joints::PerJoint;
+use firmware::segment;
 use firmware::settings::Settings;
-use firmware::spline::{Knot, Spline};
+use firmware::spline::{DURATION_MAX_US, Knot, Spline, knots_max};
 use firmware::trajectory_format::{self, FILE_LEN_MAX, Header};
 use protocol::JointIndex;
 
@@ -86,6 +88,21 @@ pub fn standing_within(
     Some(bytes)
 }
 
+/// A motion as a controller takes it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Encoded {
+    /// The trajectory file.
+    pub file: Vec<u8>,
+    /// The segments with which it goes on while it runs; none for a motion that fits a file.
+    pub segments: Vec<Vec<u8>>,
+}
+
+impl From<Vec<u8>> for Encoded {
+    fn from(file: Vec<u8>) -> Self {
+        Self { file, segments: Vec::new() }
+    }
+}
+
 /// The controller's file, for a control period and the robot whose checksum is `robot_crc32`.
 ///
 /// Times are rounded to microseconds, angles and speeds to single precision: 0.3 µrad at 4 rad.
@@ -98,36 +115,71 @@ pub fn encode(
     robot_crc32: u32,
     settings: Option<&Settings>,
 ) -> Result<Vec<u8>, TrajectoryError> {
-    let too_long = || TrajectoryError::TooLong { knots: motion.knots.len(), duration_s: motion.duration_s() };
+    let encoded = encode_any(motion, period_us, robot_crc32, settings)?;
+    if encoded.segments.is_empty() { Ok(encoded.file) } else { Err(too_long(motion)) }
+}
+
+fn too_long(motion: &Motion) -> TrajectoryError {
+    TrajectoryError::TooLong { knots: motion.knots.len(), duration_s: motion.duration_s() }
+}
+
+/// As [`encode`], of any length: what does not fit the file is in segments.
+///
+/// # Errors
+/// As [`encode`]; [`TrajectoryError::TooLong`] for a time that is no number, or for events after the knots of the file.
+pub fn encode_any(
+    motion: &Motion,
+    period_us: u32,
+    robot_crc32: u32,
+    settings: Option<&Settings>,
+) -> Result<Encoded, TrajectoryError> {
+    let too_long = || too_long(motion);
     let us = |t_s: f64| {
         let us = (t_s * 1e6).round();
-        (0.0..f64::from(u32::MAX)).contains(&us).then_some(us as u32)
+        (0.0..1e15).contains(&us).then_some(us as u64)
     };
-    let mut knots = Vec::with_capacity(motion.knots.len());
+    let joints = motion.start_rad().len();
+    let (mut knots, mut held) = (Vec::with_capacity(motion.knots.len()), 0);
     for knot in &motion.knots {
         let mut state = PerJoint::default();
-        for joint in JointIndex::first(knot.q_rad.len()) {
+        for joint in JointIndex::first(joints) {
             state.set(joint, (knot.q_rad[joint.get()] as f32, knot.qd_rad_s[joint.get()] as f32));
         }
-        knots.push(Knot { t_us: us(knot.t_s).ok_or_else(too_long)?, state });
+        let t_us = us(knot.t_s).ok_or_else(too_long)?;
+        if knots.len() < knots_max(joints) && t_us <= DURATION_MAX_US.into() {
+            held += 1;
+        }
+        // Those of the segments are modulo 2^32.
+        knots.push(Knot { t_us: t_us as u32, state });
     }
+    let (in_file, in_segments) = knots.split_at(held);
+    // From the last to the first: each has the digest of the one that follows.
+    let (mut segments, mut next) = (Vec::new(), None);
+    for piece in in_segments.chunks(segment::knots_max(joints)).rev() {
+        let mut bytes = [0; segment::LEN_MAX];
+        let len = segment::encode(next.as_ref(), piece, joints, &mut bytes).ok_or_else(too_long)?;
+        let bytes = bytes.get(..len).unwrap_or_default();
+        next = Some(sha256(bytes));
+        segments.push(bytes.to_vec());
+    }
+    segments.reverse();
     let mut events = PlanEvents::NONE;
     for (t_s, event) in &motion.events {
         let action = match event {
             GripperEvent::Open => Action::Open,
             GripperEvent::Close => Action::Close,
         };
-        if !events.push(PlanEvent { t_us: us(*t_s).ok_or_else(too_long)?, action }) {
+        let t_us = us(*t_s).and_then(|us| u32::try_from(us).ok()).ok_or_else(too_long)?;
+        if !events.push(PlanEvent { t_us, action }) {
             return Err(TrajectoryError::TooManyEvents { events: motion.events.len() });
         }
     }
-    let header =
-        Header { joints: motion.start_rad().len() as u8, period_us, events, robot_crc32, envelope: None };
-    let mut bytes = vec![0; FILE_LEN_MAX];
-    let len = trajectory_format::encode(&header, &knots, &mut bytes).ok_or_else(too_long)?;
-    bytes.truncate(len);
-    check(&bytes, settings)?;
-    Ok(bytes)
+    let header = Header { joints: joints as u8, period_us, events, robot_crc32, envelope: None, next };
+    let mut file = vec![0; FILE_LEN_MAX];
+    let len = trajectory_format::encode(&header, in_file, &mut file).ok_or_else(too_long)?;
+    file.truncate(len);
+    check(&file, settings)?;
+    Ok(Encoded { file, segments })
 }
 
 /// The motion of a controller's file; `None` if no controller would take it. Events do not matter to who follows it.
@@ -203,5 +255,37 @@ mod tests {
         let mut long = motion();
         long.knots[2].t_s = 1e5;
         assert!(matches!(encode(&long, 3_000, 7, None), Err(TrajectoryError::TooLong { .. })));
+    }
+
+    #[test]
+    fn motion_that_does_not_fit_a_file_goes_on_with_segments_and_each_has_the_digest_of_the_next() {
+        let mut long = motion();
+        long.events.clear();
+        let knots = 1_000;
+        long.knots = (0..knots)
+            .map(|k| MotionKnot {
+                t_s: 10.0 * f64::from(k),
+                q_rad: Joints::repeat(6, 1e-3 * f64::from(k)),
+                qd_rad_s: Joints::repeat(6, 0.0),
+            })
+            .collect();
+        let Encoded { file, segments } = encode_any(&long, 3_000, 7, None).unwrap();
+        // By time: a file lasts 1 000 s. Then four knots in each segment.
+        let (header, spline) = decoded(&file).unwrap();
+        assert_eq!((spline.len(), segments.len()), (101, (knots as usize - 101).div_ceil(4)));
+        let mut next = header.next;
+        let mut k = 101_u64;
+        for bytes in &segments {
+            assert_eq!(next, Some(sha256(bytes)));
+            let (digest, rows) = bytes.split_at(32);
+            for row in rows.chunks(52) {
+                let t_us = u32::from_le_bytes(row[..4].try_into().unwrap());
+                let q_rad = f32::from_le_bytes(row[4..8].try_into().unwrap());
+                assert_eq!((t_us, q_rad), ((10_000_000 * k) as u32, (1e-3 * k as f64) as f32));
+                k += 1;
+            }
+            next = (digest != [0; 32]).then(|| digest.try_into().unwrap());
+        }
+        assert_eq!((next, k), (None, knots as u64));
     }
 }

@@ -251,7 +251,7 @@ fn trajectory(plan: &PlanFile) -> Vec<u8> {
         period_us: settings.cycle_period_us,
         events: PlanEvents::release(Some(knots[1].t_us)),
         robot_crc32: settings.robot_crc32,
-        envelope: None,
+        ..Header::default()
     };
     let mut bytes = vec![0; FILE_LEN_MAX];
     let len = encode(&header, &knots, &mut bytes).unwrap();

@@ -226,7 +226,7 @@ fn a_run_begins_at_its_time_by_the_plant_and_a_disarmed_one_does_not() {
     session.arm(node, &name).unwrap();
     let (start, _) = clock.controller_time(session.now() + Duration::from_secs(2)).unwrap();
     let error = session
-        .run_trajectory_at(node, &name, Some(start), Duration::from_secs(1), &mut |_, _| {})
+        .run_trajectory_at(node, &name, Some(start), Duration::from_secs(1), &[], &mut |_, _| {})
         .unwrap_err();
     assert!(matches!(error, OperatorError::NoProgress { state: State::Armed, .. }), "{error}");
     session.disarm(node).unwrap();
@@ -237,7 +237,7 @@ fn a_run_begins_at_its_time_by_the_plant_and_a_disarmed_one_does_not() {
     session.arm(node, &name).unwrap();
     let passed = clock.controller_time(session.now()).unwrap().0;
     let error = session
-        .run_trajectory_at(node, &name, Some(passed), Duration::from_secs(1), &mut |_, _| {})
+        .run_trajectory_at(node, &name, Some(passed), Duration::from_secs(1), &[], &mut |_, _| {})
         .unwrap_err();
     assert!(error.to_string().contains("has passed"), "{error}");
 
@@ -250,7 +250,7 @@ fn a_run_begins_at_its_time_by_the_plant_and_a_disarmed_one_does_not() {
     let (start, _) = clock.controller_time(session.now() + Duration::from_millis(777)).unwrap();
     let mut shown = Vec::new();
     session
-        .run_trajectory_at(node, &name, Some(start), Duration::from_secs(5), &mut |_, group| {
+        .run_trajectory_at(node, &name, Some(start), Duration::from_secs(5), &[], &mut |_, group| {
             shown.push((group.state, group.start_in_us));
         })
         .unwrap();

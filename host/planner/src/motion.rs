@@ -106,9 +106,11 @@ impl Motion {
         if t_s < 0.0 {
             return Sample::standing(self.start_rad());
         }
-        let piece = self.knots.windows(2).find(|pair| t_s <= pair[1].t_s);
-        let Some([a, b]) = piece else { return Sample::standing(self.stop_rad()) };
-        between(a, b, t_s)
+        let end = self.knots.partition_point(|knot| knot.t_s < t_s).max(1);
+        match self.knots.get(end - 1..=end) {
+            Some([a, b]) => between(a, b, t_s),
+            _ => Sample::standing(self.stop_rad()),
+        }
     }
 
     /// Accelerations of the cubics at both of their ends, rad/s², with the times: where each is largest.

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use planner::motion::Motion;
 use planner::plan::Arm;
-use planner::timing::{self, Limits, Row, along, motion_of_rows};
+use planner::timing::{self, Limits, Row, along, motion_of_rows, thinned};
 use planner::way::{Travel, along_places, require_free_motion};
 use planner::waypoints;
 use robot_model::collision::Scene;
@@ -12,6 +12,10 @@ use robot_model::collision::Scene;
 use super::move_arm::no_way;
 use crate::error::ExpectedError;
 use crate::exit;
+
+/// Farthest way of a joint from points with times, rad: what the drives do not resolve. Points that lie close to each other then need
+/// few knots, and a bus carries them beside its other traffic.
+const OFF_RAD: f64 = 2e-5;
 
 /// Options for files of waypoints.
 #[derive(Debug, Clone, Copy, clap::Args)]
@@ -111,8 +115,9 @@ fn through(path: &Path, text: &str, arm: &Arm, args: &RetimeArgs) -> Result<Moti
             .into_iter()
             .map(|point| Row { t_s: point.t_s.unwrap_or(0.0), q_rad: point.q_rad, qd_rad_s: point.qd_rad_s })
             .collect();
-        return motion_of_rows(&rows, &limits)
-            .map_err(|error| refused(&error, "change the times, or find new ones with --retime"));
+        let motion = motion_of_rows(&rows, &limits)
+            .map_err(|error| refused(&error, "change the times, or find new ones with --retime"))?;
+        return Ok(thinned(&motion, &limits, OFF_RAD));
     }
     let points: Vec<&[f64]> = found.rows.iter().map(|point| point.q_rad.as_slice()).collect();
     let path_of = timing::Path::through(&points, args.blend_rad.unwrap_or(0.02))

@@ -323,7 +323,7 @@ fn throw_when_agreed(
         }
     };
     let (start, off) = clock.controller_time(ours).ok_or(OperatorError::NoAnswer { node })?;
-    let thrown = session.run_trajectory_at(node, &name, Some(start), RUN_MAX, &mut |_, _| {}).map(drop);
+    let thrown = session.run_trajectory_at(node, &name, Some(start), RUN_MAX, &[], &mut |_, _| {}).map(drop);
     session.halt_if_moving()?;
     Ok((thrown, off.as_secs_f64()))
 }

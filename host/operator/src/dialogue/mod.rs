@@ -5,13 +5,14 @@
 //! | [`ask`], [`survey`] | a question to a drive; rounds of questions to all |
 //! | [`presence`] | who else is on the bus, by listening |
 //! | [`homing`], [`jogging`], [`zero_check`] | bounded motions of one joint by a controller; whether a drive has lost counts |
-//! | [`operator`], `following`, `key` | orders to a controller, upload, arming, following a run; the codes that orders need |
+//! | [`operator`], `following`, `extending`, `key` | orders to a controller, upload, arming, following a run, the segments of a long one; the codes that orders need |
 //! | `error` | why an order was not carried out |
 //! | [`registers`], [`history`] | settings and past of a controller |
 
 pub mod ask;
 pub mod clock;
 mod error;
+mod extending;
 pub(crate) mod following;
 pub mod history;
 pub mod homing;

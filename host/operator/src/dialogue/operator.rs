@@ -25,6 +25,7 @@ use protocol::{Duration, Instant};
 
 pub use super::error::OperatorError;
 pub(crate) use super::error::{refused, stopped};
+use super::extending::Extending;
 use super::following::Following;
 use super::presence::PRESENCE;
 use crate::bus::session::{Ended, Session};
@@ -318,11 +319,12 @@ impl Session {
         limit: Duration,
         progress: &mut dyn FnMut(Instant, &GroupState),
     ) -> Result<GroupState, OperatorError> {
-        self.run_trajectory_at(node, name, None, limit, progress)
+        self.run_trajectory_at(node, name, None, limit, &[], progress)
     }
 
     /// As [`Session::run_trajectory`]; the plan begins at `start` of the controller's clock
-    /// ([`ControllerClock`](super::clock::ControllerClock)), at least two control periods and at most 30 s ahead.
+    /// ([`ControllerClock`](super::clock::ControllerClock)), at least two control periods and at most 30 s ahead. It goes on with
+    /// `segments` while it runs.
     ///
     /// # Errors
     /// [`OperatorError::NotStarted`] if the arming ended before, and as [`Session::run_trajectory`].
@@ -332,6 +334,7 @@ impl Session {
         name: &Trajectory,
         start: Option<Instant>,
         limit: Duration,
+        segments: &[Vec<u8>],
         progress: &mut dyn FnMut(Instant, &GroupState),
     ) -> Result<GroupState, OperatorError> {
         self.guard_motion();
@@ -341,7 +344,9 @@ impl Session {
         let ordered_at = self.now();
         let until = ordered_at + limit;
         let (mut following, mut lost) = (Following::new(ordered_at), false);
+        let mut extending = Extending::new(node, segments);
         let ended = self.run(until, &mut |host_node| {
+            extending.go_on(host_node);
             lost = host_node.silence(ordered_at) > PRESENCE;
             let Some((at, _, state)) = host_node.inbox().and_then(|inbox| inbox.group) else { return false };
             // An order with a start time leaves Armed for Running, or for Ready if the arming ends.

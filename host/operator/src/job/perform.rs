@@ -14,7 +14,7 @@ use crate::dialogue::operator::{FINDING_MAX, OperatorError};
 use crate::dialogue::registers::{Numbers, settings_of, to_host};
 use crate::port::Operator;
 use crate::samples::drives::Drives;
-use crate::trajectory::{TrajectoryError, encode};
+use crate::trajectory::{Encoded, TrajectoryError, encode, encode_any};
 use planner::motion::Motion;
 use planner::plan::Joints;
 use planner::way::{WayError, is_straight, way};
@@ -243,14 +243,14 @@ impl Steps<'_, '_> {
         order.travel.map_or(Ok(None), |travel| way(order.arm, scene, &travel, from, to))
     }
 
-    fn encoded(&self, motion: &Motion) -> Result<Vec<u8>, TrajectoryError> {
-        encode(motion, self.record.period_us as u32, self.order.robot_crc32, None)
+    fn encoded(&self, motion: &Motion) -> Result<Encoded, TrajectoryError> {
+        encode_any(motion, self.record.period_us as u32, self.order.robot_crc32, None)
     }
 
     /// Runs one motion to its end.
     fn drive(&mut self, motion: &Motion) -> Result<(), JobError> {
-        let bytes = self.encoded(motion)?;
-        let name = self.operator.upload(&bytes, &mut |_, _| {})?;
+        let plan = self.encoded(motion)?;
+        let name = self.operator.upload(&plan, &mut |_, _| {})?;
         self.operator.arm(&name)?;
         let limit = Duration::from_secs_f64(motion.duration_s()) + Order::PATIENCE;
         self.operator.run(&name, None, limit, &mut |_, _| {})?;
@@ -259,16 +259,24 @@ impl Steps<'_, '_> {
 
     fn upload(&mut self) -> Result<Trajectory, JobError> {
         self.begin(Step::Upload)?;
-        let bytes = match &self.order.program {
+        let plan = match &self.order.program {
+            // What only goes on while it runs is not stored for later.
+            Program::Motion(motion) if self.order.extent == Extent::Upload => {
+                encode(motion, self.record.period_us as u32, self.order.robot_crc32, None)?.into()
+            }
             Program::Motion(motion) => self.encoded(motion)?,
-            Program::File(bytes, _) => bytes.clone(),
+            Program::File(bytes, _) => bytes.clone().into(),
         };
         let ui = &mut *self.ui;
-        let name = self.operator.upload(&bytes, &mut |done, all| {
+        let name = self.operator.upload(&plan, &mut |done, all| {
             ui(Progress::Part(done, all));
         })?;
         self.record.trajectory = Some(name);
-        self.end(&format!("{} bytes, hash {:016x}", bytes.len(), name.trajectory_crc64));
+        let after = match plan.segments.len() {
+            0 => String::new(),
+            segments => format!(", {segments} segments follow in motion"),
+        };
+        self.end(&format!("{} bytes, hash {:016x}{after}", plan.file.len(), name.trajectory_crc64));
         Ok(name)
     }
 

@@ -41,6 +41,7 @@ use crate::log::watch::Watch;
 use crate::node::stop_watch::StopWatch;
 use crate::samples::drives::Drives;
 use crate::samples::{At, Freeze, GroupTold, JointFreeze, JointSamples, Samples};
+use crate::trajectory::Encoded;
 use planner::throw::Arm;
 
 /// Time between two looks at the controller: a few in each control period.
@@ -64,6 +65,8 @@ pub struct InProcess {
     stops: StopWatch,
     /// The next run is a throw that releases so long after its start.
     release_after: Option<Duration>,
+    /// Those of the plan that was uploaded last.
+    segments: Vec<Vec<u8>>,
 }
 
 /// Gives the watch every frame but the controller's own.
@@ -101,7 +104,15 @@ impl InProcess {
         let mut world = World::new(participants, setup.bus, seed, setup.faults.clone())?;
         world.faults_mut().await_throw();
         let told = (Instant::ZERO, GroupState::default());
-        Ok(Self { world, told, kept: None, stop: None, stops: StopWatch::of_others(), release_after: None })
+        Ok(Self {
+            world,
+            told,
+            kept: None,
+            stop: None,
+            stops: StopWatch::of_others(),
+            release_after: None,
+            segments: Vec::new(),
+        })
     }
 
     /// Lets `flag`, once it is set, end what is under way with [`OperatorError::Interrupted`], at most 0.5 ms of virtual time later.
@@ -168,6 +179,19 @@ impl InProcess {
             }
         }
         Ok(())
+    }
+
+    /// Gives the controller the segments from number `next` on for which it has room; how many it has then.
+    fn extend_from(&mut self, next: usize) -> Result<usize, OperatorError> {
+        let segments = std::mem::take(&mut self.segments);
+        let taken = self.act(|controller, now| {
+            let refused = |bytes: &Vec<u8>| controller.extend(now, Peer::LOCAL, bytes).err();
+            segments[next..].iter().map(refused).position(|refusal| refusal.is_some())
+        });
+        let (all, taken) = (segments.len(), taken?);
+        self.segments = segments;
+        // Without room, or while the arm stops, they wait; a wrong one lets the plan run dry, and the state says so.
+        Ok(taken.map_or(all, |taken| next + taken))
     }
 
     /// Reports a stop once, when the controller has reported it or does not.
@@ -296,10 +320,12 @@ impl Operator for InProcess {
 
     fn upload(
         &mut self,
-        bytes: &[u8],
+        plan: &Encoded,
         progress: &mut dyn FnMut(usize, usize),
     ) -> Result<Trajectory, OperatorError> {
+        let Encoded { file: bytes, segments } = plan;
         let name = name_of(bytes)?;
+        self.segments = segments.clone();
         for (k, piece) in bytes.chunks(PIECE).enumerate() {
             self.act(|controller, now| controller.upload(now, Peer::LOCAL, PIECE * k, piece))?
                 .map_err(|refusal| refused("the trajectory", refusal))?;
@@ -353,8 +379,16 @@ impl Operator for InProcess {
             self.world.faults_mut().throw_begins(ordered_at, ordered_at, ordered_at + release);
         }
         let mut following = Following::new(ordered_at);
-        let ended =
-            self.pass_until(ordered_at + limit, &mut |at, group| following.has_ended(at, group, progress))?;
+        let (until, mut extended) = (ordered_at + limit, 0);
+        let ended = loop {
+            extended = self.extend_from(extended)?;
+            let is_last = extended == self.segments.len();
+            let look = if is_last { until } else { (self.world.now() + FRESH_LOOK).min(until) };
+            let ended = self.pass_until(look, &mut |at, group| following.has_ended(at, group, progress))?;
+            if ended || look == until {
+                break ended;
+            }
+        };
         let group = self.told.1;
         match (ended, group.state) {
             (true, State::Ready) => Ok(()),

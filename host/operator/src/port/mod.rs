@@ -24,6 +24,7 @@ use crate::dialogue::registers::Numbers;
 use crate::rsi::operator::Led;
 use crate::samples::Samples;
 use crate::samples::drives::Drives;
+use crate::trajectory::Encoded;
 use planner::plan::Joints;
 use planner::throw::Arm;
 
@@ -114,13 +115,14 @@ pub trait Operator {
     /// [`OperatorError`].
     fn home(&mut self, mask: u8, limit: Duration) -> Result<(), OperatorError>;
 
-    /// Stores a trajectory file in the controller and commits it. `progress` gets bytes done and bytes in all.
+    /// Stores the file of a motion in the controller and commits it; its segments follow while it runs. `progress` gets bytes
+    /// done and bytes in all.
     ///
     /// # Errors
     /// [`OperatorError::Refused`], [`OperatorError::Upload`], and those of the link.
     fn upload(
         &mut self,
-        bytes: &[u8],
+        plan: &Encoded,
         progress: &mut dyn FnMut(usize, usize),
     ) -> Result<Trajectory, OperatorError>;
 

@@ -13,6 +13,7 @@ use crate::dialogue::registers::Numbers;
 use crate::log::keep::Keeper;
 use crate::samples::Samples;
 use crate::samples::drives::Drives;
+use crate::trajectory::Encoded;
 use planner::throw::Arm;
 
 /// A stop along the path takes at most this long.
@@ -28,6 +29,8 @@ pub struct OnBus<'a> {
     bit_rate_bit_s: u32,
     /// The next run is a throw that releases so long after its start.
     release_after: Option<Duration>,
+    /// Those of the plan that was uploaded last.
+    segments: Vec<Vec<u8>>,
 }
 
 impl<'a> OnBus<'a> {
@@ -36,7 +39,15 @@ impl<'a> OnBus<'a> {
         let keeper = Keeper::default();
         session.add_tap(Box::new(keeper.clone()));
         session.watch_stops();
-        Self { session, wanted, node: None, keeper, bit_rate_bit_s, release_after: None }
+        Self {
+            session,
+            wanted,
+            node: None,
+            keeper,
+            bit_rate_bit_s,
+            release_after: None,
+            segments: Vec::new(),
+        }
     }
 
     /// Stops that others gave before are over; the next one ends a job again.
@@ -123,11 +134,12 @@ impl Operator for OnBus<'_> {
 
     fn upload(
         &mut self,
-        bytes: &[u8],
+        plan: &Encoded,
         progress: &mut dyn FnMut(usize, usize),
     ) -> Result<Trajectory, OperatorError> {
         let node = self.node()?;
-        self.session.upload(node, bytes, progress)
+        self.segments = plan.segments.clone();
+        self.session.upload(node, &plan.file, progress)
     }
 
     fn arm(&mut self, name: &Trajectory) -> Result<(), OperatorError> {
@@ -152,7 +164,7 @@ impl Operator for OnBus<'_> {
         if let (Some(release), Some(sim)) = (self.release_after.take(), self.session.sim()) {
             sim.world().faults_mut().throw_begins(now, begins, begins + release);
         }
-        self.session.run_trajectory_at(node, name, start, limit, progress).map(drop)
+        self.session.run_trajectory_at(node, name, start, limit, &self.segments, progress).map(drop)
     }
 
     fn controller_time(&mut self, ours: Instant) -> Result<(Instant, Duration), OperatorError> {

@@ -29,6 +29,8 @@ pub const FILE_MAX_BYTES: u64 = 1 << 30;
 pub enum Entry {
     /// A trajectory file to run.
     File(Vec<u8>),
+    /// A segment with which it goes on.
+    Segment(Vec<u8>),
     /// The next telegram comes from another socket than the ones before.
     NewConnection,
     /// A telegram that waited behind a newer one.
@@ -74,6 +76,7 @@ impl Line {
     pub fn to_text(&self) -> String {
         let (letter, bytes) = match &self.entry {
             Entry::File(bytes) => ('F', Some(bytes)),
+            Entry::Segment(bytes) => ('N', Some(bytes)),
             Entry::NewConnection => ('C', None),
             Entry::Waited(bytes) => ('W', Some(bytes)),
             Entry::Telegram(bytes) => ('R', Some(bytes)),
@@ -112,6 +115,7 @@ impl Line {
         };
         let entry = match (letter, bytes) {
             ("F", Some(bytes)) => Entry::File(bytes),
+            ("N", Some(bytes)) => Entry::Segment(bytes),
             ("C", None) => Entry::NewConnection,
             ("W", Some(bytes)) => Entry::Waited(bytes),
             ("R", Some(bytes)) => Entry::Telegram(bytes),
@@ -183,6 +187,7 @@ mod tests {
         let bytes = b"<Rob a=\"1\\\">\r\n\xff</Rob>".to_vec();
         let entries = [
             Entry::File(vec![0, 255, b'\\']),
+            Entry::Segment(vec![0, 10]),
             Entry::NewConnection,
             Entry::Waited(bytes.clone()),
             Entry::Telegram(bytes.clone()),

@@ -30,6 +30,7 @@ use crate::dialogue::registers::Numbers;
 use crate::port::{BallSeen, Operator};
 use crate::samples::Samples;
 use crate::samples::drives::Drives;
+use crate::trajectory::Encoded;
 
 /// Lines of an exchange that are kept; the oldest go first. A throw takes 6 000.
 const LINES_MAX: usize = 100_000;
@@ -251,15 +252,15 @@ impl Operator for LedRobot<'_> {
 
     fn upload(
         &mut self,
-        bytes: &[u8],
+        plan: &Encoded,
         progress: &mut dyn FnMut(usize, usize),
     ) -> Result<Trajectory, OperatorError> {
         self.require_led()?;
-        let (now, name) = (self.now(), name_of(bytes)?);
+        let (now, name) = (self.now(), name_of(&plan.file)?);
         self.started_at = None;
         self.station.hold(now);
-        self.station.push(now, bytes.to_vec());
-        progress(bytes.len(), bytes.len());
+        self.station.push(now, plan.clone());
+        progress(plan.file.len(), plan.file.len());
         Ok(name)
     }
 

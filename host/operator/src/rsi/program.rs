@@ -15,7 +15,7 @@ use robot_model::collision::{CollisionChecker, Scene, StraightMove};
 use super::plan::{Timing, motion_of, settings_of};
 use super::station::Station;
 use super::wire::{ConfigUnfit, Names, Wire};
-use crate::trajectory::{TrajectoryError, encode, robot_crc32};
+use crate::trajectory::{Encoded, TrajectoryError, encode_any, robot_crc32};
 use planner::way::Travel;
 
 /// Distance of correction limits from the range of an axis, degrees: a program whose limits reach the range is refused.
@@ -289,9 +289,9 @@ fn encoded(
     motions: &[Motion],
     settings: &Settings,
     fingerprint: &str,
-) -> Result<Vec<Vec<u8>>, TrajectoryError> {
+) -> Result<Vec<Encoded>, TrajectoryError> {
     let (period_us, crc32) = (settings.cycle_period_us, robot_crc32(fingerprint));
-    motions.iter().map(|motion| encode(motion, period_us, crc32, Some(settings))).collect()
+    motions.iter().map(|motion| encode_any(motion, period_us, crc32, Some(settings))).collect()
 }
 
 fn timing(scenario: &KrcScenario, lag: Lag) -> Timing {

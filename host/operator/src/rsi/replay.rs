@@ -52,7 +52,8 @@ pub fn replay(lines: &[Line], station: &mut Station) -> Replayed {
                 replayed.same += usize::from(given.is_some());
             }
             Entry::Answer(_) => {}
-            Entry::File(file) => station.push(line.at, file.clone()),
+            Entry::File(file) => station.push(line.at, file.clone().into()),
+            Entry::Segment(bytes) => station.push_segment(line.at, bytes.clone()),
             Entry::Timeout => station.handle_timeout(line.at),
             Entry::Stop => station.stop(line.at),
             Entry::Gripper(open) => {

@@ -24,6 +24,7 @@ use super::log::{Entry, Line};
 use super::wire::Wire;
 use crate::dialogue::operator::{OperatorError, refused};
 use crate::dialogue::registers::{Numbers, to_host};
+use crate::trajectory::Encoded;
 
 /// Who gives the orders: this program.
 const SELF: Peer = Peer::new(1);
@@ -94,7 +95,9 @@ pub struct Station {
     controller: Box<Controller<RamStorage, Spline, Rsi>>,
     wire: Wire,
     /// Trajectories that are still to run, in order.
-    files: VecDeque<Vec<u8>>,
+    files: VecDeque<Encoded>,
+    /// Segments of the first one that the controller has.
+    extended: usize,
     leaving: bool,
     /// The last trajectory waits for [`Station::proceed_from_hold`].
     holds: bool,
@@ -117,7 +120,7 @@ impl Station {
     /// A station that runs trajectory files one after the other, as soon as the robot is there and stands at the start of the
     /// first. Without files it holds the robot where it stands.
     #[must_use]
-    pub fn new(wire: Wire, settings: &Settings, options: Options, files: Vec<Vec<u8>>) -> Self {
+    pub fn new(wire: Wire, settings: &Settings, options: Options, files: Vec<Encoded>) -> Self {
         // Orders come from inside the program only: nobody has to guess tokens.
         let seed = Seed::FORESEEABLE;
         let controller =
@@ -126,6 +129,7 @@ impl Station {
             controller: Box::new(controller),
             wire,
             files: VecDeque::new(),
+            extended: 0,
             leaving: false,
             holds: false,
             log: Vec::new(),
@@ -143,11 +147,20 @@ impl Station {
     }
 
     /// One more trajectory to run, after those that are still to run.
-    pub fn push(&mut self, now: Instant, file: Vec<u8>) {
+    pub fn push(&mut self, now: Instant, Encoded { file, segments }: Encoded) {
         self.note(now, Entry::File(file.clone()));
-        self.files.push_back(file);
+        self.files.push_back(file.into());
+        segments.into_iter().for_each(|bytes| self.push_segment(now, bytes));
         if matches!(self.stage, Stage::Finished { .. }) {
             self.stage = Stage::Waiting;
+        }
+    }
+
+    /// One more segment of the last trajectory.
+    pub(super) fn push_segment(&mut self, now: Instant, bytes: Vec<u8>) {
+        self.note(now, Entry::Segment(bytes.clone()));
+        if let Some(last) = self.files.back_mut() {
+            last.segments.push(bytes);
         }
     }
 
@@ -432,6 +445,7 @@ impl Station {
         let next = match self.stage {
             Stage::Waiting if self.state() == StateKind::Ready && !self.files.is_empty() => self.offer(now),
             Stage::Offered { token, name } => self.begin(now, token, name),
+            Stage::Running { .. } => return self.extend(now),
             _ => return,
         };
         self.stage = next.unwrap_or_else(|refusal| Stage::NotThrown { refusal });
@@ -464,7 +478,8 @@ impl Station {
     }
 
     fn offer(&mut self, now: Instant) -> Result<Stage, Refusal> {
-        let Some(file) = self.files.front() else { return Ok(Stage::Waiting) };
+        let Some(Encoded { file, .. }) = self.files.front() else { return Ok(Stage::Waiting) };
+        self.extended = 0;
         for (k, piece) in file.chunks(PIECE).enumerate() {
             self.controller.upload(now, SELF, PIECE * k, piece)?;
         }
@@ -474,6 +489,13 @@ impl Station {
             Done::Offer { token, .. } => Ok(Stage::Offered { token, name }),
             _ => Ok(Stage::Waiting),
         }
+    }
+
+    /// Gives the controller the segments for which it has room. Without room, or while it stops, they wait.
+    fn extend(&mut self, now: Instant) {
+        let segments = self.files.front().map_or(&[][..], |plan| &plan.segments[self.extended..]);
+        let taken = segments.iter().take_while(|bytes| self.controller.extend(now, SELF, bytes).is_ok());
+        self.extended += taken.count();
     }
 
     /// Arms and runs.

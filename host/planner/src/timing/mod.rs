@@ -29,7 +29,7 @@ pub use given::{GivenError, Row, motion_of_rows};
 pub use law::along;
 pub use path::{Path, PathError};
 pub use straight::{Straight, straight};
-pub(crate) use thinned::thinned;
+pub use thinned::thinned;
 
 use crate::motion::{Knot, Motion};
 use robot_model::{JOINTS_MAX, JointVec, RobotModel};

@@ -11,7 +11,8 @@ const LOOKS: [f64; 3] = [0.25, 0.5, 0.75];
 
 /// The motion with fewer knots, at most `off_rad` (each joint) beside it; its cubics use no more of the limits than it did, or all of
 /// them.
-pub(crate) fn thinned(motion: &Motion, limits: &Limits, off_rad: f64) -> Motion {
+#[must_use]
+pub fn thinned(motion: &Motion, limits: &Limits, off_rad: f64) -> Motion {
     let all: Vec<At> = motion.knots.iter().map(at).collect();
     let used = use_of_cubics(&all, limits).stretch().max(1.0);
     let fits = |from: usize, to: usize| {

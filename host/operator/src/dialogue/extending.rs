@@ -1,0 +1,59 @@
+//! Gives a controller the segments of the plan that runs, one after the other, beside everything else on the bus.
+
+use protocol::cyphal::bits::Decode;
+use protocol::cyphal::client::{Policy, Ticket};
+use protocol::cyphal::cubecell::command;
+use protocol::cyphal::cubecell::group_state::State;
+use protocol::cyphal::id::{NodeId, Priority};
+use protocol::cyphal::uavcan::command::{CommandRequest, CommandResponse, SERVICE, Status};
+use protocol::{Duration, Instant};
+
+use crate::node::host_node::HostNode;
+
+/// A segment of 38 frames takes a tenth of a second at the pace of the host node.
+const POLICY: Policy =
+    Policy { timeout: Duration::from_millis(400), attempts: 5, priority: Priority::Optional };
+/// A controller without room is asked again after this.
+const AGAIN: Duration = Duration::from_millis(50);
+
+/// See the [module](self).
+pub(super) struct Extending<'a> {
+    node: NodeId,
+    /// Those that the controller does not have yet.
+    segments: &'a [Vec<u8>],
+    asked: Option<Ticket>,
+    due: Instant,
+}
+
+impl<'a> Extending<'a> {
+    pub(super) const fn new(node: NodeId, segments: &'a [Vec<u8>]) -> Self {
+        Self { node, segments, asked: None, due: Instant::ZERO }
+    }
+
+    /// Takes the answer, and sends what is due. One segment is on its way at a time. What the controller does not take lets the plan
+    /// run dry: it stops along its path, and its state says so.
+    pub(super) fn go_on(&mut self, host_node: &mut HostNode) {
+        let Some(bytes) = self.segments.first() else { return };
+        let now = host_node.now();
+        let Some(inbox) = host_node.inbox() else { return };
+        let runs = inbox.group.is_some_and(|(_, _, group)| group.state == State::Running);
+        if let Some(ticket) = self.asked {
+            let at = inbox.answers.iter().position(|(answered, _)| *answered == ticket);
+            let Some((_, answer)) = at.and_then(|at| inbox.answers.remove(at)) else { return };
+            self.asked = None;
+            let taken = answer.is_ok_and(|payload| {
+                CommandResponse::from_bytes(&payload).is_ok_and(|response| response.status == Status::SUCCESS)
+            });
+            if taken {
+                self.segments = &self.segments[1..];
+            } else {
+                self.due = now + AGAIN;
+            }
+        } else if runs && self.due <= now {
+            let request = CommandRequest { command: command::EXTEND, parameter: bytes };
+            let (link, now) = host_node.link();
+            // Without a place for the request it is tried again at the next look.
+            self.asked = link.request(now, self.node, SERVICE, POLICY, &request).ok();
+        }
+    }
+}
