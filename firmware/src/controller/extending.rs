@@ -15,7 +15,7 @@ use crate::store::Storage;
 use crate::trajectory_format::ahead_us;
 
 /// How long knots are kept after the path time has passed them, µs: measurements that come late are compared with them.
-const KEPT_US: i64 = 200_000;
+pub const KEPT_US: i64 = 200_000;
 
 impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     /// Takes the next segment of the plan that runs; returns for how many knots there is room then. The last one that was taken

@@ -44,6 +44,7 @@ use core::borrow::BorrowMut;
 
 use protocol::{Duration, Instant, JointIndex};
 
+pub use self::extending::KEPT_US;
 use self::tracker::Tracker;
 use crate::authority::{Keyring, Peer, Seed, Session, Tokens};
 use crate::credentials::Digest;

@@ -59,7 +59,7 @@ const HAS_ENVELOPE: u8 = 1;
 const HAS_NEXT: u8 = 2;
 /// What must lie ahead of the path time of a plan that goes on, beside the longest stop along the path, µs: the lag of the drives,
 /// and periods that come late.
-const AHEAD_MARGIN_US: u32 = 200_000;
+pub const AHEAD_MARGIN_US: u32 = 200_000;
 /// Bytes after the last knot.
 pub const TRAILER_LEN: usize = 4;
 /// Bytes of the longest file.

@@ -1,6 +1,7 @@
 //! From planned motions to the trajectory file of a controller: the only step from f64 to f32.
 
 use firmware::authority::sha256;
+use firmware::controller::KEPT_US;
 use firmware::envelope::Envelope;
 use firmware::events::{Action, EVENTS_MAX, PlanEvent, PlanEvents};
 use firmware::joints::PerJoint;
@@ -14,6 +15,9 @@ pub use crate::bus::settings::robot_crc32;
 use planner::motion::{GripperEvent, Motion};
 use planner::plan::Joints;
 
+/// How long a controller keeps what lies behind, s.
+const KEPT_S: f64 = KEPT_US as f64 * 1e-6;
+
 /// Why a motion makes no trajectory file.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TrajectoryError {
@@ -23,6 +27,11 @@ pub enum TrajectoryError {
     /// More events than a controller has places for.
     #[error("a motion with {events} events is too much for a controller, which takes {EVENTS_MAX}")]
     TooManyEvents { events: usize },
+    /// A path of many points: the link is too slow for its segments.
+    #[error(
+        "the path has more points up to {t_s:.1} s than the bus carries beside the drives' frames: {carried_per_s:.0} a second"
+    )]
+    TooDense { t_s: f64, carried_per_s: f64 },
     /// A check of the controller fails; told before anything is sent.
     #[error("{}", refused(*.cause, *.joint, *.place))]
     Refused {
@@ -40,6 +49,7 @@ impl TrajectoryError {
     pub fn next(&self) -> Option<String> {
         Some(match self {
             Self::TooManyEvents { .. } => "fewer events".to_owned(),
+            Self::TooDense { .. } => "more time between the points, or a slower path".to_owned(),
             Self::Refused { cause, .. } => return cause.info().map(|info| info.recovery.to_owned()),
             _ => return None,
         })
@@ -121,6 +131,28 @@ pub fn encode(
 
 fn too_long(motion: &Motion) -> TrajectoryError {
     TrajectoryError::TooLong { knots: motion.knots.len(), duration_s: motion.duration_s() }
+}
+
+/// The segments of a motion come in time over a link that takes `segment_s` for each, if the controller wants `ahead_s` of the path
+/// ahead.
+///
+/// # Errors
+/// [`TrajectoryError::TooDense`] with the time at which the controller would stop.
+pub fn require_supply(motion: &Motion, segment_s: f64, ahead_s: f64) -> Result<(), TrajectoryError> {
+    let (joints, knots) = (motion.start_rad().len(), &motion.knots);
+    let (most, piece) = (knots_max(joints), segment::knots_max(joints));
+    let held = knots.iter().take(most).take_while(|knot| 1e6 * knot.t_s <= DURATION_MAX_US.into()).count();
+    let mut free_s = 0.0_f64;
+    for first in (held..knots.len()).step_by(piece) {
+        let last = (first + piece).min(knots.len()) - 1;
+        let room_s = (last + 1).checked_sub(most).map_or(0.0, |behind| knots[behind].t_s + KEPT_S);
+        free_s = free_s.max(room_s) + segment_s;
+        let t_s = knots[first - 1].t_s;
+        if free_s + ahead_s > t_s {
+            return Err(TrajectoryError::TooDense { t_s, carried_per_s: piece as f64 / segment_s });
+        }
+    }
+    Ok(())
 }
 
 /// As [`encode`], of any length: what does not fit the file is in segments.
@@ -255,6 +287,32 @@ mod tests {
         let mut long = motion();
         long.knots[2].t_s = 1e5;
         assert!(matches!(encode(&long, 3_000, 7, None), Err(TrajectoryError::TooLong { .. })));
+    }
+
+    #[test]
+    fn path_with_more_points_than_the_link_carries_is_refused_before_it_runs() {
+        let path = |per_s: f64, length_s: f64| {
+            let at = |k: u32| MotionKnot { t_s: f64::from(k) / per_s, ..motion().knots[0] };
+            Motion { knots: (0..=(per_s * length_s) as u32).map(at).collect(), events: Vec::new() }
+        };
+        // Four points in each tenth of a second.
+        let supply = |per_s, length_s| require_supply(&path(per_s, length_s), 0.1, 1.2);
+        for (per_s, length_s, comes) in [
+            (38.0, 3_000.0, true),
+            (60.0, 4.0, true),
+            (60.0, 9.0, true),
+            (44.0, 600.0, false),
+            (100.0, 60.0, false),
+            (200.0, 1.2, true),
+        ] {
+            assert_eq!(supply(per_s, length_s).is_ok(), comes, "{per_s} a second for {length_s} s");
+        }
+        let error = supply(100.0, 60.0).unwrap_err();
+        assert!(
+            matches!(error, TrajectoryError::TooDense { t_s, .. } if (2.5..5.0).contains(&t_s)),
+            "{error}"
+        );
+        assert_eq!(require_supply(&path(100.0, 60.0), 0.0, 1.2), Ok(()), "in this program");
     }
 
     #[test]

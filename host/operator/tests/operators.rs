@@ -10,12 +10,14 @@ use operator::bus::period::settings_with_gains;
 use operator::dialogue::operator::OperatorError;
 use operator::dialogue::registers::Numbers;
 use operator::job::cell::take_plan;
-use operator::job::{Answer, JobError, Order, Outcome, Record, Step, perform};
+use operator::job::{Answer, JobError, Judge, Order, Outcome, Program, Record, Step, perform};
 use operator::port::{BallSeen, InProcess, OnBus, Operator};
-use planner::plan::Arm;
+use planner::motion::{Knot, Motion};
 use planner::plan::file::PlanFile;
+use planner::plan::{Arm, Joints};
 use planner::way::Travel;
 use protocol::Duration;
+use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;
 
 use crate::common::plan;
@@ -136,4 +138,83 @@ fn registers_of_a_controller_in_process_are_read_written_and_refused_as_over_a_b
     let refused = operator.set_register("joint.v_max_rad_s", &Numbers::Real(vec![99.0; 6])).unwrap_err();
     assert!(matches!(refused, OperatorError::Refused { .. }), "{refused}");
     assert!(matches!(operator.register("no.such"), Err(OperatorError::NoRegister { .. })));
+}
+
+/// A path of half a minute with more points than a controller holds, from where the cell's arm stands.
+fn long_path(start_rad: &Joints) -> Motion {
+    let end_s = 30.0;
+    let knot = |k: u32| {
+        let t_s = 0.075 * f64::from(k);
+        // Swings that begin and end at rest: sin² of the time as a whole.
+        let (turn, whole) = (std::f64::consts::PI / end_s, 0.25);
+        let shape = (turn * t_s).sin().powi(2);
+        let slope = 2.0 * turn * (turn * t_s).sin() * (turn * t_s).cos();
+        let wave = |j: usize| ((0.6 + 0.1 * j as f64) * t_s).sin();
+        let wave_slope = |j: usize| (0.6 + 0.1 * j as f64) * ((0.6 + 0.1 * j as f64) * t_s).cos();
+        Knot {
+            t_s,
+            q_rad: Joints::from_fn(6, |j| start_rad[j] + whole * shape * wave(j)),
+            qd_rad_s: Joints::from_fn(6, |j| whole * (slope * wave(j) + shape * wave_slope(j))),
+        }
+    };
+    Motion { knots: (0..=400).map(knot).collect(), events: Vec::new() }
+}
+
+/// What became of it, and where the arm stood before.
+fn follow_long_path(operator: &mut dyn Operator, arm: &Arm, plan: &PlanFile) -> (Record, Joints) {
+    operator.connect().unwrap();
+    operator.wait_for(Duration::from_secs(20), &|state| state == State::Ready).unwrap();
+    let start_rad = Joints::from_slice(&operator.pose().unwrap());
+    let program = Program::Motion(long_path(&start_rad));
+    (
+        perform(operator, &Order::new(arm, &plan.robot.fingerprint, program, Judge::Reach), &mut |_| {
+            Answer::Yes
+        }),
+        start_rad,
+    )
+}
+
+/// Frames of the lowest priority, which segments and their answers have, that nobody gets: of one segment in three at least one.
+const LOSSY: &str =
+    "kind = \"drop\", target = \"bus\", id = \"1C000000\", id_mask = 0x1C000000, probability = 0.01";
+
+#[test]
+fn path_with_more_points_than_the_controller_holds_is_followed_by_either_operator_also_if_frames_are_lost() {
+    let (arm, plan) = plan();
+    for fault in [None, Some(LOSSY)] {
+        let cell = cell(&plan, fault);
+        let settings = settings_with_gains(&cell.robot).unwrap();
+        let mut session = BusArgs::default().open_cell(&cell, Some(&settings)).unwrap();
+        let mut bus = OnBus::new(&mut session, None, cell.setup.bus.bit_rate_bit_s);
+        let mut local = InProcess::new(&cell.robot, &cell.setup, cell.seed, &settings).unwrap();
+        let records = [follow_long_path(&mut bus, &arm, &plan), follow_long_path(&mut local, &arm, &plan)];
+        let stands_rad = [session.sim().unwrap().cell(), local.cell()]
+            .map(|cell| Joints::from_fn(6, |joint| cell.plant().link_q_rad(joint)));
+        for ((record, stood_rad), stands_rad) in records.iter().zip(stands_rad) {
+            assert!(record.ended.is_none(), "{:?}", record.ended);
+            let reached = record.reached.unwrap();
+            assert!(reached.samples > 50_000 && (1e-5..2e-3).contains(&reached.off_rad), "{reached:?}");
+            // The path ends where it began; so does the arm of the simulated world.
+            assert!((stands_rad - *stood_rad).amax() < 1e-3, "{stands_rad:?}");
+        }
+    }
+}
+
+#[test]
+fn path_whose_segments_do_not_come_ends_with_its_cause_on_the_way() {
+    let (arm, plan) = plan();
+    let deaf = "kind = \"drop\", target = \"bus\", id = \"1C000000\", id_mask = 0x1C000000";
+    let cell = cell(&plan, Some(deaf));
+    let settings = settings_with_gains(&cell.robot).unwrap();
+    let mut session = BusArgs::default().open_cell(&cell, Some(&settings)).unwrap();
+    let (record, _) =
+        follow_long_path(&mut OnBus::new(&mut session, None, cell.setup.bus.bit_rate_bit_s), &arm, &plan);
+    let Some(JobError::Operator(OperatorError::Stopped { cause, .. })) = record.ended else {
+        panic!("{:?}", record.ended)
+    };
+    assert_eq!(cause, firmware::fault::Cause::PathRanDry.code());
+    assert_eq!(record.verdict.outcome, Outcome::Stopped);
+    // 255 pieces of 75 ms were there; it stopped within them.
+    let reached_us = record.states.iter().map(|(_, group)| group.trajectory_time_us).max().unwrap();
+    assert!((17_500_000..19_125_000).contains(&reached_us), "{reached_us}");
 }

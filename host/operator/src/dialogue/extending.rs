@@ -1,5 +1,6 @@
 //! Gives a controller the segments of the plan that runs, one after the other, beside everything else on the bus.
 
+use firmware::segment::LEN_MAX;
 use protocol::cyphal::bits::Decode;
 use protocol::cyphal::client::{Policy, Ticket};
 use protocol::cyphal::cubecell::command;
@@ -8,9 +9,16 @@ use protocol::cyphal::id::{NodeId, Priority};
 use protocol::cyphal::uavcan::command::{CommandRequest, CommandResponse, SERVICE, Status};
 use protocol::{Duration, Instant};
 
-use crate::node::host_node::HostNode;
+use crate::node::host_node::{BACKGROUND_GAP, HostNode};
 
-/// A segment of 38 frames takes a tenth of a second at the pace of the host node.
+/// Longest time that a segment takes: its frames at the pace of the host node, and the answer.
+pub(crate) const SEGMENT: Duration = Duration::from_micros(
+    (LEN_MAX as u64).div_ceil(FRAME_BYTES) * BACKGROUND_GAP.as_micros() + ANSWER.as_micros(),
+);
+/// Bytes of a transfer in each frame.
+const FRAME_BYTES: u64 = 7;
+/// From the last frame to the next segment: the controller answers between its cycles.
+const ANSWER: Duration = Duration::from_millis(20);
 const POLICY: Policy =
     Policy { timeout: Duration::from_millis(400), attempts: 5, priority: Priority::Optional };
 /// A controller without room is asked again after this.

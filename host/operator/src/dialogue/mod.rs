@@ -12,7 +12,7 @@
 pub mod ask;
 pub mod clock;
 mod error;
-mod extending;
+pub(crate) mod extending;
 pub(crate) mod following;
 pub mod history;
 pub mod homing;

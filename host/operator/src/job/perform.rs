@@ -14,7 +14,8 @@ use crate::dialogue::operator::{FINDING_MAX, OperatorError};
 use crate::dialogue::registers::{Numbers, settings_of, to_host};
 use crate::port::Operator;
 use crate::samples::drives::Drives;
-use crate::trajectory::{Encoded, TrajectoryError, encode, encode_any};
+use crate::trajectory::{Encoded, TrajectoryError, encode, encode_any, require_supply};
+use firmware::trajectory_format::AHEAD_MARGIN_US;
 use planner::motion::Motion;
 use planner::plan::Joints;
 use planner::way::{WayError, is_straight, way};
@@ -118,6 +119,8 @@ impl Steps<'_, '_> {
         }
         self.begin(Step::Gains)?;
         self.agree()?;
+        let ahead_us = self.operator.natural("stop.path_max_us")? + u64::from(AHEAD_MARGIN_US);
+        require_supply(motion, self.operator.segment_s(), 1e-6 * ahead_us as f64)?;
         self.end(if order.gains.is_some() { "written and read back" } else { "those of the controller" });
 
         let (before, approach) = match foreseen {

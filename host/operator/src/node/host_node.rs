@@ -85,7 +85,7 @@ pub struct HostNode {
 /// Least time between two frames of the lowest priority. A controller asks a drive, waits for its answer and asks the next:
 /// frames that wait fill every gap, whatever their priority, and five late cycles in a row are a fault. One in each cycle of 3 ms is
 /// no harm.
-const BACKGROUND_GAP: Duration = Duration::from_micros(2_500);
+pub(crate) const BACKGROUND_GAP: Duration = Duration::from_micros(2_500);
 /// An end state that could not be sent by then is dropped: a newer one has come.
 const TARGET_VALID: Duration = Duration::from_millis(20);
 /// Answers that one module may have given beyond the questions that were heard: some were asked before we listened.

@@ -126,6 +126,11 @@ pub trait Operator {
         progress: &mut dyn FnMut(usize, usize),
     ) -> Result<Trajectory, OperatorError>;
 
+    /// Time that a segment of a long motion takes on the link, s.
+    fn segment_s(&self) -> f64 {
+        0.0
+    }
+
     /// Arms for a trajectory, in two steps.
     ///
     /// # Errors

@@ -8,6 +8,7 @@ use protocol::{Duration, Instant};
 use super::{BallSeen, Operator};
 use crate::bus::Session;
 use crate::dialogue::clock::ControllerClock;
+use crate::dialogue::extending::SEGMENT;
 use crate::dialogue::operator::OperatorError;
 use crate::dialogue::registers::Numbers;
 use crate::log::keep::Keeper;
@@ -140,6 +141,10 @@ impl Operator for OnBus<'_> {
         let node = self.node()?;
         self.segments = plan.segments.clone();
         self.session.upload(node, &plan.file, progress)
+    }
+
+    fn segment_s(&self) -> f64 {
+        SEGMENT.as_secs_f64()
     }
 
     fn arm(&mut self, name: &Trajectory) -> Result<(), OperatorError> {

@@ -9,7 +9,7 @@ use super::VERSION;
 use crate::motion::{GripperEvent, Knot, Motion};
 
 /// Longest list of knots.
-const KNOTS_MAX: usize = 10_000;
+const KNOTS_MAX: usize = 1_000_000;
 /// Breaks of two joints nearer than this are one, s.
 const SAME_TIME_S: f64 = 1e-7;
 
