@@ -154,7 +154,7 @@ causes! {
     604 FileJoints Refuse "the file is for another number of joints", "plan for this robot";
     605 FileKnots Refuse "the file has too few or too many knots, or its length does not fit their number", "at least two knots, at most 256 (seven joints 221, eight 195)";
     606 FileNumbers Refuse "the file has a number that is not finite", "plan again";
-    607 FileTime Refuse "knot times do not grow by at least the shortest segment, or the plan is too long", "at least 2 ms per segment";
+    607 FileTime Refuse "knot times do not grow by at least the shortest segment, the plan is too long, or one that goes on with segments is too short", "at least 2 ms per segment; before the first segment comes, as long as a stop along the path may take";
     608 FileEnds Refuse "the plan does not begin and end at rest", "first and last knot with zero velocity";
     609 PlanPosition Refuse "the plan leaves the soft limits of a joint", "plan within the limits";
     610 PlanVelocity Refuse "the plan is faster than a joint may be", "plan with lower speed";

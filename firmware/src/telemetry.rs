@@ -59,7 +59,7 @@ pub struct GroupSample {
     pub counters: Counters,
     /// Nominal bits of all frames seen and sent (without stuff bits), since start-up, modulo 2^32.
     pub bus_bits: u32,
-    /// Time along the plan, µs.
+    /// Time along the plan, µs modulo 2^32.
     pub path_us: u32,
     /// Time until the arming or the offer expires.
     pub arming_left: Duration,

@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use protocol::cyphal::bits::{BufferTooSmall, Decode, DecodeError, Encode};
 use protocol::cyphal::cubecell::command::{
     ArmConfirm, ArmOffer, ArmPrepare, Authorization, Challenge, ClearFault, ClockReading, Gripper, Home, Jog,
-    Refusal, Run, Trajectory, Unlock,
+    Refusal, Room, Run, Trajectory, Unlock,
 };
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::cubecell::joint_state::{JointFlags, JointSample, JointState};
@@ -71,6 +71,7 @@ const TYPES: [(&str, Reread); 34] = [
     ("TargetAnswer", |b| reread::<TargetAnswer>(b)),
     ("Run", |b| reread::<Run>(b)),
     ("ClockReading", |b| reread::<ClockReading>(b)),
+    ("Room", |b| reread::<Room>(b)),
 ];
 
 fn unhex(text: &str) -> Vec<u8> {

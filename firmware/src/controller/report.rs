@@ -73,7 +73,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             jitter,
             counters: self.counters(),
             bus_bits: self.group.counters().bits.wrapping_add(self.foreign_bits),
-            path_us: u32::try_from(path_us.max(0)).unwrap_or(u32::MAX),
+            path_us: path_us.max(0) as u32,
             arming_left: self.arming_left(now),
             start_left: self.start_left(now),
             targets_taken: self.targets_taken,

@@ -104,7 +104,15 @@ pub struct Encoded {
     /// The trajectory file.
     pub file: Vec<u8>,
     /// The segments with which it goes on while it runs; none for a motion that fits a file.
-    pub segments: Vec<Vec<u8>>,
+    pub segments: Vec<Segment>,
+}
+
+/// A part of a motion that a controller takes while it runs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Segment {
+    pub bytes: Vec<u8>,
+    /// Time of the plan from which on the controller has room for it, µs modulo 2^32.
+    pub room_us: u32,
 }
 
 impl From<Vec<u8>> for Encoded {
@@ -187,12 +195,15 @@ pub fn encode_any(
     let (in_file, in_segments) = knots.split_at(held);
     // From the last to the first: each has the digest of the one that follows.
     let (mut segments, mut next) = (Vec::new(), None);
+    let mut after = knots.len();
     for piece in in_segments.chunks(segment::knots_max(joints)).rev() {
+        let room_us = after.checked_sub(knots_max(joints)).map_or(0, |left| knots[left].t_us);
+        after -= piece.len();
         let mut bytes = [0; segment::LEN_MAX];
         let len = segment::encode(next.as_ref(), piece, joints, &mut bytes).ok_or_else(too_long)?;
         let bytes = bytes.get(..len).unwrap_or_default();
         next = Some(sha256(bytes));
-        segments.push(bytes.to_vec());
+        segments.push(Segment { bytes: bytes.to_vec(), room_us: room_us.wrapping_add(KEPT_US as u32) });
     }
     segments.reverse();
     let mut events = PlanEvents::NONE;
@@ -333,7 +344,11 @@ mod tests {
         assert_eq!((spline.len(), segments.len()), (101, (knots as usize - 101).div_ceil(4)));
         let mut next = header.next;
         let mut k = 101_u64;
-        for bytes in &segments {
+        for Segment { bytes, room_us } in &segments {
+            // 256 knots: all but those of the last 256 must lie behind.
+            let knots = bytes.len() / 52;
+            let behind = (k + knots as u64).saturating_sub(256);
+            assert_eq!(*room_us, (10_000_000 * behind + 200_000) as u32);
             assert_eq!(next, Some(sha256(bytes)));
             let (digest, rows) = bytes.split_at(32);
             for row in rows.chunks(52) {

@@ -1,6 +1,7 @@
 //! The same throw by two operators: a controller on a CAN bus, and one in this program. The simulated cell of each tells
 //! where the ball landed.
 
+use firmware::authority::Key;
 use firmware::settings::Settings;
 use hil_sim::scenario::fault_from_line;
 use nalgebra::Vector3;
@@ -217,4 +218,20 @@ fn path_whose_segments_do_not_come_ends_with_its_cause_on_the_way() {
     // 255 pieces of 75 ms were there; it stopped within them.
     let reached_us = record.states.iter().map(|(_, group)| group.trajectory_time_us).max().unwrap();
     assert!((17_500_000..19_125_000).contains(&reached_us), "{reached_us}");
+}
+
+/// The armed file has the digests of all segments: they need no code of their own.
+#[test]
+fn long_path_is_followed_by_a_controller_with_a_key() {
+    let (arm, plan) = plan();
+    let cell = cell(&plan, None);
+    let settings = settings_with_gains(&cell.robot).unwrap();
+    let mut session = BusArgs::default().open_cell(&cell, Some(&settings)).unwrap();
+    let node = session.find_controller(None).unwrap();
+    session.wait_for(Duration::from_secs(20), &|state| state == State::Ready).unwrap();
+    session.write_key(node, &[0x42; 32]).unwrap();
+    session.set_key(Some(Key::new([0x42; 32])));
+    let (record, _) =
+        follow_long_path(&mut OnBus::new(&mut session, None, cell.setup.bus.bit_rate_bit_s), &arm, &plan);
+    assert_eq!((record.verdict.outcome, record.ended.is_none()), (Outcome::Reached, true));
 }

@@ -63,6 +63,7 @@ macro_rules! for_every_cyphal_type {
             $crate::cyphal::cubecell::command::Trajectory,
             $crate::cyphal::cubecell::command::Run,
             $crate::cyphal::cubecell::command::ClockReading,
+            $crate::cyphal::cubecell::command::Room,
             $crate::cyphal::cubecell::command::ClearFault,
             $crate::cyphal::cubecell::command::Home,
             $crate::cyphal::cubecell::command::Jog,

@@ -62,6 +62,7 @@ TYPES = {
     "TargetAnswer": cubecell.TargetAnswer_1_0,
     "Run": cubecell.command.Run_1_0,
     "ClockReading": cubecell.command.ClockReading_1_0,
+    "Room": cubecell.command.Room_1_0,
 }
 
 # What the schema allows and the meaning does not: states of the group that are not defined.

@@ -4,7 +4,7 @@
 //! `KIND=encoder` and `PHASE=brake` choose a part of it, `STEP=10` every tenth run.
 
 mod matrix;
+mod motions;
 mod page;
 mod scenarios;
-mod servo;
 mod swarm;

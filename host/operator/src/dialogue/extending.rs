@@ -10,6 +10,7 @@ use protocol::cyphal::uavcan::command::{CommandRequest, CommandResponse, SERVICE
 use protocol::{Duration, Instant};
 
 use crate::node::host_node::{BACKGROUND_GAP, HostNode};
+use crate::trajectory::Segment;
 
 /// Longest time that a segment takes: its frames at the pace of the host node, and the answer.
 pub(crate) const SEGMENT: Duration = Duration::from_micros(
@@ -21,30 +22,34 @@ const FRAME_BYTES: u64 = 7;
 const ANSWER: Duration = Duration::from_millis(20);
 const POLICY: Policy =
     Policy { timeout: Duration::from_millis(400), attempts: 5, priority: Priority::Optional };
-/// A controller without room is asked again after this.
+/// A segment that was not taken is sent again after this.
 const AGAIN: Duration = Duration::from_millis(50);
 
 /// See the [module](self).
 pub(super) struct Extending<'a> {
     node: NodeId,
     /// Those that the controller does not have yet.
-    segments: &'a [Vec<u8>],
+    segments: &'a [Segment],
     asked: Option<Ticket>,
     due: Instant,
 }
 
 impl<'a> Extending<'a> {
-    pub(super) const fn new(node: NodeId, segments: &'a [Vec<u8>]) -> Self {
+    pub(super) const fn new(node: NodeId, segments: &'a [Segment]) -> Self {
         Self { node, segments, asked: None, due: Instant::ZERO }
     }
 
     /// Takes the answer, and sends what is due. One segment is on its way at a time. What the controller does not take lets the plan
     /// run dry: it stops along its path, and its state says so.
     pub(super) fn go_on(&mut self, host_node: &mut HostNode) {
-        let Some(bytes) = self.segments.first() else { return };
+        let Some(segment) = self.segments.first() else { return };
         let now = host_node.now();
         let Some(inbox) = host_node.inbox() else { return };
-        let runs = inbox.group.is_some_and(|(_, _, group)| group.state == State::Running);
+        // Times of the plan begin anew after 71 minutes.
+        let has_room = inbox.group.is_some_and(|(_, _, group)| {
+            let since_us = group.trajectory_time_us.wrapping_sub(segment.room_us) as i32;
+            group.state == State::Running && since_us >= 0
+        });
         if let Some(ticket) = self.asked {
             let at = inbox.answers.iter().position(|(answered, _)| *answered == ticket);
             let Some((_, answer)) = at.and_then(|at| inbox.answers.remove(at)) else { return };
@@ -57,8 +62,8 @@ impl<'a> Extending<'a> {
             } else {
                 self.due = now + AGAIN;
             }
-        } else if runs && self.due <= now {
-            let request = CommandRequest { command: command::EXTEND, parameter: bytes };
+        } else if has_room && self.due <= now {
+            let request = CommandRequest { command: command::EXTEND, parameter: &segment.bytes };
             let (link, now) = host_node.link();
             // Without a place for the request it is tried again at the next look.
             self.asked = link.request(now, self.node, SERVICE, POLICY, &request).ok();

@@ -29,6 +29,7 @@ use super::extending::Extending;
 use super::following::Following;
 use super::presence::PRESENCE;
 use crate::bus::session::{Ended, Session};
+use crate::trajectory::Segment;
 
 /// Validity of an offer to arm, and of an arming, ms.
 pub(crate) const ARMING_VALID_MS: u16 = 5_000;
@@ -334,7 +335,7 @@ impl Session {
         name: &Trajectory,
         start: Option<Instant>,
         limit: Duration,
-        segments: &[Vec<u8>],
+        segments: &[Segment],
         progress: &mut dyn FnMut(Instant, &GroupState),
     ) -> Result<GroupState, OperatorError> {
         self.guard_motion();

@@ -41,7 +41,7 @@ use crate::log::watch::Watch;
 use crate::node::stop_watch::StopWatch;
 use crate::samples::drives::Drives;
 use crate::samples::{At, Freeze, GroupTold, JointFreeze, JointSamples, Samples};
-use crate::trajectory::Encoded;
+use crate::trajectory::{Encoded, Segment};
 use planner::throw::Arm;
 
 /// Time between two looks at the controller: a few in each control period.
@@ -66,7 +66,7 @@ pub struct InProcess {
     /// The next run is a throw that releases so long after its start.
     release_after: Option<Duration>,
     /// Those of the plan that was uploaded last.
-    segments: Vec<Vec<u8>>,
+    segments: Vec<Segment>,
 }
 
 /// Gives the watch every frame but the controller's own.
@@ -185,7 +185,7 @@ impl InProcess {
     fn extend_from(&mut self, next: usize) -> Result<usize, OperatorError> {
         let segments = std::mem::take(&mut self.segments);
         let taken = self.act(|controller, now| {
-            let refused = |bytes: &Vec<u8>| controller.extend(now, Peer::LOCAL, bytes).err();
+            let refused = |segment: &Segment| controller.extend(now, Peer::LOCAL, &segment.bytes).err();
             segments[next..].iter().map(refused).position(|refusal| refusal.is_some())
         });
         let (all, taken) = (segments.len(), taken?);

@@ -14,7 +14,7 @@ use crate::dialogue::registers::Numbers;
 use crate::log::keep::Keeper;
 use crate::samples::Samples;
 use crate::samples::drives::Drives;
-use crate::trajectory::Encoded;
+use crate::trajectory::{Encoded, Segment};
 use planner::throw::Arm;
 
 /// A stop along the path takes at most this long.
@@ -31,7 +31,7 @@ pub struct OnBus<'a> {
     /// The next run is a throw that releases so long after its start.
     release_after: Option<Duration>,
     /// Those of the plan that was uploaded last.
-    segments: Vec<Vec<u8>>,
+    segments: Vec<Segment>,
 }
 
 impl<'a> OnBus<'a> {

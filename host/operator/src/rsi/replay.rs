@@ -4,6 +4,7 @@ use protocol::Instant;
 
 use super::log::{Entry, Line};
 use super::station::Station;
+use crate::trajectory::Segment;
 
 /// An answer that differs from the recorded one.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -53,7 +54,9 @@ pub fn replay(lines: &[Line], station: &mut Station) -> Replayed {
             }
             Entry::Answer(_) => {}
             Entry::File(file) => station.push(line.at, file.clone().into()),
-            Entry::Segment(bytes) => station.push_segment(line.at, bytes.clone()),
+            Entry::Segment(bytes) => {
+                station.push_segment(line.at, Segment { bytes: bytes.clone(), room_us: 0 });
+            }
             Entry::Timeout => station.handle_timeout(line.at),
             Entry::Stop => station.stop(line.at),
             Entry::Gripper(open) => {

@@ -24,7 +24,7 @@ use super::log::{Entry, Line};
 use super::wire::Wire;
 use crate::dialogue::operator::{OperatorError, refused};
 use crate::dialogue::registers::{Numbers, to_host};
-use crate::trajectory::Encoded;
+use crate::trajectory::{Encoded, Segment};
 
 /// Who gives the orders: this program.
 const SELF: Peer = Peer::new(1);
@@ -150,17 +150,17 @@ impl Station {
     pub fn push(&mut self, now: Instant, Encoded { file, segments }: Encoded) {
         self.note(now, Entry::File(file.clone()));
         self.files.push_back(file.into());
-        segments.into_iter().for_each(|bytes| self.push_segment(now, bytes));
+        segments.into_iter().for_each(|segment| self.push_segment(now, segment));
         if matches!(self.stage, Stage::Finished { .. }) {
             self.stage = Stage::Waiting;
         }
     }
 
     /// One more segment of the last trajectory.
-    pub(super) fn push_segment(&mut self, now: Instant, bytes: Vec<u8>) {
-        self.note(now, Entry::Segment(bytes.clone()));
+    pub(super) fn push_segment(&mut self, now: Instant, segment: Segment) {
+        self.note(now, Entry::Segment(segment.bytes.clone()));
         if let Some(last) = self.files.back_mut() {
-            last.segments.push(bytes);
+            last.segments.push(segment);
         }
     }
 
@@ -494,7 +494,8 @@ impl Station {
     /// Gives the controller the segments for which it has room. Without room, or while it stops, they wait.
     fn extend(&mut self, now: Instant) {
         let segments = self.files.front().map_or(&[][..], |plan| &plan.segments[self.extended..]);
-        let taken = segments.iter().take_while(|bytes| self.controller.extend(now, SELF, bytes).is_ok());
+        let taken =
+            segments.iter().take_while(|segment| self.controller.extend(now, SELF, &segment.bytes).is_ok());
         self.extended += taken.count();
     }
 

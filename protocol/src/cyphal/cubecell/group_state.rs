@@ -137,7 +137,7 @@ pub struct GroupState {
     pub bus_load_permille: u16,
     /// CRC-64/WE of the committed trajectory file; 0 if there is none.
     pub trajectory_crc64: u64,
-    /// Time along the plan, µs; 0 unless running or stopping.
+    /// Time along the plan, µs modulo 2^32; 0 unless running or stopping.
     pub trajectory_time_us: u32,
     /// Time until the arming expires, ms; 0 unless armed or offered.
     pub arming_left_ms: u16,

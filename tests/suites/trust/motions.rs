@@ -1,8 +1,9 @@
-//! Every kind of fault at several times of a stream of commands, judged from the plant: what is reported as followed was followed, and
-//! whatever happens the arm stands at the end.
+//! Every kind of fault at several times of a stream of commands, of a move, and of a path that goes on with segments, judged from the
+//! plant: what is reported as followed was followed, and whatever happens the arm stands at the end.
 
 use std::collections::BTreeMap;
 
+use firmware::spline::KNOTS_MAX;
 use hil_sim::fault::{Fault, FaultKind, PhysicalFault};
 use lab::trust::Bench;
 use lab::trust::matrix::{Entry, entries};
@@ -12,9 +13,13 @@ use operator::bus::period::settings_with_gains;
 use operator::bus::sim::SimSetup;
 use operator::bus::{BusArgs, Session};
 use operator::dialogue::operator::OperatorError;
-use operator::servo::{Keeps, Next, ServoError, Stream, Streamed, follow};
+use operator::job::{Answer, JobError, Judge, Order, Outcome, Program, perform};
+use operator::port::OnBus;
+use operator::servo::{Keeps, Next, ServoError, Stream, follow};
+use planner::motion::Knot;
 use planner::plan::Joints;
 use planner::servo::{Command, Limited, Refused, Servo};
+use planner::way::{Travel, way};
 use protocol::cyphal::cubecell::group_state::State;
 use protocol::{Duration, Instant};
 use rayon::prelude::*;
@@ -22,8 +27,6 @@ use robot_model::collision::Scene;
 
 /// The controller has found its drives by then; the stream begins some tenths of a second later and takes two seconds.
 const BEGIN: Duration = Duration::from_millis(500);
-/// Times of the faults after the begin: before the run, under way, braking at the end, and after it.
-const FAULTS_MS: [u64; 5] = [0, 400, 900, 2_300, 2_600];
 const COMMANDS: u32 = 100;
 /// The cell goes on, so that what still moves is seen.
 const AFTER: Duration = Duration::from_millis(1_500);
@@ -57,8 +60,94 @@ impl Stream for Wave {
     fn ticked(&mut self, _t_s: f64, _servo: &Servo<'_>, _limited: Option<&Limited>) {}
 }
 
+/// What the arm does.
+#[derive(Clone, Copy, Debug)]
+enum Motion {
+    Stream,
+    Move,
+    Path,
+}
+
+impl Motion {
+    /// Times of the faults after the begin: before the run, under way, braking at the end, and after it.
+    const fn faults_ms(self) -> [u64; 5] {
+        match self {
+            Self::Stream => [0, 400, 900, 2_300, 2_600],
+            Self::Move => [0, 400, 900, 1_500, 2_400],
+            Self::Path => [0, 700, 1_700, 3_500, 4_600],
+        }
+    }
+
+    /// The motion, reported by the job; where it ends.
+    fn job(self, session: &mut Session, bench: &Bench) -> Result<Followed, Failed> {
+        let from = begin(session).map_err(|error| Failed::of(&error))?;
+        match self {
+            Self::Stream => stream(session, bench, from).map_err(|error| match error {
+                ServoError::Operator(error) => Failed::of(&error),
+                other => Failed { is_stop: false, text: other.to_string() },
+            }),
+            Self::Move => {
+                let to = from.map(|q| q - 0.4_f64.copysign(q));
+                let travel = Travel { share: 0.5, ..Travel::default() };
+                let motion = way(&bench.arm, &Scene::default(), &travel, &from, &to);
+                run_motion(session, bench, motion.unwrap().unwrap())
+            }
+            Self::Path => run_motion(session, bench, dense_path(from)),
+        }
+    }
+}
+
+struct Followed {
+    end_rad: Joints,
+    name: &'static str,
+}
+
+struct Failed {
+    is_stop: bool,
+    text: String,
+}
+
+impl Failed {
+    fn of(error: &OperatorError) -> Self {
+        Self { is_stop: matches!(error, OperatorError::Stopped { .. }), text: error.to_string() }
+    }
+}
+
+/// A path of three seconds with more knots than a controller holds: there and back for each joint.
+fn dense_path(from: Joints) -> planner::motion::Motion {
+    let (end_s, per_s) = (3.1, 100.0);
+    let knot = |k: u32| {
+        let t_s = f64::from(k) / per_s;
+        let turn = std::f64::consts::PI / end_s;
+        let (by_rad, slope) = (0.4 * (turn * t_s).sin().powi(2), 0.4 * turn * (2.0 * turn * t_s).sin());
+        Knot {
+            t_s,
+            q_rad: from.map(|q| q - by_rad.copysign(q)),
+            qd_rad_s: from.map(|q| -slope * 1.0_f64.copysign(q)),
+        }
+    };
+    let knots: Vec<Knot> = (0..=(per_s * end_s) as u32).map(knot).collect();
+    assert!(knots.len() > KNOTS_MAX);
+    planner::motion::Motion { knots, events: Vec::new() }
+}
+
+fn run_motion(
+    session: &mut Session,
+    bench: &Bench,
+    motion: planner::motion::Motion,
+) -> Result<Followed, Failed> {
+    let end_rad = motion.stop_rad();
+    let order = Order::new(&bench.arm, &bench.plan.robot.fingerprint, Program::Motion(motion), Judge::Reach);
+    let record = perform(&mut OnBus::new(session, None, 1_000_000), &order, &mut |_| Answer::Yes);
+    match (record.verdict.outcome, &record.ended) {
+        (Outcome::Reached, None) => Ok(Followed { end_rad, name: "followed" }),
+        (_, Some(JobError::Operator(error))) => Err(Failed::of(error)),
+        (_, _) => Err(Failed { is_stop: false, text: record.verdict.text }),
+    }
+}
+
 struct Seen {
-    reported: Result<Streamed, ServoError>,
+    reported: Result<Followed, Failed>,
     /// When the job ended.
     ended: Instant,
     /// Joints of the plant then, at the end, and [`STILL`] before that.
@@ -70,7 +159,7 @@ struct Seen {
     outside_rad: f64,
 }
 
-fn streamed(bench: &Bench, entry: Option<&Entry>) -> Seen {
+fn moved(motion: Motion, bench: &Bench, entry: Option<&Entry>) -> Seen {
     let scenario = bench.scenario(1);
     let mut faults = scenario.faults.clone();
     faults.extend(entry.map(|entry| entry.fault.clone()));
@@ -80,7 +169,7 @@ fn streamed(bench: &Bench, entry: Option<&Entry>) -> Seen {
     let settings = settings_with_gains(&bench.arm).unwrap();
     let mut session = BusArgs::default().open_cell(&cell, Some(&settings)).unwrap();
     session.sim().unwrap().world().with_participants(|all, _| all.0.0.0.record_trace()).unwrap();
-    let reported = job(&mut session, bench);
+    let reported = motion.job(&mut session, bench);
     let ended = session.now();
     session.halt_if_moving().unwrap();
     session.pass(AFTER).unwrap();
@@ -111,21 +200,26 @@ fn streamed(bench: &Bench, entry: Option<&Entry>) -> Seen {
     }
 }
 
-fn job(session: &mut Session, bench: &Bench) -> Result<Streamed, ServoError> {
+/// Where the arm stands when it can move.
+fn begin(session: &mut Session) -> Result<Joints, OperatorError> {
     session.watch_stops();
     let node = session.find_controller(None)?;
     session.wait_for(Duration::from_secs(10), &|state| state != State::Boot)?;
-    session
-        .pass(BEGIN.saturating_sub(session.now().saturating_since(Instant::ZERO)))
-        .map_err(OperatorError::from)?;
-    let from = Joints::from_slice(&session.measured_pose(node)?);
+    session.pass(BEGIN.saturating_sub(session.now().saturating_since(Instant::ZERO)))?;
+    Ok(Joints::from_slice(&session.measured_pose(node)?))
+}
+
+fn stream(session: &mut Session, bench: &Bench, from: Joints) -> Result<Followed, ServoError> {
+    let node = session.find_controller(None)?;
     let keeps = Keeps {
         share: 0.5,
         v_max_rad_s: f64::INFINITY,
         hold: Duration::from_millis(200),
         scene: Scene::default(),
     };
-    follow(session, node, &bench.arm, &keeps, &mut Wave { from, sent: 0 })
+    let streamed = follow(session, node, &bench.arm, &keeps, &mut Wave { from, sent: 0 })?;
+    let name = if streamed.restarts > 0 { "followed, begun anew" } else { "followed" };
+    Ok(Followed { end_rad: Joints::from_slice(&streamed.end_rad), name })
 }
 
 /// Angle that an encoder loses: drive and controller have no other one, and take the joint to be where it says (SECURITY.md).
@@ -149,59 +243,71 @@ fn judged(seen: &Seen, fault: Option<&Fault>) -> (&'static str, Vec<String>) {
         wrong.push(format!("a joint was {:.4} rad outside its range", seen.outside_rad));
     }
     let name = match &seen.reported {
-        Ok(streamed) => {
-            let off_rad = (Joints::from_slice(&streamed.end_rad) - seen.then_rad).amax();
+        Ok(followed) => {
+            let off_rad = (followed.end_rad - seen.then_rad).amax();
             if off_rad > NEAR_RAD + lost_rad {
                 wrong.push(format!("reported as followed, {off_rad:.4} rad from its end"));
             }
-            if streamed.restarts > 0 { "followed, begun anew" } else { "followed" }
+            followed.name
         }
-        Err(ServoError::Operator(OperatorError::Stopped { .. })) => "stopped with a cause",
+        Err(failed) if failed.is_stop => "stopped with a cause",
         Err(_) => "failed with a cause",
     };
     (name, wrong)
 }
 
 /// The faults of the matrix at each of the times.
-fn all() -> Vec<Entry> {
+fn all(motion: Motion) -> Vec<Entry> {
     let one = Phase::ALL.into_iter().find(|phase| !phase.needs_homing());
     let at = |ms: u64| {
         entries(|phase| (Some(phase) == one).then_some(Instant::ZERO + BEGIN + Duration::from_millis(ms)))
     };
-    FAULTS_MS.into_iter().flat_map(at).collect()
+    motion.faults_ms().into_iter().flat_map(at).collect()
 }
 
-fn run(entries: &[Entry]) {
+fn run(motion: Motion, step: usize) {
+    let entries: Vec<Entry> = all(motion).into_iter().step_by(step).collect();
     let bench = Bench::new().unwrap();
-    let nominal = streamed(&bench, None);
-    assert!(judged(&nominal, None).1.is_empty() && nominal.travel_rad > 0.3, "{:?}", judged(&nominal, None));
+    let nominal = moved(motion, &bench, None);
+    let (name, wrong) = judged(&nominal, None);
+    assert!(name == "followed" && wrong.is_empty() && nominal.travel_rad > 0.3, "{name} {wrong:?}");
     let results: Vec<(&Entry, Seen)> =
-        entries.par_iter().map(|entry| (entry, streamed(&bench, Some(entry)))).collect();
+        entries.par_iter().map(|entry| (entry, moved(motion, &bench, Some(entry)))).collect();
     let (mut rows, mut wrong): (BTreeMap<&str, usize>, Vec<String>) = Default::default();
     for (entry, seen) in &results {
         let (name, findings) = judged(seen, Some(&entry.fault));
         *rows.entry(name).or_default() += 1;
         if !findings.is_empty() {
             let (variant, fault) = (entry.variant, &entry.fault);
-            let reported = seen.reported.as_ref().map(|_| name).map_err(ToString::to_string);
+            let reported = seen.reported.as_ref().map_or_else(|failed| failed.text.as_str(), |_| name);
             wrong.push(format!(
                 "{variant} {:?} from {:?} for {:?}, job ended {:?}: {findings:?}; reported {reported:?}",
                 fault.target, fault.start, fault.length, seen.ended
             ));
         }
     }
-    println!("{} streams with a fault: {rows:?}; {} wrong", results.len(), wrong.len());
+    println!("{motion:?}: {} runs with a fault: {rows:?}; {} wrong", results.len(), wrong.len());
     assert!(wrong.is_empty(), "{} of {}: {wrong:#?}", wrong.len(), results.len());
 }
 
 #[test]
-fn a_sample_of_faults_in_a_stream_is_reported_as_the_plant_shows_it() {
-    let sample: Vec<Entry> = all().into_iter().step_by(37).collect();
-    run(&sample);
+fn a_sample_of_faults_in_a_stream_a_move_and_a_long_path_is_reported_as_the_plant_shows_it() {
+    run(Motion::Stream, 37);
+    run(Motion::Move, 74);
+    run(Motion::Path, 74);
 }
 
 #[test]
 #[ignore = "a minute: run by its CI stage"]
 fn every_fault_in_a_stream_is_reported_as_the_plant_shows_it() {
-    run(&all());
+    run(Motion::Stream, 1);
+}
+
+/// All of them with `STEP=1` in the environment.
+#[test]
+#[ignore = "a minute: run by its CI stage"]
+fn every_fourth_fault_in_a_move_and_in_a_long_path_is_reported_as_the_plant_shows_it() {
+    let step = std::env::var("STEP").ok().and_then(|step| step.parse().ok()).unwrap_or(4);
+    run(Motion::Move, step);
+    run(Motion::Path, step);
 }
