@@ -3,11 +3,14 @@
 
 use crate::rsi_common::{HIT_M, arm, error_m, plan, scenario, thrown, thrown_with, true_lag};
 use hil_sim::krc::KrcScenario;
-use operator::rsi::program::{Lag, prepare};
+use operator::rsi::cell;
+use operator::rsi::program::{Lag, leading, prepare};
 use operator::rsi::station::Stage;
-use planner::follow::limits::{LimitSource, Limits};
+use planner::follow::limits::{Axes, LimitSource, Limits};
 use planner::follow::plan::FollowPlan;
+use planner::motion::{Knot, Motion};
 use protocol::Duration;
+use robot_model::JointVec;
 
 #[test]
 fn robot_follows_the_flight_and_the_ball_lands_at_the_target() {
@@ -121,4 +124,41 @@ fn ball_is_free_within_half_a_cycle_of_the_release_with_any_dead_time() {
         }
     }
     assert!(largest_ms > 4.0, "{largest_ms}");
+}
+
+/// Four hundred points of half a minute: the controller of the station holds 256.
+#[test]
+fn robot_is_led_along_a_path_that_is_longer_than_the_controller_holds() {
+    let scenario = scenario(1);
+    let start = Axes::from(scenario.options.start_deg.map(f64::to_radians));
+    let (end_s, swing_rad) = (30.0, 4.0_f64.to_radians());
+    let at = |t_s: f64, axis: usize| {
+        let (turn, omega) = (std::f64::consts::PI / end_s, 0.6 + 0.1 * axis as f64);
+        let (shape, slope) = ((turn * t_s).sin().powi(2), turn * (2.0 * turn * t_s).sin());
+        let (wave, rate) = ((omega * t_s).sin(), omega * (omega * t_s).cos());
+        (start[axis] + swing_rad * shape * wave, swing_rad * (slope * wave + shape * rate))
+    };
+    let knot = |k: u32| {
+        let t_s = 0.075 * f64::from(k);
+        let (q, qd) = (|axis| at(t_s, axis).0, |axis| at(t_s, axis).1);
+        Knot { t_s, q_rad: JointVec::from_fn(6, q), qd_rad_s: JointVec::from_fn(6, qd) }
+    };
+    let motion = Motion { knots: (0..=400).map(knot).collect(), events: Vec::new() };
+    let mut station = leading(&scenario, &arm(), true_lag(&scenario), &[motion]).expect("a station");
+    let seen = cell::run(&scenario, &mut station).expect("a robot");
+    let Stage::Finished { started_at } = *station.stage() else { panic!("{:?}", station.stage()) };
+    assert_eq!((seen.late, seen.refused, &seen.fault), (0, 0, &None));
+    // By the robot's own record and the formula of the path.
+    let (mut worst_deg, mut cycles) = (0.0_f64, 0);
+    for cycle in &seen.cycles {
+        let Some(since) = cycle.at.checked_since(started_at) else { continue };
+        if since.as_secs_f64() < end_s {
+            cycles += 1;
+            for axis in 0..6 {
+                let off_deg = cycle.actual_deg[axis] - at(since.as_secs_f64(), axis).0.to_degrees();
+                worst_deg = worst_deg.max(off_deg.abs());
+            }
+        }
+    }
+    assert!(cycles > 2_400 && (1e-6..1e-2).contains(&worst_deg), "{cycles} {worst_deg}");
 }

@@ -306,8 +306,8 @@ fn every_fault_in_a_stream_is_reported_as_the_plant_shows_it() {
 /// All of them with `STEP=1` in the environment.
 #[test]
 #[ignore = "a minute: run by its CI stage"]
-fn every_fourth_fault_in_a_move_and_in_a_long_path_is_reported_as_the_plant_shows_it() {
-    let step = std::env::var("STEP").ok().and_then(|step| step.parse().ok()).unwrap_or(4);
+fn every_eighth_fault_in_a_move_and_in_a_long_path_is_reported_as_the_plant_shows_it() {
+    let step = std::env::var("STEP").ok().and_then(|step| step.parse().ok()).unwrap_or(8);
     run(Motion::Move, step);
     run(Motion::Path, step);
 }
