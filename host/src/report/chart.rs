@@ -4,6 +4,7 @@
 //! over time carry their frame in `data-time`, from which the page's script draws the present time. Their curves carry names,
 //! times and values of their points, which the script tells under the pointer: nothing is read back from the picture.
 
+use std::borrow::Cow;
 use std::fmt::Write as _;
 
 /// How a curve is drawn.
@@ -35,6 +36,8 @@ pub struct Curve {
     pub beside: bool,
 }
 
+/// Most points of a curve that are drawn: of a run of ten minutes the pages would have hundreds of megabytes.
+const POINTS_MAX: usize = 2_000;
 /// A chart is longer than its data by this share, so that it shows a fault just after their end.
 const FAULT_BEYOND: f64 = 0.05;
 const WIDTH: f64 = 400.0;
@@ -45,6 +48,23 @@ impl Curve {
     /// Whether it has a point that can be drawn.
     fn is_drawn(&self) -> bool {
         self.points.iter().any(|p| p.0.is_finite() && p.1.is_finite())
+    }
+
+    /// The points that are drawn. Where there are too many, of neighbours the lowest and the highest one.
+    fn shown(&self) -> Cow<'_, [(f64, f64)]> {
+        if self.points.len() <= POINTS_MAX {
+            return Cow::Borrowed(&self.points);
+        }
+        let size = (2 * self.points.len()).div_ceil(POINTS_MAX);
+        let ends = |some: &[(f64, f64)]| {
+            let order = |a: &(f64, f64), b: &(f64, f64)| a.1.total_cmp(&b.1);
+            let mut ends: Vec<_> = some.iter().copied().min_by(order).into_iter().collect();
+            ends.extend(some.iter().copied().max_by(order));
+            ends.sort_by(|a, b| a.0.total_cmp(&b.0));
+            ends.dedup();
+            ends
+        };
+        Cow::Owned(self.points.chunks(size).flat_map(ends).collect())
     }
 
     /// Solid curve.
@@ -299,7 +319,7 @@ impl Chart {
             let (mut d, mut dots, mut times, mut values) =
                 (String::new(), String::new(), String::new(), String::new());
             let mut pen_is_up = true;
-            for (x, y) in curve.points.iter().filter(|p| p.0.is_finite() && p.1.is_finite()) {
+            for (x, y) in curve.shown().iter().filter(|p| p.0.is_finite() && p.1.is_finite()) {
                 if !(f.x.0..=f.x.1).contains(x) || !(f.y.0..=f.y.1).contains(y) {
                     pen_is_up = true;
                     continue;
@@ -412,6 +432,19 @@ mod tests {
         let bad = vec![(0.0, f64::NAN), (1.0, 2.0), (f64::INFINITY, 1.0), (2.0, 3.0)];
         let svg = Chart { curves: vec![Curve::line("x", 0, bad)], ..Chart::default() }.svg();
         assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+    }
+
+    #[test]
+    fn curve_of_very_many_points_keeps_its_lowest_and_highest_ones() {
+        let mut points: Vec<(f64, f64)> = (0..200_000).map(|k| (f64::from(k), f64::from(k % 7))).collect();
+        (points[77_777].1, points[123_456].1) = (1_000.0, -1_000.0);
+        let curve = Curve::line("", 0, points.clone());
+        let shown = curve.shown();
+        assert!((1_000..=2_000).contains(&shown.len()), "{}", shown.len());
+        assert!(shown.contains(&points[77_777]) && shown.contains(&points[123_456]));
+        assert!(shown.windows(2).all(|pair| pair[0].0 < pair[1].0));
+        let few = Curve::line("", 0, points[..2_000].to_vec());
+        assert_eq!(few.shown().as_ref(), &points[..2_000]);
     }
 
     #[test]
