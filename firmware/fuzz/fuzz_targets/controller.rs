@@ -7,7 +7,7 @@
 #![no_main]
 
 use firmware::Controller;
-use firmware::authority::{Peer, Seed};
+use firmware::authority::{Peer, Seed, sha256};
 use firmware::envelope::Envelope;
 use firmware::events::{Action, PlanEvents};
 use firmware::groups::powercube::PowerCubes;
@@ -15,6 +15,7 @@ use firmware::groups::powercube::transmit::QUEUE_LEN;
 use firmware::joints::PerJoint;
 use firmware::orders::{Done, Order, Target};
 use firmware::retarget::EndState;
+use firmware::segment;
 use firmware::settings::Settings;
 use firmware::spline::Spline;
 use firmware::state::StateKind;
@@ -43,21 +44,25 @@ struct Bench {
     max_cur_a: [f32; 32],
     token: u32,
     name: FileName,
+    /// With which the plan goes on; none for a plan that takes new end states.
+    segment: Vec<u8>,
 }
 
 impl Bench {
-    fn new() -> Self {
+    fn new(segment: Vec<u8>) -> Self {
         let mut settings = Settings::powercube6();
         settings.watchdog_prove = false;
         let controller = Box::new(Controller::new(RamStorage::new(), &settings, Seed::FORESEEABLE));
         let name = FileName { crc64: 0, len: 0 };
         let mut bench =
-            Self { controller, now: Instant::ZERO, open: Vec::new(), last_reply: None, max_cur_a: [0.0; 32], token: 0, name };
+            Self { controller, now: Instant::ZERO, open: Vec::new(), last_reply: None, max_cur_a: [0.0; 32], token: 0, name, segment };
         bench.pass(2_000_000, true, StateKind::Ready);
         let events = PlanEvents::release(Some(400_000));
-        let envelope = Some(Envelope::widest(&settings));
-        let header = Header { joints: 6, period_us: 3_000, events, envelope, robot_crc32: 0 };
-        let knots = trajectory_format::rest(PerJoint::splat(0.0), 800_000);
+        let next = (!bench.segment.is_empty()).then(|| sha256(&bench.segment));
+        let envelope = next.is_none().then(|| Envelope::widest(&settings));
+        let header = Header { joints: 6, period_us: 3_000, events, envelope, next, ..Header::default() };
+        let duration_us = if next.is_some() { 1_300_000 } else { 800_000 };
+        let knots = trajectory_format::rest(PerJoint::splat(0.0), duration_us);
         let mut file = [0; 300];
         let len = trajectory_format::encode(&header, &knots, &mut file).unwrap();
         let file = &file[..len];
@@ -201,7 +206,10 @@ impl Bench {
 
 fuzz_target!(|bytes: &[u8]| {
     let mut input = Input(bytes);
-    let mut bench = Bench::new();
+    // Its content is anything; the digest is right, so that the controller looks at it.
+    let is_long = bytes.first().is_some_and(|first| first & 1 == 1);
+    let segment = if is_long { &bytes[bytes.len() - bytes.len().min(segment::LEN_MAX)..] } else { &[] };
+    let mut bench = Bench::new(segment.to_vec());
     while !input.is_empty() {
         let (what, a, b) = (input.byte() % 20, input.byte(), input.byte());
         let valid = Duration::from_secs(5);
@@ -255,6 +263,10 @@ fuzz_target!(|bytes: &[u8]| {
                 5 => {
                     bench.controller.stop_now(bench.now);
                     bench.drain();
+                }
+                6 => {
+                    let segment = bench.segment.clone();
+                    let _ = bench.controller.extend(bench.now, HOST, &segment);
                 }
                 _ => {
                     let code = bench.controller.state().fault().map_or(0, |fault| fault.cause.code());
