@@ -36,7 +36,7 @@ fn reread<'a, T: Decode<'a> + Encode>(data: &'a [u8]) -> Result<Vec<u8>, DecodeE
 /// Reads and writes again the bytes of the named type.
 type Reread = fn(&[u8]) -> Result<Vec<u8>, DecodeError>;
 
-const TYPES: [(&str, Reread); 34] = [
+const TYPES: [(&str, Reread); 35] = [
     ("Heartbeat", |b| reread::<Heartbeat>(b)),
     ("GetInfo.Response", |b| reread::<NodeInfo>(b)),
     ("port.List", |b| reread::<PortList>(b)),
