@@ -21,7 +21,7 @@ import times
 ROBOTS = pathlib.Path(__file__).parents[2] / "robots"
 SHARE = 0.2
 # Time for one search of OMPL, s.
-LIMIT_S = 20.0
+LIMIT_S = 10.0
 # Bodies that MuJoCo has deeper in each other than this count as touching, m.
 DEPTH_M = 1e-6
 wrong = []
@@ -45,58 +45,72 @@ def touching(contacts, way):
 def moves(count, seed):
     robot = cubecell.Robot("powercube6")
     ompl_ways.seed(seed)
-    print("| scene | solved | OMPL | CPU p50, p99, ms | OMPL | duration p50, s | OMPL | ratio p50, p95 | straight | contact |")
-    print("|---|---|---|---|---|---|---|---|---|---|")
-    every = {"ours": [], "theirs": [], "ratio": []}
-    totals = np.zeros(5, dtype=int)
+    print(
+        "| scene | moves | found | OMPL | not straight | CPU p50, p99, ms | OMPL | duration p50, s | OMPL | ratio p50, p95, largest | contact |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|---|---|")
+    total = Counted()
     for number, (name, boxes) in enumerate(scenes.SCENES.items()):
         around = cubecell.Surroundings(robot, boxes)
         contacts = independent.Contacts(ROBOTS / "powercube6.toml", boxes)
         planner = ompl_ways.Planner(robot, around)
-        drawn = scenes.moves(robot, around, np.random.default_rng([seed, number]), count)
-        cpu, cpu_ompl, took, took_ompl, ratios = [], [], [], [], []
-        solved = solved_ompl = straight = in_contact = 0
-        for k, (start, goal) in enumerate(drawn):
+        counted = Counted()
+        for k, (start, goal) in enumerate(scenes.moves(robot, around, np.random.default_rng([seed, number]), count)):
             begun = time.process_time()
             try:
                 way = around.way(start, goal, speed_share=SHARE)
-            except cubecell.CubecellError as refused:
+            except cubecell.CubecellError:
                 way = None
-                print(f"  {name}, move {k}: {str(refused).splitlines()[0]}")
-            cpu.append(1e3 * (time.process_time() - begun))
-            begun = time.process_time()
+            between = time.process_time()
             corners = planner.corners(start, goal, LIMIT_S)
-            cpu_ompl.append(1e3 * (time.process_time() - begun))
             theirs = None if corners is None else around.through(corners, speed_share=SHARE)
-            solved += way is not None
-            solved_ompl += theirs is not None
+            counted.add(way, theirs, around.is_free_line(start, goal), between - begun, time.process_time() - between)
             check(way is not None or theirs is None, f"{name}, move {k}: only OMPL finds a way")
             if way is not None:
-                took.append(way.duration_s)
-                straight += around.is_free_line(start, goal)
                 deepest = touching(contacts, way)
-                in_contact += deepest < -DEPTH_M
+                counted.in_contact += deepest < -DEPTH_M
                 check(deepest >= -DEPTH_M, f"{name}, move {k}: MuJoCo has bodies {-1e3 * deepest:.3f} mm in each other")
-            if theirs is not None:
-                took_ompl.append(theirs.duration_s)
-            if way is not None and theirs is not None:
-                ratios.append(way.duration_s / theirs.duration_s)
-        totals += [len(drawn), solved, solved_ompl, straight, in_contact]
-        every["ours"] += cpu
-        every["theirs"] += cpu_ompl
-        every["ratio"] += ratios
+        counted.print(name)
+        total.extend(counted)
+    total.print("all")
+
+
+class Counted:
+    """What came of moves; times and ratios are of those whose line is not free and for which both found a way."""
+
+    def __init__(self):
+        self.moves = self.found = self.found_ompl = self.around = self.in_contact = 0
+        self.cpu_ms, self.cpu_ompl_ms, self.took_s, self.took_ompl_s, self.ratios = [], [], [], [], []
+
+    def add(self, way, theirs, is_straight, cpu_s, cpu_ompl_s):
+        self.moves += 1
+        self.found += way is not None
+        self.found_ompl += theirs is not None
+        if is_straight or way is None or theirs is None:
+            return
+        self.around += 1
+        self.cpu_ms.append(1e3 * cpu_s)
+        self.cpu_ompl_ms.append(1e3 * cpu_ompl_s)
+        self.took_s.append(way.duration_s)
+        self.took_ompl_s.append(theirs.duration_s)
+        self.ratios.append(way.duration_s / theirs.duration_s)
+
+    def extend(self, other):
+        for name, value in vars(other).items():
+            setattr(self, name, getattr(self, name) + value)
+
+    def print(self, name):
+        def two(values):
+            return f"{percentile(values, 50):.0f}, {percentile(values, 99):.0f}" if values else "–"
+
+        ratios = self.ratios
+        ratio = f"{percentile(ratios, 50):.2f}, {percentile(ratios, 95):.2f}, {max(ratios):.2f}" if ratios else "–"
+        took = [f"{percentile(values, 50):.2f}" if values else "–" for values in (self.took_s, self.took_ompl_s)]
         print(
-            f"| {name} | {solved} of {len(drawn)} | {solved_ompl} | {percentile(cpu, 50):.1f}, {percentile(cpu, 99):.0f} | "
-            f"{percentile(cpu_ompl, 50):.1f}, {percentile(cpu_ompl, 99):.0f} | {percentile(took, 50):.2f} | "
-            f"{percentile(took_ompl, 50):.2f} | {percentile(ratios, 50):.2f}, {percentile(ratios, 95):.2f} | {straight} | {in_contact} |",
+            f"| {name} | {self.moves} | {self.found} | {self.found_ompl} | {self.around} | {two(self.cpu_ms)} | {two(self.cpu_ompl_ms)} | "
+            f"{took[0]} | {took[1]} | {ratio} | {self.in_contact} |",
             flush=True,
         )
-    cpu, cpu_ompl, ratios = every["ours"], every["theirs"], every["ratio"]
-    print(
-        f"| all | {totals[1]} of {totals[0]} | {totals[2]} | {percentile(cpu, 50):.1f}, {percentile(cpu, 99):.0f} | "
-        f"{percentile(cpu_ompl, 50):.1f}, {percentile(cpu_ompl, 99):.0f} | | | {percentile(ratios, 50):.2f}, "
-        f"{percentile(ratios, 95):.2f} | {totals[3]} | {totals[4]} |"
-    )
 
 
 def row(what, ratios, cpu, cpu_other, bound):

@@ -28,6 +28,8 @@ use crate::report::program::ProgramReport;
 /// Time between two looks for a signal, a stop and an answer.
 const LOOK: Duration = Duration::from_millis(20);
 
+const QUESTION: &str = "The arm does the program. Nobody near?";
+
 /// Runs the verb for a program.
 pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
     args.retime.require_none()?;
@@ -35,7 +37,7 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
         return Err(ExpectedError::bad_input("--start-in is for one motion; a program has many")
             .next("leave --start-in out"));
     }
-    let mut ui = args.moving.ui("The arm does the program. Nobody near?", true)?;
+    let mut ui = args.moving.ui(QUESTION, true)?;
     let mut on = args.moving.on.clone();
     let (program, arm) = ArmProgram::read(&args.file, on.bus.cell.robot.as_deref())?;
     on.bus.cell.robot = Some(program.robot.clone());
@@ -78,6 +80,20 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
         }
     }
     outcome_last(wrong, finished.and(written).and(kept), folder.as_ref().map(|folder| folder.path.as_path()))
+}
+
+/// Does the program of `args` on an arm that is connected; each row of `cycles.csv` goes to `keep`.
+///
+/// # Errors
+/// As the verb.
+pub fn on_arm(
+    arm: &mut Connected<'_, '_>,
+    args: &Args,
+    keep: &mut dyn FnMut(&str),
+) -> Result<(), ExpectedError> {
+    let (program, _) = ArmProgram::read(&args.file, args.moving.on.bus.cell.robot.as_deref())?;
+    let mut ui = args.moving.ui(QUESTION, true)?;
+    perform(arm, &program, args, &mut ui, keep, &mut Performed::nothing(arm.robot.n()))
 }
 
 /// Leaves summary and report in the folder.
