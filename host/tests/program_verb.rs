@@ -127,6 +127,12 @@ fn each_step_of_a_program_has_error_and_current_of_every_joint_as_the_bus_record
     }
     assert_eq!(compared, 2 * 4 * 6);
     let report = std::fs::read_to_string(format!("{results}/report.html")).unwrap();
+    let beside = report.split("Path of the hand, at most ").nth(1).unwrap();
+    let beside_mm: f64 = beside.split(' ').next().unwrap().parse().unwrap();
+    assert!(
+        (0.01..2.0).contains(&beside_mm),
+        "{beside_mm} mm, in both cycles and from their first instant on"
+    );
     for text in [
         "done: 2 of 2 cycles",
         "cycle 1",
