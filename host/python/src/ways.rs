@@ -25,9 +25,15 @@ pub(crate) struct Surroundings {
 
 #[pymethods]
 impl Surroundings {
+    /// `obstacles`: centre and half edges of each box, m, base frame.
     #[new]
-    fn new(robot: &Robot, obstacles: Vec<[f64; 6]>, ball: bool) -> Self {
-        Self { robot: robot.robot.clone(), source: robot.source.clone(), scene: scene(&obstacles, ball) }
+    fn new(robot: &Robot, obstacles: &[u8], ball: bool) -> PyResult<Self> {
+        let obstacles = doubles(obstacles)?;
+        let (boxes, rest) = obstacles.as_chunks::<6>();
+        if !rest.is_empty() {
+            return Err(bad(&"an obstacle has six numbers: its centre and its half edges"));
+        }
+        Ok(Self { robot: robot.robot.clone(), source: robot.source.clone(), scene: scene(boxes, ball) })
     }
 
     /// For each row of angles, whether two bodies touch.

@@ -57,7 +57,7 @@ class Surroundings:
         boxes = [[float(value) for value in box] for box in obstacles]
         if any(len(box) != 6 for box in boxes):
             raise ValueError("an obstacle has six numbers: its centre and its half edges")
-        self._native = _native.Surroundings(robot._native, boxes, ball)
+        self._native = _native.Surroundings(robot._native, to_bytes(boxes), ball)
 
     def contacts(self, q_rad: ArrayLike) -> NDArray[np.bool_]:
         """Whether two bodies touch, for each row of angles in rad."""
