@@ -20,6 +20,7 @@ mod newcomer;
 mod option_walk;
 mod other_arms;
 mod output;
+mod pick_and_place;
 mod plan_claims;
 mod plan_follow;
 mod plan_is_the_source;

@@ -50,3 +50,34 @@ fn it_homes_jogs_and_goes_to_a_pose_and_verbs_for_powercubes_say_who_answers() {
     assert_eq!(code(&scanned), 8, "{}{}", out(&scanned), err(&scanned));
     assert!(err(&scanned).contains("answer a controller only"), "{}", err(&scanned));
 }
+
+/// What the motors answer is compared with the motion as with other drives.
+#[test]
+fn a_program_has_error_and_temperature_of_each_joint_by_the_answers_of_its_motors() {
+    let folder = Folder::new("mit-program");
+    let path = folder.file("program.toml");
+    let text = format!(
+        "schema_version = 1\nrobot = \"{ARM}\"\n\n[[step]]\njoints = \"0.3,0.4,0,0.5,0,0,0\"\n\n[[step]]\njoints = \"0,0,0,0.3,0,0,0\"\n"
+    );
+    std::fs::write(&path, text).unwrap();
+    let results = folder.file("out");
+    let done = cubectl(&["run", &path, "--home", "--json", "--out", &results]);
+    assert_eq!(code(&done), 0, "{}{}", out(&done), err(&done));
+    let table = std::fs::read_to_string(format!("{results}/cycles.csv")).unwrap();
+    let mut lines = table.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let names = lines.next().unwrap();
+    let rows: Vec<_> = lines.collect();
+    assert_eq!(rows.len(), 2);
+    for row in rows {
+        for joint in 1..=7 {
+            let value = |what: &str| {
+                let column = names.iter().position(|name| *name == format!("{what}_{joint}")).unwrap();
+                row[column].parse::<f64>().ok()
+            };
+            let (off_rad, hot_c) = (value("off_rad").unwrap(), value("temperature_peak_c").unwrap());
+            assert!((1e-5..5e-3).contains(&off_rad), "joint {joint}: {off_rad}");
+            assert!((10.0..90.0).contains(&hot_c), "joint {joint}: {hot_c}");
+            assert_eq!(value("current_peak_a"), None, "they report none");
+        }
+    }
+}

@@ -71,6 +71,79 @@ fn program_is_done_as_often_as_asked_and_each_cycle_ends_where_the_first_did() {
     assert_eq!(kept, found);
 }
 
+/// Of what the recorded bus says: the table and the report hold what another reading of the recording finds.
+#[test]
+fn each_step_of_a_program_has_error_and_current_of_every_joint_as_the_bus_recorded_them() {
+    let folder = Folder::new("program-record");
+    let (path, results) = (written(&folder, PICK_AND_PLACE), folder.file("out"));
+    let output = cubectl(&["run", &path, "--home", "--repeat", "2", "--json", "--out", &results]);
+    assert_eq!(code(&output), 0, "{}", err(&output));
+    let table = std::fs::read_to_string(format!("{results}/cycles.csv")).unwrap();
+    let mut lines = table.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let names = lines.next().unwrap();
+    let rows: Vec<_> = lines.collect();
+    let column = |name: &str| names.iter().position(|found| *found == name).unwrap();
+    let value = |row: &[&str], name: &str| row[column(name)].parse::<f64>().ok();
+    // Currents on the wire: answers to requests for parameter 0x4D, float, little endian.
+    let log = std::fs::read_to_string(format!("{results}/bus.log")).unwrap();
+    let frames: Vec<(f64, &str, &str)> = log
+        .lines()
+        .filter_map(|line| {
+            let mut words = line.split_whitespace();
+            let at = words.next()?.trim_matches(['(', ')']).parse().ok()?;
+            let (id, data) = words.nth(1)?.split_once('#')?;
+            Some((at, id, data))
+        })
+        .collect();
+    let mut compared = 0;
+    for row in &rows {
+        for joint in 1..=6 {
+            let read = |what: &str| value(row, &format!("{what}_{joint}"));
+            assert_eq!(read("temperature_peak_c"), None, "the modules are not asked for it");
+            if row[2] != "move" {
+                assert_eq!((read("off_rad"), read("current_peak_a")), (None, None), "{row:?}");
+                continue;
+            }
+            let off_rad = read("off_rad").unwrap();
+            assert!(off_rad > 1e-5 && off_rad <= value(row, "off_rad").unwrap() + 1e-9, "{row:?}");
+            let reply = format!("{:03X}", 0x0A0 + joint);
+            let currents = frames.iter().filter(|(_, id, data)| *id == reply && data.starts_with("0A4D"));
+            let peak = read("current_peak_a").unwrap();
+            let of_frame = |data: &str| {
+                let bytes: Vec<u8> =
+                    (4..12).step_by(2).map(|k| u8::from_str_radix(&data[k..k + 2], 16).unwrap()).collect();
+                f64::from(f32::from_le_bytes(bytes.try_into().unwrap())).abs()
+            };
+            assert!(
+                currents.clone().any(|(.., data)| (of_frame(data) - peak).abs() < 6e-4),
+                "{joint}: {peak}"
+            );
+            compared += 1;
+        }
+        if row[2] == "move" {
+            let largest = (1..=6).filter_map(|j| value(row, &format!("off_rad_{j}"))).fold(0.0_f64, f64::max);
+            assert!((largest - value(row, "off_rad").unwrap()).abs() < 1e-9, "{row:?}");
+        }
+    }
+    assert_eq!(compared, 2 * 4 * 6);
+    let report = std::fs::read_to_string(format!("{results}/report.html")).unwrap();
+    let beside = report.split("Path of the hand, at most ").nth(1).unwrap();
+    let beside_mm: f64 = beside.split(' ').next().unwrap().parse().unwrap();
+    assert!(
+        (0.01..2.0).contains(&beside_mm),
+        "{beside_mm} mm, in both cycles and from their first instant on"
+    );
+    for text in [
+        "done: 2 of 2 cycles",
+        "cycle 1",
+        "cycle 2",
+        "joint6: position error",
+        "Change since the first cycle",
+    ] {
+        assert!(report.contains(text), "{text}");
+    }
+}
+
 #[test]
 fn program_that_cannot_be_done_is_refused_with_the_step_before_anything_moves() {
     let folder = Folder::new("program-refused");
@@ -121,6 +194,11 @@ fn program_that_ends_early_says_at_which_step_and_keeps_what_was_done() {
     let done = (cycle - 1) * 7 + step - 1;
     assert_eq!(table.lines().count() as u64, 1 + done, "{table}");
     assert!(done > 0, "the fault comes after some steps");
+    let report = std::fs::read_to_string(format!("{results}/report.html")).unwrap();
+    assert!(
+        report.contains("ended early: 0 of 3 cycles") && report.contains("In space"),
+        "the steps that were done"
+    );
 }
 
 #[test]

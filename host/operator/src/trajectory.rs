@@ -361,4 +361,34 @@ mod tests {
         }
         assert_eq!((next, k), (None, knots as u64));
     }
+
+    /// Found by a stop of a program near the end of a step: the short way from there was refused as too fast.
+    #[test]
+    fn motions_at_the_full_limits_are_taken_however_short_they_are_and_wherever_they_begin() {
+        use planner::plan::rng::SplitMix64;
+        use planner::timing::{Limits, Path, along, straight};
+        let arm = planner::plan::Arm::load("powercube6").unwrap();
+        let limits = Limits::of_arm(&arm, 1.0).unwrap();
+        let settings = crate::bus::period::settings_with_gains(&arm).unwrap();
+        let mut rng = SplitMix64::new(5);
+        for k in 0..120 {
+            let length_rad = 2e-3 * 2000_f64.powf(rng.unit());
+            let mut near = |from: &Joints| {
+                Joints::from_fn(6, |j| {
+                    let step = length_rad * (2.0 * rng.unit() - 1.0);
+                    (from[j] + step).clamp(arm.q_min()[j] + 0.03, arm.q_max()[j] - 0.03)
+                })
+            };
+            let from = near(&Joints::from_slice(&[0.67, -1.57, -3.4, 1.12, -1.68, 2.2]));
+            let (to, last) = (near(&from), near(&from));
+            let corner = Path::through(&[from.as_slice(), to.as_slice(), last.as_slice()], 0.3 * length_rad);
+            for motion in
+                [straight(from.as_slice(), to.as_slice(), &limits), along(&corner.unwrap(), &limits)]
+            {
+                let sent =
+                    encode(&motion.unwrap(), settings.cycle_period_us, settings.robot_crc32, Some(&settings));
+                assert!(sent.is_ok(), "motion {k} of {length_rad} rad: {}", sent.unwrap_err());
+            }
+        }
+    }
 }

@@ -88,6 +88,51 @@ fn ways_between_random_poses_are_free_within_limits_and_end_where_they_should() 
     assert!(blocked <= 2, "{blocked} of 9 without a way");
 }
 
+/// Moves of the comparison with RRT-Connect of OMPL (`.ci/motion`) that this search called impossible or made three times as long.
+#[test]
+fn ways_that_another_planner_finds_are_found_and_not_much_longer() {
+    let scene = |boxes: &[([f64; 3], [f64; 3])]| Scene {
+        obstacles: boxes.iter().map(|(at, half)| box_at(*at, *half)).collect(),
+        ball_held: false,
+    };
+    let window = scene(&[
+        ([0.5, 0.625, 0.3], [0.02, 0.375, 0.8]),
+        ([0.5, -0.625, 0.3], [0.02, 0.375, 0.8]),
+        ([0.5, 0.0, 0.9], [0.02, 0.25, 0.2]),
+        ([0.5, 0.0, -0.15], [0.02, 0.25, 0.35]),
+    ]);
+    let ceiling = scene(&[([0.0, 0.0, 0.95], [1.2, 1.2, 0.02])]);
+    let arm = arm();
+    // Durations of the other planner's ways with the same time law, s.
+    for (scene, from, to, other_s) in [
+        (
+            &window,
+            [2.955, -3.243, -2.244, 2.035, -0.898, 1.819],
+            [-0.053, -2.354, -2.867, -2.73, -0.321, -0.097],
+            13.25,
+        ),
+        (
+            &window,
+            [-1.61, -3.807, -2.979, -0.937, -0.738, -2.124],
+            [2.96, -3.147, -1.738, -1.798, 1.083, -0.462],
+            16.59,
+        ),
+        (
+            &ceiling,
+            [-0.351, 0.512, -1.167, 2.378, 1.338, 2.186],
+            [-0.18, -0.333, 0.683, 1.009, -0.314, -1.143],
+            5.84,
+        ),
+    ] {
+        for seed in 1..=3 {
+            let travel = Travel { share: 0.2, seed, range: None };
+            let motion = way(&arm, scene, &travel, &from.into(), &to.into()).unwrap().unwrap();
+            require_free_and_within_limits(&arm, scene, &motion, 0.2);
+            assert!(motion.duration_s() < 1.4 * other_s, "seed {seed}: {} s, {other_s}", motion.duration_s());
+        }
+    }
+}
+
 #[test]
 fn way_around_stays_inside_a_narrower_range() {
     let (arm, scene) = (arm(), &scenes()[1]);

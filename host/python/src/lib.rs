@@ -10,8 +10,8 @@
 //!     calls           long calls: without the lock of the interpreter, ended by Ctrl-C
 //!       |
 //! arm  catch  flight  logs  plans  robot  sweep
-//!  |               |     |
-//! servo           bus  simulate
+//!  |               |     |      |
+//! servo           bus  simulate  ways
 //! ```
 
 mod arm;
@@ -27,6 +27,7 @@ mod robot;
 mod servo;
 mod simulate;
 mod sweep;
+mod ways;
 
 use pyo3::prelude::*;
 
@@ -54,4 +55,6 @@ mod _native {
     use super::simulate::{simulate, simulate_follow};
     #[pymodule_export]
     use super::sweep::{sweep, sweep_summary};
+    #[pymodule_export]
+    use super::ways::{Surroundings, along};
 }

@@ -10,9 +10,9 @@ use crate::errors::bad;
 /// A robot from its file.
 #[pyclass(frozen)]
 pub(crate) struct Robot {
-    robot: RobotModel,
+    pub(crate) robot: RobotModel,
     #[pyo3(get)]
-    source: String,
+    pub(crate) source: String,
 }
 
 #[pymethods]
@@ -38,11 +38,12 @@ impl Robot {
         self.robot.world().gravity_m_s2
     }
 
-    /// Smallest and largest angles, rad, then largest speeds, rad/s, and accelerations, rad/s².
+    /// Smallest and largest angles, rad, then largest speeds, rad/s, accelerations, rad/s², and jerks, rad/s³.
     fn limits<'py>(&self, py: Python<'py>) -> Bound<'py, PyByteArray> {
         let robot = &self.robot;
         let (v, a) = (robot.limit(|l| l.v_max_rad_s), robot.limit(|l| l.a_max_rad_s2));
-        array(py, &[&robot.q_min()[..], &robot.q_max(), &v, &a].concat())
+        let j = robot.limit(|l| l.j_max_rad_s3);
+        array(py, &[&robot.q_min()[..], &robot.q_max(), &v, &a, &j].concat())
     }
 
     /// Poses of the ball in the hand in the world, 4 × 4 by rows, for rows of angles.

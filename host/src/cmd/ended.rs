@@ -70,6 +70,17 @@ impl Seen {
         Self { bus, simulated, bus_errors: session.bus_errors().len() }
     }
 
+    /// What all summaries say of the session.
+    pub(super) fn enter(&self, summary: &mut Value) {
+        summary["bus"] = self.bus.as_str().into();
+        summary["time"] = self.time().into();
+        summary["command_line"] = command_line().into();
+    }
+
+    const fn time(&self) -> &'static str {
+        if self.simulated { "virtual time" } else { "real time" }
+    }
+
     /// The summary of a job on this session.
     pub(super) fn summary(
         &self,
@@ -80,7 +91,7 @@ impl Seen {
     ) -> Value {
         let about = Circumstances {
             bus: &self.bus,
-            time: if self.simulated { "virtual time" } else { "real time" },
+            time: self.time(),
             controller: "node",
             exit_code: wrong.map_or(exit::OK, |error| error.code),
             cause: wrong.map(ExpectedError::all_that_happened),
@@ -91,6 +102,11 @@ impl Seen {
         };
         summary(order, record, &about)
     }
+}
+
+/// The words of this program's call.
+pub(super) fn command_line() -> String {
+    std::env::args().collect::<Vec<_>>().join(" ")
 }
 
 /// How a job ends: a result that could not be written never hides the outcome.

@@ -58,6 +58,7 @@ pub mod ended;
 mod last_look;
 mod modules;
 pub mod program_file;
+mod program_record;
 pub mod program_run;
 pub mod progress;
 mod words;

@@ -151,7 +151,7 @@ pub fn no_way(error: &WayError) -> ExpectedError {
         WayError::NoWay { .. } => "try another --way-seed, or go by a place between; the arm stands",
         WayError::Goal(_) => "choose another place, or leave the orientation out; the arm stands",
         WayError::Line(_) => "leave --straight out, or go to another place first; the arm stands",
-        WayError::Contact { .. } => "change the path; the arm stands",
+        WayError::Contact { .. } | WayError::Leg { .. } => "change the path; the arm stands",
         WayError::Share { .. } => "--speed-share 0.2",
     };
     let code = if matches!(error, WayError::Share { .. }) { exit::BAD_INPUT } else { exit::NO_THROW };

@@ -249,7 +249,7 @@ pub fn write_robot(folder: &Path, out: &Path) -> Result<(), ExpectedError> {
 }
 
 /// Name, length and CRC-64 of a file.
-fn checksum(path: &Path) -> Result<(String, u64, String), ExpectedError> {
+pub(super) fn checksum(path: &Path) -> Result<(String, u64, String), ExpectedError> {
     let failed = |error| ExpectedError::io(path, &error);
     let mut file = std::fs::File::open(path).map_err(failed)?;
     let (mut crc, mut bytes, mut piece) = (Crc64::new(), 0, vec![0; 1 << 16]);

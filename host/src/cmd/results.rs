@@ -11,7 +11,7 @@ use planner::plan::file::{MotionInfo, RobotId};
 use planner::record::MovePlan;
 
 use super::controlled::tell_warnings;
-use super::ended::{Seen, failure, off_target, outcome_last};
+use super::ended::{Seen, command_line, failure, off_target, outcome_last};
 use super::folder::Folder;
 use super::progress::Ui;
 use super::{print_json, report};
@@ -55,7 +55,7 @@ impl Results {
             say();
         }
         let Some(folder) = &self.0 else { return outcome_last(wrong, finished, None) };
-        summary["command_line"] = std::env::args().collect::<Vec<_>>().join(" ").into();
+        summary["command_line"] = command_line().into();
         let written = folder.write("summary.json", &format!("{summary:#}\n"));
         finished = finished.and(written).and_then(|()| report::write_into(folder, source));
         if wrong.is_none() && !ui.progress.silent {

@@ -39,7 +39,7 @@ pub struct Args {
     /// Longest time for the run, s.
     #[arg(long, default_value_t = 60.0, value_name = "SECONDS", value_parser = super::home::positive)]
     pub timeout: f64,
-    /// Folder for plan.json, bus.log, bus.mcap, summary.json and report.html; of a program for cycles.csv, bus.log, bus.mcap and summary.json.
+    /// Folder for plan.json, bus.log, bus.mcap, summary.json and report.html; of a program cycles.csv instead of plan.json.
     #[arg(long, value_name = "DIR", conflicts_with = "record")]
     pub out: Option<PathBuf>,
     /// Times of waypoints.

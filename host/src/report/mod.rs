@@ -8,7 +8,9 @@
 //! | [`industrial`] | HTML report of a throw with an industrial robot |
 //! | [`motion`] | its motion as a table |
 //! | `frame` | head and foot of the page of a job |
+//! | `hand` | path of the hand, planned and measured |
 //! | [`run`] | HTML report of a recorded run against its plan |
+//! | [`program`] | HTML report of a program that was done again and again |
 //! | [`identify`] | HTML report of an identification |
 //! | [`tune`] | HTML report of a gain design |
 //! | [`catch`] | HTML report of catching a disc |
@@ -27,6 +29,7 @@ pub mod catch;
 pub mod chart;
 pub mod follow;
 mod frame;
+mod hand;
 pub mod identify;
 pub mod industrial;
 pub mod landing;
@@ -34,6 +37,7 @@ pub mod live;
 pub mod motion;
 pub mod page;
 pub mod plan;
+pub mod program;
 pub mod reach;
 pub mod robot;
 pub mod run;

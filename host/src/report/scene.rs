@@ -6,8 +6,10 @@ use robot_model::{JointVec, Pose, RobotModel};
 use planner::flight::landing;
 use planner::plan::file::PlanFile;
 
-/// Steps of the animation.
+/// Steps of the animation, and of a long one per second and in all.
 const STEPS: u32 = 90;
+const STEPS_PER_S: f64 = 12.0;
+const STEPS_MAX: u32 = 400;
 /// Points of a flight.
 const FLIGHT_STEPS: u32 = 40;
 
@@ -72,9 +74,10 @@ impl From<&PlanFile> for Goal {
 #[must_use]
 pub fn data(arm: &RobotModel, goal: Option<&Goal>, motion: &SceneMotion<'_>) -> String {
     let last_s = motion.flight.map_or(motion.to_s, |flight| motion.to_s.max(flight.landing_s())) + 0.05;
-    let time = |i: u32| last_s * f64::from(i) / f64::from(STEPS);
+    let count = ((STEPS_PER_S * last_s) as u32).clamp(STEPS, STEPS_MAX);
+    let time = |i: u32| last_s * f64::from(i) / f64::from(count);
     // The release and the landing are points of the animation, whatever its steps.
-    let mut times: Vec<f64> = (0..=STEPS).map(time).collect();
+    let mut times: Vec<f64> = (0..=count).map(time).collect();
     times.extend(motion.flight.iter().flat_map(|flight| [flight.release_s, flight.landing_s()]));
     times.sort_by(f64::total_cmp);
     let mut steps = Vec::new();

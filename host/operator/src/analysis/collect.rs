@@ -35,6 +35,8 @@ pub struct JointLog {
     pub positions: Vec<Reading>,
     /// Current in A, positive if it turns the joint forwards.
     pub currents: Vec<Reading>,
+    /// Temperature in degrees Celsius.
+    pub temperatures: Vec<Reading>,
     /// Ramps ordered.
     pub commands: Vec<Commanded>,
     /// Telemetry of the controller about this joint.
@@ -103,6 +105,7 @@ fn joint_log(joint: &JointSamples, clock: PlanClock) -> JointLog {
     JointLog {
         positions: readings(&joint.positions),
         currents: readings(&joint.currents),
+        temperatures: readings(&joint.temperatures),
         commands: joint
             .orders
             .iter()

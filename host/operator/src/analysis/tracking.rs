@@ -64,6 +64,10 @@ pub struct JointTracking {
     pub speed_error_rad_s: ErrorSize,
     /// Motion commands whose acceleration was at the joint's limit for control.
     pub commands_at_limit: usize,
+    /// Largest current that its drive reported during the plan, either way, A; `None` if it reported none.
+    pub current_peak_a: Option<f64>,
+    /// Largest temperature that its drive reported during the plan, degrees Celsius; `None` if it reported none.
+    pub temperature_peak_c: Option<f64>,
     /// From [`BEFORE_S`] before the plan to [`AFTER_S`] after it.
     #[serde(skip)]
     pub samples: Vec<Sample>,
@@ -107,9 +111,15 @@ pub fn joints(
         let a_max = arm.joints()[j].limits.a_control_max_rad_s2;
         let at_limit =
             |c: &&Commanded| (0.0..=end).contains(&c.t_s) && c.a_rad_s2.is_some_and(|a| a >= 0.999 * a_max);
+        let peak = |readings: &[Reading]| {
+            let in_plan = readings.iter().filter(|r| (0.0..=end).contains(&r.t_s));
+            in_plan.map(|r| r.value.abs()).reduce(f64::max)
+        };
         all.push(JointTracking {
             name,
             module,
+            current_peak_a: peak(&drive.currents),
+            temperature_peak_c: peak(&drive.temperatures),
             samples_in_plan: in_plan,
             position_error_rad: position,
             speed_error_rad_s: speed,

@@ -71,9 +71,11 @@ const fn next_of(error: &WayError) -> &'static str {
     match error {
         WayError::Blocked { .. } => "jog the arm free with `cubectl jog`",
         WayError::Share { .. } => "give a share above 0 and at most 1",
-        WayError::NoWay { .. } | WayError::Goal(_) | WayError::Line(_) | WayError::Contact { .. } => {
-            "jog the arm nearer to the start, or plan another motion"
-        }
+        WayError::NoWay { .. }
+        | WayError::Goal(_)
+        | WayError::Line(_)
+        | WayError::Contact { .. }
+        | WayError::Leg { .. } => "jog the arm nearer to the start, or plan another motion",
     }
 }
 

@@ -44,6 +44,8 @@ pub struct JointSamples {
     pub positions: Vec<At>,
     /// Motor currents, A, positive if they turn the joint forwards.
     pub currents: Vec<At>,
+    /// Temperatures of the drive, degrees Celsius.
+    pub temperatures: Vec<At>,
     /// Orders to the drive.
     pub orders: Vec<RampOrder>,
     /// What the controller told about the joint.

@@ -1,8 +1,10 @@
 //! Samples of the frames of a bus: one pass over a log, each frame decoded once.
 
+use mit_protocol::{State, Status};
 use protocol::bits;
 use protocol::powercube::{MotionCommand, Parameter, Reply, Request, Value};
-use protocol::{Duration, Instant};
+use protocol::{Duration, Frame, Instant};
+use robot_model::MitMotor;
 
 use super::drives::Drives;
 use super::{
@@ -19,7 +21,8 @@ const FIRST_FRAME: Duration = Duration::from_micros(bits::best_case(true, 8).fra
 impl Samples {
     /// Samples of a log in ascending time; `drives` are those of the joints of `arm`.
     ///
-    /// A position is measured where the answer that carries it begins: drives measure just before they answer.
+    /// A position is measured where the answer that carries it begins: drives measure just before they answer. The motors of an arm with
+    /// MIT frames are those of its robot file.
     #[must_use]
     pub fn of_log(lines: Vec<Line>, drives: Drives, arm: &Arm, bit_rate_bit_s: u32) -> Self {
         let frames = lines.into_iter().map(|line| BusFrame { at: line.at, frame: line.frame }).collect();
@@ -30,6 +33,7 @@ impl Samples {
         let mut watch = Watch::new(names.collect());
         let mut reader = Reader {
             drives,
+            motors: arm.mit_motors().map_or(&[], |motors| &motors.joints),
             samples: Self { joints: vec![JointSamples::default(); drives.address.len()], ..Self::default() },
             ramps: vec![Ramp::default(); drives.address.len()],
         };
@@ -37,10 +41,11 @@ impl Samples {
             let notes = watch.take(*at, frame);
             reader.samples.events.extend(notes.events);
             reader.samples.freezes.extend(notes.freeze.map(|freeze| frozen(&freeze, drives)));
+            let begun = at.saturating_sub(span_of(bits::length(frame).frame(), bus.bit_s()));
             if let Some(fact) = notes.fact {
-                let begun = at.saturating_sub(span_of(bits::length(frame).frame(), bus.bit_s()));
                 reader.take(*at, begun, &fact);
             }
+            reader.take_motor(begun, frame);
         }
         let samples = reader.samples;
         Self { bus: Some(bus), ..samples }
@@ -56,6 +61,8 @@ struct Ramp {
 
 struct Reader<'a> {
     drives: &'a Drives,
+    /// Of the joints, if they have MIT frames.
+    motors: &'a [MitMotor],
     samples: Samples,
     ramps: Vec<Ramp>,
 }
@@ -88,6 +95,19 @@ impl Reader<'_> {
                 }
             }
             _ => {}
+        }
+    }
+
+    /// The answer of a motor with torque: of one without, an answer of a register looks the same.
+    fn take_motor(&mut self, at: Instant, frame: &Frame) {
+        let state = |motor: &MitMotor| State::decode(frame, motor.id, motor.answers_on, &motor.motor.ranges);
+        for ((joint, motor), of_joint) in self.motors.iter().enumerate().zip(&mut self.samples.joints) {
+            if let Some(state) = state(motor).filter(|state| state.status == Status::Enabled) {
+                let q_rad = self.drives.joint_rad(joint, f64::from(state.p_rad));
+                of_joint.positions.push(At { at, value: q_rad });
+                let hottest_c = state.transistors_c.max(state.rotor_c);
+                of_joint.temperatures.push(At { at, value: hottest_c.into() });
+            }
         }
     }
 

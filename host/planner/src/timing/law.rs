@@ -16,7 +16,7 @@ use super::given::smooth;
 use super::path::Path;
 use robot_model::JOINTS_MAX;
 
-use super::{At, Limits, Row8, Use, motion_of, stretch_within};
+use super::{At, KNOT_MIN_S, Limits, Row8, Use, motion_of, stretch_within};
 use crate::motion::Motion;
 
 /// Rounds of lowering limits, and those without a shorter motion after which there are no more.
@@ -26,8 +26,6 @@ const VAIN_ROUNDS: usize = 3;
 const WINDOWS: [f64; 4] = [1.0, 0.6, 0.35, 1.5];
 /// Places at which a law is looked at.
 const LOOKS: usize = 400;
-/// Shortest time between two knots, s.
-const KNOT_MIN_S: f64 = 4e-3;
 /// Largest distance of the cubics from the law, rad, and of their accelerations from its, as a share of the limits.
 const OFF_RAD: f64 = 2e-5;
 const OFF_SHARE: f64 = 0.01;

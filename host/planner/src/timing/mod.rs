@@ -60,12 +60,13 @@ impl Limits {
         Some(Self { n, v: padded(v_rad_s), a: padded(a_rad_s2), j: padded(j_rad_s3) })
     }
 
-    /// A share of those of an arm, above 0 and at most 1. Accelerations are those that a plan may use.
+    /// A share of those of an arm, above 0 and at most 1. Accelerations are those that a plan may use, and no more than a controller may
+    /// command: it refuses a plan above that.
     #[must_use]
     pub fn of_arm(arm: &RobotModel, share: f64) -> Option<Self> {
         let of = |f: fn(&robot_model::JointLimits) -> f64| arm.limit(f);
         let v = of(|l| l.v_max_rad_s) * share;
-        let a = of(|l| l.a_max_rad_s2) * share;
+        let a = (of(|l| l.a_max_rad_s2) * share).inf(&of(|l| l.a_control_max_rad_s2));
         let j = of(|l| l.j_max_rad_s3) * share;
         Self::new(v.as_slice(), a.as_slice(), j.as_slice())
     }
@@ -141,10 +142,31 @@ pub(crate) fn use_of_cubics(knots: &[At], limits: &Limits) -> Use {
     most
 }
 
-/// Stretches the time of the knots so that the cubics between them keep the limits.
+/// Shortest time between two knots, s; a controller takes none below 2 ms.
+const KNOT_MIN_S: f64 = 4e-3;
+
+/// Share above its limits that a motion may use once its numbers are those of a controller, which allows twice as much.
+const ROUNDED: f64 = 1.0005;
+/// Rounding is another one after each stretching.
+const STRETCHES_MAX: usize = 16;
+
+/// Stretches the time of the knots so that the cubics between them keep the limits, also as a controller has them: in single precision
+/// and whole microseconds. Two angles near 3 rad and 5 ms apart are rounded by half a per cent of the acceleration between them.
 pub(crate) fn stretch_within(knots: &mut [At], limits: &Limits) {
-    let stretch = use_of_cubics(knots, limits).stretch();
     // Knots that use less than their limits stay as they are.
+    stretch_by(knots, use_of_cubics(knots, limits).stretch());
+    for _ in 0..STRETCHES_MAX {
+        let sent: Vec<At> = knots.iter().map(as_sent).collect();
+        // No controller looks at the jerk.
+        let used = Use { jerk: 0.0, ..use_of_cubics(&sent, limits) };
+        if used.stretch() <= ROUNDED.sqrt() {
+            break;
+        }
+        stretch_by(knots, used.stretch());
+    }
+}
+
+fn stretch_by(knots: &mut [At], stretch: f64) {
     if stretch > 1.0 {
         let stretch = stretch * (1.0 + 1e-9);
         for knot in knots {
@@ -152,6 +174,11 @@ pub(crate) fn stretch_within(knots: &mut [At], limits: &Limits) {
             knot.qd = knot.qd.map(|v| v / stretch);
         }
     }
+}
+
+fn as_sent(knot: &At) -> At {
+    let single = |row: Row8| row.map(|x| f64::from(x as f32));
+    At { t_s: (knot.t_s * 1e6).round() * 1e-6, q: single(knot.q), qd: single(knot.qd) }
 }
 
 pub(crate) fn motion_of(knots: &[At], n: usize) -> Motion {

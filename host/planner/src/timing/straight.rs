@@ -6,7 +6,7 @@
 
 use robot_model::JOINTS_MAX;
 
-use super::{At, Limits, motion_of, padded, stretch_within};
+use super::{At, KNOT_MIN_S, Limits, motion_of, padded, stretch_within};
 use crate::motion::Motion;
 
 /// Times of a rest-to-rest motion with bounded speed, acceleration and jerk.
@@ -90,6 +90,24 @@ impl Straight {
     }
 }
 
+/// The knots without those that end a piece too short for a controller. What the longer pieces exceed is stretched.
+fn without_short_pieces(knots: Vec<At>) -> Vec<At> {
+    let (last, mut kept) = (knots.len() - 1, Vec::with_capacity(knots.len()));
+    for (index, knot) in knots.into_iter().enumerate() {
+        let is_short = |before: &At| knot.t_s - before.t_s < KNOT_MIN_S;
+        if kept.last().is_some_and(is_short) {
+            // Both ends stay.
+            match index < last {
+                true => continue,
+                false if kept.len() > 1 => drop(kept.pop()),
+                false => {}
+            }
+        }
+        kept.push(knot);
+    }
+    kept
+}
+
 /// Motion on the straight line from `from` to `to` (rad), at rest at both ends; `None` where they are the same or a number is not
 /// finite.
 #[must_use]
@@ -121,7 +139,7 @@ pub fn straight(from: &[f64], to: &[f64], limits: &Limits) -> Option<Motion> {
         }
         At { t_s, q, qd }
     });
-    let mut knots: Vec<At> = knots.collect();
+    let mut knots = without_short_pieces(knots.collect());
     stretch_within(&mut knots, limits);
     Some(motion_of(&knots, limits.n))
 }

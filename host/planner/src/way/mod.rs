@@ -26,7 +26,7 @@ pub(crate) use goal::at_point;
 pub use goal::{Goal, NoGoal};
 pub use line::{LineBreak, LineError};
 
-use robot_model::collision::{Body, CollisionChecker, Scene, StraightMove};
+use robot_model::collision::{Body, CollisionChecker, MotionVerdict, Scene, StraightMove};
 use robot_model::{JointVec, RobotModel};
 
 use crate::motion::Motion;
@@ -85,6 +85,9 @@ pub enum WayError {
     /// Two bodies touch on a motion that was given.
     #[error("after {t_s:.2} s {a} and {b} touch")]
     Contact { t_s: f64, a: String, b: String },
+    /// Two bodies touch on a line between corners that were given, which count from 1.
+    #[error("on the line from corner {leg} to the next {a} and {b} touch")]
+    Leg { leg: usize, a: String, b: String },
     /// The share is no number above 0 and at most 1.
     #[error("a share of {share} of the limits is not above 0 and at most 1")]
     Share { share: f64 },
@@ -116,6 +119,32 @@ pub fn way(
     rounded(&mut space.checker, &corners, &limits)
         .map(Some)
         .ok_or(WayError::NoWay { tries: search::SAMPLES_MAX })
+}
+
+/// Motion along lines in joint space through `corners`, such as another search found, each corner rounded as much as is proven free;
+/// `None` where all are one place.
+///
+/// # Errors
+/// [`WayError::Leg`], [`WayError::Share`].
+pub fn through(
+    arm: &RobotModel,
+    scene: &Scene,
+    share: f64,
+    corners: &[JointVec],
+) -> Result<Option<Motion>, WayError> {
+    let limits = limits(arm, share)?;
+    let mut checker = CollisionChecker::new(arm, scene);
+    for (leg, pair) in corners.windows(2).enumerate() {
+        let line = StraightMove { from: pair[0], to: pair[1] };
+        if let MotionVerdict::Contact { clearance, .. } = checker.check_motion(&line, 0.0, 1.0, TOLERANCE_M) {
+            let [a, b] = [clearance.a, clearance.b].map(|body| name(arm, scene, body));
+            return Err(WayError::Leg { leg: leg + 1, a, b });
+        }
+    }
+    Ok(match corners {
+        [from, to] => straight(from.as_slice(), to.as_slice(), &limits),
+        corners => rounded(&mut checker, corners, &limits),
+    })
 }
 
 /// Whether the motion is a line in joint space: nothing was in the way of it.
@@ -274,7 +303,8 @@ fn name(arm: &RobotModel, scene: &Scene, body: Body) -> String {
     }
 }
 
-fn is_free_line(checker: &mut CollisionChecker<'_>, from: &JointVec, to: &JointVec) -> bool {
+/// Whether no two bodies touch while the joints go evenly from one pose to another.
+pub fn is_free_line(checker: &mut CollisionChecker<'_>, from: &JointVec, to: &JointVec) -> bool {
     let line = StraightMove { from: *from, to: *to };
     checker.check_motion(&line, 0.0, 1.0, TOLERANCE_M).is_free()
 }

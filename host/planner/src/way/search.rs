@@ -10,9 +10,12 @@ use super::{MARGIN_RAD, Travel, is_free_line};
 use crate::plan::rng::SplitMix64;
 
 /// Largest step of a tree in one joint, rad.
-const STEP_RAD: f64 = 0.4;
+const STEP_RAD: f64 = 0.8;
 /// Points that are tried before giving up.
-pub(super) const SAMPLES_MAX: usize = 4_000;
+pub(super) const SAMPLES_MAX: usize = 20_000;
+/// Paths of which the one that takes least time is kept, and points that are tried for each after the first.
+const PATHS: usize = 4;
+const SAMPLES_AGAIN: usize = 1_000;
 /// Tries to cut a corner off.
 const CUTS: usize = 120;
 
@@ -22,6 +25,8 @@ pub(super) struct Space<'a> {
     rng: SplitMix64,
     /// Least and largest angles of corners.
     range: (JointVec, JointVec),
+    /// Largest speeds, rad/s.
+    v: JointVec,
 }
 
 /// Poses with the index of the one each was reached from.
@@ -53,7 +58,8 @@ impl<'a> Space<'a> {
     pub(super) fn new(arm: &'a RobotModel, scene: &'a Scene, travel: &Travel) -> Self {
         let margin = JointVec::repeat(arm.n(), MARGIN_RAD);
         let range = travel.range.unwrap_or((arm.q_min() + margin, arm.q_max() - margin));
-        Self { checker: CollisionChecker::new(arm, scene), rng: SplitMix64::new(travel.seed), range }
+        let v = arm.limit(|l| l.v_max_rad_s);
+        Self { checker: CollisionChecker::new(arm, scene), rng: SplitMix64::new(travel.seed), range, v }
     }
 
     pub(super) fn is_free(&mut self, from: &JointVec, to: &JointVec) -> bool {
@@ -62,8 +68,21 @@ impl<'a> Space<'a> {
 
     /// Corners of a free path from `from` to `to`, both included, shortened; `None` if none was found.
     pub(super) fn corners(&mut self, from: &JointVec, to: &JointVec) -> Option<Vec<JointVec>> {
-        let path = self.connect(from, to)?;
-        Some(self.shorten(path))
+        let path = self.connect(from, to, SAMPLES_MAX)?;
+        let mut best = self.shorten(path);
+        for _ in 1..PATHS {
+            let Some(path) = self.connect(from, to, SAMPLES_AGAIN) else { break };
+            let path = self.shorten(path);
+            if self.time(&path) < self.time(&best) {
+                best = path;
+            }
+        }
+        Some(best)
+    }
+
+    /// Time along a path at the largest speeds, s.
+    fn time(&self, path: &[JointVec]) -> f64 {
+        path.windows(2).map(|pair| (pair[1] - pair[0]).component_div(&self.v).amax()).sum()
     }
 
     fn sample(&mut self) -> JointVec {
@@ -85,9 +104,9 @@ impl<'a> Space<'a> {
         Some(tree.nodes.len() - 1)
     }
 
-    fn connect(&mut self, from: &JointVec, to: &JointVec) -> Option<Vec<JointVec>> {
+    fn connect(&mut self, from: &JointVec, to: &JointVec, samples: usize) -> Option<Vec<JointVec>> {
         let mut trees = [Tree { nodes: vec![(*from, 0)] }, Tree { nodes: vec![(*to, 0)] }];
-        for round in 0..SAMPLES_MAX {
+        for round in 0..samples {
             let (a, b) = (round % 2, 1 - round % 2);
             let sample = self.sample();
             let Some(new) = self.extend(&mut trees[a], &sample) else { continue };
@@ -122,13 +141,11 @@ impl<'a> Space<'a> {
             if i == k || !self.is_free(&from, &to) {
                 continue;
             }
-            let whole =
-                |path: &[JointVec]| path.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum::<f64>();
             let mut shorter: Vec<JointVec> = path[..=i].to_vec();
             shorter.extend([from, to]);
             shorter.extend_from_slice(&path[k + 1..]);
             shorter.dedup_by(|b, a| (*a - *b).amax() < 1e-9);
-            if whole(&shorter) < whole(&path) - 1e-9 {
+            if self.time(&shorter) < self.time(&path) - 1e-9 {
                 path = shorter;
             }
         }

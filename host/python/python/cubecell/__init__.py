@@ -38,6 +38,7 @@ from ._plan import Finding, Gains, Plan, Report, check, plan, tune
 from ._robot import Robot
 from ._simulate import Run, simulate
 from ._sweep import Swept, sweep, sweep_summary
+from ._ways import Surroundings, Way, along
 
 __all__ = [
     "Arm",
@@ -71,9 +72,12 @@ __all__ = [
     "Servo",
     "ServoState",
     "SetPoints",
+    "Surroundings",
     "Swept",
     "Table",
     "Trace",
+    "Way",
+    "along",
     "catch_ball",
     "catch_disc",
     "check",

@@ -20,7 +20,7 @@ class Robot:
 
     def __init__(self, source: str | os.PathLike[str]) -> None:
         self._native = _native.Robot(os.fspath(source))
-        limits = to_array(self._native.limits(), 4, len(self.joint_names))
+        limits = to_array(self._native.limits(), 5, len(self.joint_names))
         #: Smallest angles, rad.
         self.q_min_rad: Doubles = limits[0]
         #: Largest angles, rad.
@@ -29,6 +29,8 @@ class Robot:
         self.qd_max_rad_s: Doubles = limits[2]
         #: Largest accelerations, rad/s².
         self.qdd_max_rad_s2: Doubles = limits[3]
+        #: Largest jerks, rad/s³.
+        self.qddd_max_rad_s3: Doubles = limits[4]
 
     @property
     def source(self) -> str:

@@ -14,7 +14,7 @@ use self::drives::Drives;
 pub(super) use self::drives::period_request;
 use self::led::Led;
 use super::consent::Consent;
-use super::ended::{off_target, outcome_last};
+use super::ended::{command_line, off_target, outcome_last};
 use super::folder::Folder;
 use super::home::share;
 use super::last_look::LastLook;
@@ -265,7 +265,7 @@ impl Prepared {
         about.cause = wrong.map(ExpectedError::all_that_happened);
         about.next = wrong.map_or_else(Vec::new, ExpectedError::all_steps);
         let mut value = summary(&self.order(args), &done.record, &about);
-        value["command_line"] = std::env::args().collect::<Vec<_>>().join(" ").into();
+        value["command_line"] = command_line().into();
         if let Some(before) = tracked {
             value["target"] = before.json();
             let moved_m = args.tracker.moved(before);

@@ -5,7 +5,6 @@
 
 mod bus;
 mod early;
-mod hand;
 mod ran;
 mod record;
 mod tracking;
@@ -13,21 +12,24 @@ mod tracking;
 use std::fmt::Write as _;
 
 pub use early::EarlyReport;
-use hand::HandPath;
 use nalgebra::Vector3;
 pub use ran::Ran;
 use serde_json::Value;
 
 use super::chart::{Chart, Curve};
 use super::frame::{cause, head, told_outcome, tone};
+use super::hand::{HandPath, Led, measured};
 use super::page::{Answer, Tone};
 use super::{landing, scene};
 use operator::analysis::release::{ReleaseMotion, flight};
-use operator::analysis::tracking::{JointTracking, interpolate};
+use operator::analysis::tracking::JointTracking;
 use operator::analysis::{POSITION_BOUND_RAD, RunAnalysis, SPEED_BOUND_RAD_S};
 use operator::job::default_tolerance_m;
 use planner::plan::file::PlanFile;
 use planner::throw::{Arm, Joints};
+
+/// Points of the path of the hand.
+const HAND_STEPS: u32 = 400;
 
 /// What a report is about.
 pub struct RunReport<'a> {
@@ -49,7 +51,10 @@ impl RunReport<'_> {
         let release = ran.release_s().map_or_else(String::new, |s| format!(", release at {s:.3} s"));
         let more = format!("plan {:.3} s{release}", ran.end_s());
         let mut page = head(&ran.title(), &ran.robot.name, self.summary, Some(more), &self.answer());
-        let hand = HandPath::of(self);
+        let planned = |t_s: f64| ran.motion.at(t_s).q;
+        let led =
+            Led { name: "measured", end_s: ran.end_s(), planned: &planned, measured: &|t_s| self.q_at(t_s) };
+        let hand = HandPath::of(self.arm, HAND_STEPS, &[led]);
         page.tiles(&self.tiles(&hand));
         if let Some(fault) = &self.analysis.fault {
             self.fault(&mut page, fault);
@@ -65,7 +70,10 @@ impl RunReport<'_> {
         );
         let beside = match &ran.throw {
             Some(plan) => landing::chart(plan, &self.landing_marks(plan)),
-            None => hand.seen_flat(),
+            None => {
+                let [widest, ..] = hand.seen_flat();
+                widest
+            }
         };
         page.scene(self.space(), &format!("<figure class=\"card\">{}</figure>", beside.svg()));
         self.tracking(&mut page);
@@ -283,15 +291,8 @@ impl RunReport<'_> {
         marks
     }
 
-    /// Measured joint angles: reference less the interpolated error, which is straighter than the angle.
     fn q_at(&self, t_s: f64) -> Joints {
-        let reference = self.ran.motion.at(t_s).q;
-        Joints::from_fn(reference.len(), |j| {
-            let samples = &self.analysis.joints[j].samples;
-            let last = samples.last().map_or(reference[j], |s| s.q_rad);
-            let error = interpolate(samples, t_s, |s| s.t_s, |s| s.error_rad);
-            error.map_or(last, |e| reference[j] - e)
-        })
+        measured(&self.ran.motion, &self.analysis.joints, t_s)
     }
 
     fn space(&self) -> String {
