@@ -1,6 +1,8 @@
 //! Groups of drives: one module per family, each behind [`DriveGroup`](crate::group::DriveGroup). A board links those that
 //! its [`Controller`](crate::Controller) names.
 
+pub mod dynamics;
+mod leading;
 pub mod mit;
 pub mod powercube;
 pub mod rsi;

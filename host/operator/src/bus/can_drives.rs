@@ -5,7 +5,8 @@ use firmware::group::{
     Command, DriveGroup, GroupCounters, GroupEvent, PositionSample, Profile, Readings, SetPoint, Standing,
     Taken,
 };
-use firmware::groups::mit::{ArmModel, Body, GripperMotor, Mit, Motor, Options};
+use firmware::groups::dynamics::{ArmModel, Body};
+use firmware::groups::mit::{GripperMotor, Mit, Motor, Options};
 use firmware::groups::powercube::PowerCubes;
 use firmware::settings::Settings;
 use nalgebra::{Matrix3, Vector3};
@@ -132,7 +133,7 @@ impl DriveGroup for CanDrives {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use firmware::groups::mit::dynamics::Motion;
+    use firmware::groups::dynamics::Motion;
     use firmware::joints::PerJoint;
     use robot_model::JointVec;
 
