@@ -1,6 +1,6 @@
 # The simulated drives against clients that are not ours, unmodified, pinned. PowerCubes: python-can, over socketcand and as an
 # SLCAN adapter at a pseudo-terminal, both at the same time on one simulated bus. Damiao motors: damiao-motor, ODrive axes:
-# odrive-can, both over socketcand.
+# odrive-can, CANopen servos: canopen, all over socketcand.
 . .ci/timed.sh
 . .ci/serve.sh
 . .ci/venv.sh sim tests/interop/sim/requirements.txt
@@ -41,6 +41,7 @@ motors() { # client, options of serve-motors...
     return $status
 }
 timed motors damiao --damiao 8009:1:0x11 --damiao 4310:2:0x12
+timed motors cia402 --canopen 3
 timed motors odrive --odrive 0:0.6 --odrive 1:0.6:index --odrive-watchdog-ms 500
 tail -n 1 "$log" | python -c '
 import json, sys

@@ -4,6 +4,7 @@ mod arming;
 mod authority;
 mod bench;
 mod causes;
+mod cia402_hostile;
 mod deadlines;
 mod fault_door;
 mod fault_table;

@@ -4,6 +4,7 @@ use std::borrow::Cow;
 
 use protocol::{Frame, Instant, Node};
 
+use crate::bus::TxOrder;
 use crate::fault::FaultTarget;
 
 /// How a node is connected to the bus right now.
@@ -60,6 +61,12 @@ pub trait Participants {
         true
     }
 
+    /// In which order the node at `index` offers the frames that wait in it; `None`: as the bus is set. Asked once.
+    fn tx_order(&self, index: usize) -> Option<TxOrder> {
+        let _ = index;
+        None
+    }
+
     /// Wire address of the node at `index` if it is a drive, so that a fault can name it.
     fn module(&self, index: usize) -> Option<protocol::ModuleId> {
         let _ = index;
@@ -110,6 +117,13 @@ impl<A: Participants, B: Participants> Participants for (A, B) {
         match index.checked_sub(self.0.len()) {
             None => self.0.accepts(index, frame),
             Some(rest) => self.1.accepts(rest, frame),
+        }
+    }
+
+    fn tx_order(&self, index: usize) -> Option<TxOrder> {
+        match index.checked_sub(self.0.len()) {
+            None => self.0.tx_order(index),
+            Some(rest) => self.1.tx_order(rest),
         }
     }
 
@@ -195,6 +209,10 @@ impl<C: Participants + ?Sized> Participants for Box<C> {
 
     fn accepts(&self, index: usize, frame: &Frame) -> bool {
         (**self).accepts(index, frame)
+    }
+
+    fn tx_order(&self, index: usize) -> Option<TxOrder> {
+        (**self).tx_order(index)
     }
 
     fn module(&self, index: usize) -> Option<protocol::ModuleId> {

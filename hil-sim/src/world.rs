@@ -220,6 +220,11 @@ impl<C: Participants> World<C> {
             place_of(&mut participants, fault)?;
         }
         let mut bus = Bus::new(config, ports)?;
+        for port in 0..participants.len() {
+            if let Some(order) = participants.tx_order(port) {
+                bus.set_tx_order(port, order);
+            }
+        }
         for port in participants.len()..ports {
             bus.set_attached(port, false, 0);
         }

@@ -6,6 +6,7 @@ mod checkers;
 mod cli;
 mod common;
 mod drive_cell;
+mod drive_cia402;
 mod drive_commands;
 mod drive_life;
 mod drive_mit;

@@ -7,6 +7,7 @@ mod ball_mass;
 mod bus_common;
 mod bus_live;
 mod bus_verbs;
+mod canopen_arm;
 mod command_lines;
 mod doctor;
 mod every_option;

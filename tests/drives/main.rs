@@ -1,5 +1,7 @@
 //! Groups of drives behind the controller, against simulated drives that were written from the protocol alone. Virtual time.
 
+mod cia402;
+mod cia402_rig;
 mod find;
 mod rig;
 mod slow;

@@ -30,7 +30,7 @@ pub(crate) const KD_NM_S_RAD: f32 = 5.0;
 /// At each shaft. With the gains above: 32 rad/s, damping 0.79.
 const INERTIA_KG_M2: f64 = 0.1;
 pub(crate) const TYPES: [&str; JOINTS] = ["8009", "8009", "4340", "4340", "4310", "4310", "4310"];
-const HOST: Peer = Peer::new(42);
+pub(crate) const HOST: Peer = Peer::new(42);
 
 type C = Controller<RamStorage, Spline, Mit>;
 
@@ -281,20 +281,25 @@ pub(crate) fn quintic(index: usize, t_s: f64) -> (f64, f64) {
 }
 
 pub(crate) fn quintic_file() -> Vec<u8> {
+    plan_file(JOINTS, PERIOD_US as u32, |_| 0.0)
+}
+
+/// [`quintic`] of so many joints, from where each stands.
+pub(crate) fn plan_file(joints: usize, period_us: u32, stands_rad: impl Fn(usize) -> f64) -> Vec<u8> {
     let knots: Vec<Knot> = (0..=40)
         .map(|k| {
             let t_s = PLAN_S * f64::from(k) / 40.0;
             let mut state = PerJoint::default();
-            for i in 0..JOINTS {
+            for i in 0..joints {
                 let (q, qd) = quintic(i, t_s);
-                state.set(joint(i), (q as f32, qd as f32));
+                state.set(joint(i), ((q + stands_rad(i)) as f32, qd as f32));
             }
             Knot { t_us: (t_s * 1e6) as u32, state }
         })
         .collect();
     let header = Header {
-        joints: JOINTS as u8,
-        period_us: PERIOD_US as u32,
+        joints: joints as u8,
+        period_us,
         events: PlanEvents::release(None),
         robot_crc32: 0,
         ..Header::default()

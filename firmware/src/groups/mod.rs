@@ -1,6 +1,9 @@
 //! Groups of drives: one module per family, each behind [`DriveGroup`](crate::group::DriveGroup). A board links those that
 //! its [`Controller`](crate::Controller) names.
 
+pub mod cia402;
+pub mod dynamics;
+mod leading;
 pub mod mit;
 pub mod powercube;
 pub mod rsi;

@@ -11,7 +11,7 @@ use super::config::{BitRateError, BusConfig, Recovery};
 use super::controller::Controller;
 use super::counters::Confinement;
 use super::event::{BusEvent, Wire};
-use super::queue::TxQueue;
+use super::queue::{TxOrder, TxQueue};
 use super::stats::{IdTable, PortStats};
 use attempt::Attempt;
 use errors::Held;
@@ -120,6 +120,11 @@ impl Bus {
             busy_ns: 0,
             good_ns: 0,
         })
+    }
+
+    /// A node with mailboxes of its own kind; before it has queued a frame.
+    pub fn set_tx_order(&mut self, port: usize, order: TxOrder) {
+        self.ports[port].queue = TxQueue::new(self.config.queue_depth, order);
     }
 
     // Getters.

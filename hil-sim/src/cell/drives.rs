@@ -1,4 +1,4 @@
-//! What turns the joints and opens the hand: PowerCubes, or motors with MIT frames.
+//! What turns the joints and opens the hand: PowerCubes, motors with MIT frames, or CANopen servos.
 
 use std::borrow::Cow;
 
@@ -7,8 +7,10 @@ use protocol::{Frame, Id, Instant, ModuleId, Node};
 use robot_model::{MitGripper, MitMotor as Described, RobotModel};
 
 use super::{CellError, CellOptions};
+use crate::bus::TxOrder;
 use crate::drive::PowerCubeDrive;
 use crate::drive::bench::{ShaftMotor, turn};
+use crate::drive::cia402::{CanopenServo, ServoOptions};
 use crate::drive::mit::{MitMotor, MitOptions};
 use crate::mechanics::{AxisInput, AxisState};
 use crate::participants::BusConnection;
@@ -17,6 +19,7 @@ use crate::participants::BusConnection;
 pub(super) enum Drives {
     PowerCubes(Vec<PowerCubeDrive>),
     Mit(Box<MitArm>),
+    Cia402(Vec<CanopenServo>),
 }
 
 /// One motor for each joint, and perhaps one for the fingers.
@@ -81,18 +84,50 @@ impl Fingers {
     }
 }
 
+/// The servos of `[joint.cia402]`, whose loops are tuned for the nominal arm: as stiff as the drive loop of the robot file says.
+pub(super) fn servos(
+    model: &RobotModel,
+    options: &CellOptions,
+    q_rad: &[f64],
+) -> Result<Vec<CanopenServo>, CellError> {
+    let Some(described) = model.cia402_servos() else {
+        return Err(CellError::NoDrives { robot: model.name().to_owned() });
+    };
+    let tuned = options.mechanics.servo_inertia_kg_m2(model);
+    let (wn_rad_s, damping) =
+        model.drive_loop().map_or((320.0, 0.8), |own| (own.natural_frequency_rad_s, own.damping_ratio));
+    let servo = |joint: usize| {
+        let (described, limits) = (&described[joint], &model.joints()[joint].limits);
+        let options_of = ServoOptions {
+            // A motor encoder behind a gear of 1: the product is what a host must know.
+            encoder_counts: described.counts_per_turn,
+            gear: 1,
+            rated_nm: described.rated_nm,
+            peak_nm: limits.torque_max_nm.unwrap_or(3.0 * described.rated_nm),
+            // Half of the torque is left at the top speed of the joint.
+            no_load_rad_s: 2.0 * limits.v_max_rad_s,
+            stiffness_nm_rad: tuned[joint] * wn_rad_s * wn_rad_s,
+            damping_nms_rad: 2.0 * damping * wn_rad_s * tuned[joint],
+            is_absolute: described.is_absolute,
+            ..ServoOptions::of(described.node)
+        };
+        CanopenServo::new(options_of, options.mounting_of(joint).drive_rad(q_rad[joint]))
+    };
+    Ok((0..described.len()).map(servo).collect())
+}
+
 impl Drives {
     pub(super) fn powercubes(&self) -> &[PowerCubeDrive] {
         match self {
             Self::PowerCubes(drives) => drives,
-            Self::Mit(_) => &[],
+            Self::Mit(_) | Self::Cia402(_) => &[],
         }
     }
 
     pub(super) fn powercubes_mut(&mut self) -> &mut [PowerCubeDrive] {
         match self {
             Self::PowerCubes(drives) => drives,
-            Self::Mit(_) => &mut [],
+            Self::Mit(_) | Self::Cia402(_) => &mut [],
         }
     }
 
@@ -101,6 +136,7 @@ impl Drives {
         match self {
             Self::PowerCubes(drives) => drives.len(),
             Self::Mit(arm) => arm.joints.len() + usize::from(arm.fingers.is_some()),
+            Self::Cia402(servos) => servos.len(),
         }
     }
 
@@ -109,6 +145,7 @@ impl Drives {
         match self {
             Self::PowerCubes(drives) => drives.len(),
             Self::Mit(arm) => arm.joints.len(),
+            Self::Cia402(servos) => servos.len(),
         }
     }
 
@@ -119,6 +156,7 @@ impl Drives {
                 Some(fingers) if index == arm.joints.len() => &mut fingers.motor,
                 _ => &mut arm.joints[index],
             },
+            Self::Cia402(servos) => &mut servos[index],
         }
     }
 
@@ -132,6 +170,7 @@ impl Drives {
                 Some(fingers) if index == arm.joints.len() => format!("gripper ({})", fingers.motor.name()),
                 _ => format!("motor {} ({})", index + 1, arm.joints[index].name()),
             },
+            Self::Cia402(servos) => format!("joint {} ({})", index + 1, servos[index].name()),
         })
     }
 
@@ -144,8 +183,13 @@ impl Drives {
                 }
                 _ => false,
             },
-            Self::Mit(_) => matches!(frame.id(), Id::Standard(_)),
+            Self::Mit(_) | Self::Cia402(_) => matches!(frame.id(), Id::Standard(_)),
         }
+    }
+
+    /// A CANopen node has a mailbox for each kind of frame: a heartbeat that waits holds up no process data.
+    pub(super) fn tx_order(&self) -> Option<TxOrder> {
+        matches!(self, Self::Cia402(_)).then_some(TxOrder::Priority)
     }
 
     pub(super) fn connection(&self, index: usize, bit_rate: BaudRate) -> BusConnection {
@@ -161,6 +205,7 @@ impl Drives {
         match self {
             Self::PowerCubes(drives) => drives[joint].input(middle),
             Self::Mit(arm) => arm.joints[joint].input(),
+            Self::Cia402(servos) => servos[joint].input_at(middle),
         }
     }
 
@@ -182,6 +227,8 @@ impl Drives {
                 Some((drive.outputs() >> line & 1 != 0, drive.outputs_changed()))
             }
             Self::Mit(arm) => arm.fingers.as_ref().map(|fingers| (fingers.is_open, fingers.changed)),
+            // Nothing opens the hand.
+            Self::Cia402(_) => None,
         }
     }
 }

@@ -30,8 +30,10 @@ pub use build::{CellError, CellOptions};
 pub use mounting::Mounting;
 pub use throw::{BallState, ThrowReport};
 
+use crate::bus::TxOrder;
 use crate::drive::PowerCubeDrive;
 use crate::drive::bench::ShaftMotor;
+use crate::drive::cia402::CanopenServo;
 use crate::drive::mit::MitMotor;
 use crate::fault::FaultTarget;
 use crate::mechanics::{AxisInput, Plant, Supply};
@@ -77,6 +79,11 @@ impl Cell {
     pub fn mit_motors_mut(&mut self) -> impl Iterator<Item = &mut MitMotor> {
         let arm = if let Drives::Mit(arm) = &mut self.drives { Some(arm) } else { None };
         arm.into_iter().flat_map(|arm| arm.motors_mut())
+    }
+
+    /// The CANopen servos, in joint order; none in an arm of other drives.
+    pub fn servos_mut(&mut self) -> &mut [CanopenServo] {
+        if let Drives::Cia402(servos) = &mut self.drives { servos } else { &mut [] }
     }
 
     pub fn plant(&self) -> &dyn Plant {
@@ -152,6 +159,11 @@ impl Cell {
                     motor.tick(self.mounting[index].axis(self.plant.axis(index)), dt_s);
                 }
             }
+            Drives::Cia402(servos) => {
+                for (index, servo) in servos.iter_mut().enumerate() {
+                    servo.tick(self.mounting[index].axis(self.plant.axis(index)), dt_s);
+                }
+            }
         }
         self.drives.step_fingers(dt_s, end);
         self.throw.step(&self.drives, &*self.plant, end);
@@ -217,6 +229,10 @@ impl Participants for Cell {
 
     fn accepts(&self, index: usize, frame: &Frame) -> bool {
         self.drives.accepts(index, frame)
+    }
+
+    fn tx_order(&self, _index: usize) -> Option<TxOrder> {
+        self.drives.tx_order()
     }
 
     fn module(&self, index: usize) -> Option<ModuleId> {

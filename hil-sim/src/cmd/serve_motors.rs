@@ -1,7 +1,8 @@
-//! `hil-sim serve-motors`: Damiao motors and ODrive axes in real time, for programs that speak to such motors.
+//! `hil-sim serve-motors`: Damiao motors, ODrive axes and CANopen servos in real time, for programs that speak to such motors.
 
 use can_link::{BusSpec, Role, Urgent};
 use hil_sim::drive::bench::Bench;
+use hil_sim::drive::cia402::{CanopenServo, ServoOptions};
 use hil_sim::drive::mit::{MitMotor, MitOptions};
 use hil_sim::drive::odrive::{OdriveAxis, OdriveOptions};
 use hil_sim::realtime::{Door, Realtime, RealtimeError, shared_time};
@@ -18,9 +19,9 @@ const TURN: Duration = Duration::from_millis(100);
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  hil-sim serve-motors --damiao 8009:1:0x11 --damiao 4310:2:0x12 --bus socketcand://127.0.0.1:29540/can0\n  \
-                  hil-sim serve-motors --odrive 0:0.6 --odrive 1:0.6:index\n\n\
+                  hil-sim serve-motors --odrive 0:0.6 --odrive 1:0.6:index\n  hil-sim serve-motors --canopen 3 --canopen 4\n\n\
                   Each motor turns an inertia of its own; there is no arm.",
-    group = clap::ArgGroup::new("motors").args(["damiao", "odrive"]).multiple(true).required(true)
+    group = clap::ArgGroup::new("motors").args(["damiao", "odrive", "canopen"]).multiple(true).required(true)
 )]
 pub(super) struct Args {
     /// A Damiao motor: type, id to which it listens, id on which it answers. Types: 4310, 4340, 8009.
@@ -29,6 +30,9 @@ pub(super) struct Args {
     /// An axis of an ODrive: number, version 0.5 or 0.6, and `:index` if it must search its index first.
     #[arg(long, value_name = "NODE:VERSION[:index]", value_parser = axis)]
     odrive: Vec<OdriveOptions>,
+    /// A CANopen servo of profile CiA 402: its node, 1 to 127. It has homing and cyclic synchronous position.
+    #[arg(long, value_name = "NODE", value_parser = servo)]
+    canopen: Vec<ServoOptions>,
     /// The ODrives give no torque after this time without an order; without it their watchdog is off, as shipped.
     #[arg(long, value_name = "MS")]
     odrive_watchdog_ms: Option<u64>,
@@ -79,6 +83,11 @@ fn axis(text: &str) -> Result<OdriveOptions, String> {
     Ok(OdriveOptions { absolute, ..OdriveOptions::new(node, version) })
 }
 
+fn servo(text: &str) -> Result<ServoOptions, String> {
+    let node = text.parse().ok().and_then(canopen_protocol::NodeId::new).ok_or("a node is 1 to 127")?;
+    Ok(ServoOptions::of(node))
+}
+
 fn inertia(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| "a number of kg·m²".to_owned())?;
     (value.is_finite() && value > 0.0).then_some(value).ok_or_else(|| "must be above zero".to_owned())
@@ -98,7 +107,10 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         .iter()
         .map(|options| OdriveAxis::new(OdriveOptions { watchdog, ..*options }, 0.0))
         .collect();
-    let bench = (Bench::new(damiao, args.inertia_kg_m2), Bench::new(odrives, args.inertia_kg_m2));
+    let servos = args.canopen.iter().map(|options| CanopenServo::new(*options, 0.0)).collect();
+    let inertia_kg_m2 = args.inertia_kg_m2;
+    let bench = (Bench::new(damiao, inertia_kg_m2), Bench::new(odrives, inertia_kg_m2));
+    let bench = (bench, Bench::new(servos, inertia_kg_m2));
     let mut realtime = Realtime::new(bench, hil_sim::bus::BusConfig::default(), 1, Vec::new(), doors, clock)
         .map_err(|error| Failure::new(Code::BadFile, &error))?;
     let end = args.duration_s.map(|s| Instant::ZERO + Duration::from_secs_f64(s));

@@ -16,7 +16,7 @@
 //! | `program`, [`ramp`] | set-point as a closed-form function of time |
 //! | `servo` | position loop and torque left of the current limit |
 //! | `faults` | what is broken in it |
-//! | [`mit`], [`odrive`] | a Damiao motor, an axis of an ODrive instead of a PowerCube |
+//! | [`mit`], [`odrive`], [`cia402`] | a Damiao motor, an axis of an ODrive, a CANopen servo instead of a PowerCube |
 //! | [`mod@bench`] | such motors with an inertia each, as participants of a bus |
 //!
 //! # State
@@ -46,6 +46,7 @@
 //!   belong to other hardware (25xx, linear modules, Profibus).
 
 pub mod bench;
+pub mod cia402;
 mod faults;
 mod homing;
 mod measure;

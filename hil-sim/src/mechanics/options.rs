@@ -59,6 +59,9 @@ impl MechanicsOptions {
         if let Some(motors) = model.mit_motors() {
             return motors.joints[i].rotor_kg_m2;
         }
+        if let Some(servos) = model.cia402_servos() {
+            return servos[i].rotor_kg_m2;
+        }
         self.rotor_share * Self::torque_max_nm(model, i) / model.joints()[i].limits.a_control_max_rad_s2
     }
 

@@ -3,6 +3,7 @@
 mod analysis;
 mod bus_operator;
 mod bus_session;
+mod canopen_arm;
 mod common;
 mod disc;
 mod live;

@@ -19,8 +19,8 @@ use operator::dialogue::operator::OperatorError;
 use operator::dialogue::registers::Numbers;
 use operator::node::inbox::Said;
 
-/// Period of a controller for motors with MIT frames, µs: five set points within the time-out of a motor.
-const MIT_PERIOD_US: u32 = 10_000;
+/// Period of a controller for an arm of motors or servos, µs: five set points within the time-out of a motor.
+const WHOLE_PERIOD_US: u32 = 10_000;
 /// Longest start-up of a controller.
 const BOOT_MAX: Duration = Duration::from_secs(20);
 
@@ -64,9 +64,9 @@ impl Controlled {
     ) -> Result<Self, ExpectedError> {
         let key = args.key.load()?;
         let cell = bus.cell.load()?;
-        let is_mit = cell.robot.mit_motors().is_some();
-        // An arm without brakes is held as a whole.
-        let named = named.filter(|_| !is_mit);
+        // Motors and servos are led as a whole: an arm without brakes is held, one SYNC is for all.
+        let is_whole = cell.robot.drives().is_none();
+        let named = named.filter(|_| !is_whole);
         let soft = is_soft(&bus.bus, args.controller)?;
         let mut addresses = Vec::new();
         let settings = if soft {
@@ -79,7 +79,7 @@ impl Controlled {
                 None => settings,
             };
             // Homing and jogging need no short period, and a slow machine or adapter must not stop them.
-            set_period(&mut settings, if is_mit { MIT_PERIOD_US } else { PERIOD_MAX_US });
+            set_period(&mut settings, if is_whole { WHOLE_PERIOD_US } else { PERIOD_MAX_US });
             adjust(&mut settings);
             // A controller would begin with others instead.
             settings.check().map_err(|refusal| {

@@ -87,6 +87,20 @@ pub enum Problem {
     /// A joint has two drives.
     #[error("joint `{0}` has a drive module too; give one or the other")]
     MitBesideDrive(String),
+    /// Some joints have a CANopen servo and some have none.
+    #[error("joint `{0}` has no CANopen servo, though others have: all or none")]
+    Cia402Missing(String),
+    /// A joint has two drives.
+    #[error("joint `{0}` has another drive too; give one or the other")]
+    Cia402BesideDrive(String),
+    /// Two servos have one node.
+    #[error("node {node} already belongs to {owner}")]
+    DuplicateNode {
+        /// The node.
+        node: u8,
+        /// Joint that has it first.
+        owner: String,
+    },
     /// The gripper has an MIT motor, the joints have none.
     #[error("the gripper has an MIT motor, but the joints have none")]
     MitGripperAlone,

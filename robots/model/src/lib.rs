@@ -44,6 +44,7 @@
 #![warn(missing_docs)]
 
 mod boxes;
+mod cia402;
 pub mod collision;
 pub mod cubic;
 mod currents;
@@ -69,6 +70,7 @@ pub mod survey;
 pub mod urdf;
 pub mod uses;
 
+pub use cia402::Cia402Servo;
 pub use dynamics::InverseDynamicsGradient;
 pub use error::{FamilyMismatch, LoadError, Problem};
 pub use family::{Family, OrthoParallel, TurntablePlanar};

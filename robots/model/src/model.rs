@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::boxes::{BodyBox, CollisionModel};
+use crate::cia402::Cia402Servo;
 use crate::family::Family;
 use crate::fingers::Fingers;
 use crate::mit::MitMotors;
@@ -26,6 +27,7 @@ pub struct RobotModel {
     pub(crate) family: Family,
     pub(crate) drives: Option<Vec<Drive>>,
     pub(crate) mit_motors: Option<MitMotors>,
+    pub(crate) cia402_servos: Option<Vec<Cia402Servo>>,
     pub(crate) supplies: Vec<Supply>,
     pub(crate) drive_loop: Option<DriveLoop>,
     pub(crate) world: World,
@@ -326,6 +328,12 @@ impl RobotModel {
     #[must_use]
     pub fn mit_motors(&self) -> Option<&MitMotors> {
         self.mit_motors.as_ref()
+    }
+
+    /// CANopen servos of profile CiA 402, base first, if the robot file describes them (all joints or none).
+    #[must_use]
+    pub fn cia402_servos(&self) -> Option<&[Cia402Servo]> {
+        self.cia402_servos.as_deref()
     }
 
     /// Whether the drives follow from speed and torque of the joints (`[generic_drives]`), so that no real ones are described.

@@ -1,5 +1,6 @@
 //! The tests of this package as one program: it is linked once.
 
+mod canopen6;
 mod collision;
 mod dynamics;
 mod golden;

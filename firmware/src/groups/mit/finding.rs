@@ -22,9 +22,9 @@ use mit_protocol::{
 use protocol::{Duration, Instant, JointIndex};
 
 use super::Mit;
-use super::motion::Mode;
 use super::options::Motor;
 use crate::fault::Cause;
+use crate::groups::leading::Mode;
 use crate::joints::at_least;
 use crate::settings::{JointSettings, Settings};
 
@@ -206,8 +206,8 @@ pub(super) const fn cause(status: Status) -> Option<Cause> {
 impl Mit {
     /// Ends the search.
     pub(super) fn refuse(&mut self, joint: JointIndex, cause: Cause) {
-        if self.is_finding() {
-            self.mode = Mode::Halted;
+        if self.leader.is_finding() {
+            self.leader.mode = Mode::Halted;
             self.fail(joint, cause);
         }
     }
@@ -246,7 +246,7 @@ impl Mit {
         joint: JointIndex,
         state: &State,
     ) {
-        let Mode::Finding { reset } = self.mode else { return };
+        let Mode::Finding { reset } = self.leader.mode else { return };
         let limits = self.limits(settings, joint);
         let drive = self.drives.at_mut(joint);
         let silence = time_out(settings) + settings.cycle_period() * 2;
@@ -255,8 +255,9 @@ impl Mit {
             Ok(next) => {
                 drive.is_proven |= next == Step::Recover;
                 drive.go_to(next);
-                if next == Step::Held {
-                    drive.hold_here(&limits);
+                let q_rad = if next == Step::Held { drive.hold_here(&limits) } else { None };
+                if let Some(q_rad) = q_rad {
+                    self.leader.stand(joint, q_rad);
                 }
             }
             Err(cause) => self.refuse(joint, cause),

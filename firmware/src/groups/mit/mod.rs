@@ -2,7 +2,7 @@
 //!
 //! The motor gives `kp (p - q) + kd (v - q̇) + t` and holds it until the next command. The group leads a set point (q_c, v_c) of each
 //! joint from the accelerations of the law, and sends p = q_c, v = v_c with the gains of [`Motor`], and as t the torque that the set points
-//! need by the [`ArmModel`]. Without a model t is 0, and the load costs a distance of load / kp between set point and joint, which the law
+//! need by the [`ArmModel`](super::dynamics::ArmModel). Without a model t is 0, and the load costs a distance of load / kp between set point and joint, which the law
 //! closes while tracking.
 //!
 //! # Stops
@@ -31,12 +31,10 @@
 //! |---|---|
 //! | [`options`] | motors, gains, ids |
 //! | `finding` | from silence to torque: registers compared, time-out proven |
-//! | [`dynamics`] | torque that the set points need |
 //! | `drive` | a motor as the group knows it |
-//! | `motion` | what the set points do in a mode, and the commands of a period |
+//! | `motion` | the commands of a period |
 
 mod drive;
-pub mod dynamics;
 mod finding;
 mod motion;
 pub mod options;
@@ -46,11 +44,10 @@ use mit_protocol::{RegisterAnswer, RegisterRequest, State};
 use protocol::{Duration, Frame, Id, Instant, JointIndex};
 
 use self::drive::{Drive, Worth};
-pub use self::dynamics::{ArmModel, Body};
 pub use self::finding::Mismatch;
 use self::finding::{STEP_PERIODS, Step};
-use self::motion::Mode;
 pub use self::options::{GripperMotor, Motor, Options, OptionsError};
+use super::leading::{Leader, Mode};
 use crate::fault::{Cause, Fault, Refusal};
 use crate::group::{
     Command, DriveGroup, GroupCounters, GroupEvent, InForce, Law, Measured, PositionSample, Profile,
@@ -58,7 +55,6 @@ use crate::group::{
 };
 use crate::joints::{PerJoint, at_least, at_most, clamp};
 use crate::settings::{JointSettings, Settings};
-use crate::span;
 
 /// From the order to run to the start of the plan.
 const LEAD_PERIODS: u64 = 2;
@@ -77,8 +73,7 @@ const HOMING: Duration = Duration::from_millis(100);
 pub struct Mit {
     options: Options,
     drives: PerJoint<Drive>,
-    mode: Mode,
-    end_rad: PerJoint<Option<f32>>,
+    leader: Leader,
     /// Its zero is looked for until then.
     homing: Option<(JointIndex, Instant)>,
     /// Last order to the gripper.
@@ -109,8 +104,7 @@ impl Mit {
         Self {
             options,
             drives: PerJoint::default(),
-            mode: Mode::Finding { reset: false },
-            end_rad: PerJoint::default(),
+            leader: Leader::new(Mode::Finding { reset: false }),
             homing: None,
             gripper_open: None,
             events: Deque::new(),
@@ -177,10 +171,6 @@ impl Mit {
         }
     }
 
-    const fn is_finding(&self) -> bool {
-        matches!(self.mode, Mode::Finding { .. })
-    }
-
     /// When the command of a joint is on the bus at the earliest, if `more` frames follow it.
     fn after_command(&self, joint: JointIndex, more: u64) -> Instant {
         self.at + self.options.frame * (self.drives.at(joint).place + more)
@@ -211,7 +201,7 @@ impl Mit {
     /// The motor of the fingers does not answer, or reports a fault.
     fn lose_gripper(&mut self, place: JointIndex) {
         self.drives.at_mut(place).go_to(Step::Off);
-        if self.is_finding() {
+        if self.leader.is_finding() {
             self.refuse(place, Cause::GripperUnanswered);
         } else {
             self.fail(place, Cause::GripperUnanswered);
@@ -229,33 +219,26 @@ impl Mit {
             }
         }
         let all_rest = settings.joints().all(|joint| self.is_at_rest(now, settings, joint));
-        match self.mode {
-            Mode::Finding { .. } => {
-                for joint in self.places(settings) {
-                    let drive = self.drives.at_mut(joint);
-                    drive.periods = drive.periods.saturating_add(1);
-                    let waits = matches!(drive.step, Step::Held | Step::Silence { .. });
-                    if !waits && drive.periods > STEP_PERIODS {
-                        let trouble = drive.state.and_then(|state| finding::cause(state.status));
-                        let answers = drive.missed_in_row == 0;
-                        self.refuse(joint, trouble.filter(|_| answers).unwrap_or(Cause::DriveMissing));
-                        return;
-                    }
-                }
-                if all_rest && self.places(settings).all(|place| self.drives.at(place).is_held()) {
-                    self.mode = Mode::Standing;
-                    self.push(GroupEvent::Found);
-                }
+        if !self.leader.is_finding() {
+            if let Some(event) = self.leader.proceed(now, all_rest) {
+                self.push(event);
             }
-            Mode::Jogging { joint, qd_rad_s, until, released: false } if until <= now || qd_rad_s == 0.0 => {
-                self.mode = Mode::Jogging { joint, qd_rad_s, until, released: true };
-                self.push(GroupEvent::JogReleased);
+            return;
+        }
+        for joint in self.places(settings) {
+            let drive = self.drives.at_mut(joint);
+            drive.periods = drive.periods.saturating_add(1);
+            let waits = matches!(drive.step, Step::Held | Step::Silence { .. });
+            if !waits && drive.periods > STEP_PERIODS {
+                let trouble = drive.state.and_then(|state| finding::cause(state.status));
+                let answers = drive.missed_in_row == 0;
+                self.refuse(joint, trouble.filter(|_| answers).unwrap_or(Cause::DriveMissing));
+                return;
             }
-            Mode::Jogging { released: true, .. } if all_rest => {
-                self.mode = Mode::Standing;
-                self.push(GroupEvent::JogEnded);
-            }
-            _ => {}
+        }
+        if all_rest && self.places(settings).all(|place| self.drives.at(place).is_held()) {
+            self.leader.mode = Mode::Standing;
+            self.push(GroupEvent::Found);
         }
     }
 }
@@ -313,8 +296,8 @@ impl DriveGroup for Mit {
             }
             return;
         }
-        let in_force =
-            (self.mode == Mode::Tracking).then_some(InForce { u_rad_s2: drive.u_rad_s2, in_time: true });
+        let u_rad_s2 = self.leader.joints.at(joint).u_rad_s2;
+        let in_force = (self.leader.mode == Mode::Tracking).then_some(InForce { u_rad_s2, in_time: true });
         let trouble = drive.trouble(self.options.hot_c);
         if finding::cause(state.status).is_some() {
             drive.go_to(Step::Off);
@@ -322,7 +305,7 @@ impl DriveGroup for Mit {
         if let Some(sample) = drive.sample {
             self.push(GroupEvent::Measured(Measured { joint, sample, in_force, trouble }));
         }
-        if let Some(cause) = trouble.filter(|_| self.is_finding()) {
+        if let Some(cause) = trouble.filter(|_| self.leader.is_finding()) {
             self.refuse(joint, cause);
         }
     }
@@ -362,59 +345,31 @@ impl DriveGroup for Mit {
 
     fn command(&mut self, now: Instant, settings: &Settings, command: Command) {
         self.homing = None;
+        if let Some(joint) = self.leader.command(now, settings, command) {
+            let (drive, led) = (self.drives.at_mut(joint), self.leader.joints.at_mut(joint));
+            led.load_rad = drive.sample.map_or(0.0, |sample| led.set.q_rad - sample.q_rad);
+            drive.rest.forget();
+        }
         match command {
-            Command::Find { reset } => {
-                (self.mode, self.abandoned, self.mismatch) = (Mode::Finding { reset }, false, None);
+            Command::Find { .. } => {
+                (self.abandoned, self.mismatch) = (false, None);
                 for joint in self.places(settings) {
                     let drive = self.drives.at_mut(joint);
                     drive.find(settings.reply_missed_max);
                     drive.periods = 0;
                 }
             }
-            Command::Reset | Command::Stand { .. }
-                if self.mode == Mode::Halted && command != Command::Reset => {}
-            Command::Reset | Command::Stand { .. } => self.mode = Mode::Standing,
-            Command::Abandon => (self.mode, self.abandoned) = (Mode::Halted, true),
+            Command::Abandon => self.abandoned = true,
             Command::Home(joint) => self.homing = Some((joint, now + HOMING)),
-            _ if self.mode == Mode::Halted => {}
-            Command::Jog { joint, qd_rad_s, until } => {
-                let until = if qd_rad_s == 0.0 { now } else { until };
-                self.mode = Mode::Jogging { joint, qd_rad_s, until, released: false };
-                self.drives.at_mut(joint).rest.forget();
+            Command::HaltJoint(joint) if self.leader.mode != Mode::Halted => {
+                self.drives.at_mut(joint).go_to(Step::Off);
             }
-            Command::Track => {
-                self.mode = Mode::Tracking;
-                settings.joints().for_each(|joint| self.drives.at_mut(joint).u_rad_s2 = 0.0);
-            }
-            Command::MoveTo { joint, q_rad } => {
-                if self.mode != Mode::Moving {
-                    (self.mode, self.end_rad) = (Mode::Moving, PerJoint::default());
-                }
-                let drive = self.drives.at_mut(joint);
-                // Ordered again after each answer that is missed.
-                if self.end_rad.get(joint).is_none() {
-                    drive.load_rad = drive.sample.map_or(0.0, |sample| drive.set.q_rad - sample.q_rad);
-                    drive.rest.forget();
-                }
-                self.end_rad.set(joint, Some(q_rad));
-            }
-            Command::Halt => self.mode = Mode::Halted,
-            Command::HaltJoint(joint) => self.drives.at_mut(joint).go_to(Step::Off),
+            _ => {}
         }
     }
 
     fn brake(&mut self, now: Instant, settings: &Settings) -> Instant {
-        let mut longest_s = 0.0;
-        for joint in settings.joints() {
-            let a_rad_s2 = self.braking_rad_s2(settings.joint.at(joint));
-            longest_s = at_least(self.drives.at(joint).set.v_rad_s.abs() / a_rad_s2, longest_s);
-        }
-        if !matches!(self.mode, Mode::Jogging { .. } | Mode::Halted) {
-            self.mode = Mode::Braking;
-        } else if let Mode::Jogging { released, .. } = &mut self.mode {
-            *released = true;
-        }
-        now + span::of_seconds(longest_s) + settings.cycle_period() * 2 + SETTLING
+        now + self.leader.brake(settings) + settings.cycle_period() * 2 + SETTLING
     }
 
     fn set_point(&mut self, settings: &Settings, joint: JointIndex, set_point: &SetPoint) -> Taken {
@@ -423,11 +378,8 @@ impl DriveGroup for Mit {
             None => return Taken::default(),
         };
         let limits = JointSettings { v_max_rad_s: clamp(limits.v_max_rad_s, 0.0, range_rad_s), ..limits };
-        let drive = self.drives.at_mut(joint);
-        drive.is_given = true;
-        drive.accelerate(&limits, set_point.acts_at, set_point.qdd_rad_s2, set_point.period_s);
-        drive.u_rad_s2 = drive.qdd_rad_s2 - set_point.qdd_reference_rad_s2;
-        Taken { position_limited: drive.position_limited }
+        let sample = self.drives.at(joint).sample;
+        self.leader.given(&limits, joint, set_point, sample)
     }
 
     fn acts_at(&self, joint: JointIndex) -> Instant {
@@ -459,7 +411,7 @@ impl DriveGroup for Mit {
     }
 
     fn check_group(&self, _: Instant, _: &Settings) -> Result<(), Refusal> {
-        let fit = !self.is_finding() && self.mode != Mode::Halted;
+        let fit = !self.leader.is_finding() && self.leader.mode != Mode::Halted;
         if fit { Ok(()) } else { Err(Refusal::of(Cause::DriveNotReady)) }
     }
 
@@ -483,7 +435,8 @@ impl DriveGroup for Mit {
     fn is_at_rest(&self, now: Instant, settings: &Settings, joint: JointIndex) -> bool {
         let drive = self.drives.at(joint);
         let since = drive.rest.since(now, settings.cycle_period() * AGE_PERIODS);
-        drive.set.v_rad_s.abs() <= STANDS_RAD_S && since.is_some_and(|since| now >= since + SWING)
+        self.leader.joints.at(joint).set.v_rad_s.abs() <= STANDS_RAD_S
+            && since.is_some_and(|since| now >= since + SWING)
     }
 
     fn is_moving(&self, now: Instant, settings: &Settings, joint: JointIndex) -> bool {
@@ -497,13 +450,13 @@ impl DriveGroup for Mit {
     }
 
     fn readings(&self, joint: JointIndex) -> Readings {
-        let drive = self.drives.at(joint);
+        let (drive, led) = (self.drives.at(joint), self.leader.joints.at(joint));
         let status = drive.state.map(|state| state.status.code());
         Readings {
-            qdd_command_rad_s2: drive.qdd_rad_s2,
-            position_limited: drive.position_limited,
+            qdd_command_rad_s2: led.qdd_rad_s2,
+            position_limited: led.position_limited,
             error: drive.trouble(self.options.hot_c).is_some(),
-            halted: self.mode == Mode::Halted,
+            halted: self.leader.mode == Mode::Halted,
             missed_in_row: drive.missed_in_row,
             state: status.map(u32::from),
             short_state: status.unwrap_or(0),
@@ -516,7 +469,7 @@ impl DriveGroup for Mit {
     }
 
     fn is_keeping_time(&self) -> bool {
-        self.mode == Mode::Tracking
+        self.leader.mode == Mode::Tracking
     }
 
     fn is_cycle_done(&self, settings: &Settings) -> bool {

@@ -1,78 +1,20 @@
-//! What the set points do in a mode, and the commands of a period.
+//! The commands of a period.
 
 use mit_protocol::{Command, Mit as SetPoint};
 use protocol::{Frame, Instant, JointIndex};
 
-use super::dynamics::Motion;
 use super::finding::{Ask, Step};
 use super::{Mit, Motor};
-use crate::joints::{PerJoint, clamp};
-use crate::reach::{self, SoftLimits};
-use crate::settings::{JointSettings, Settings};
-
-/// A jog is ordered to where its speed leads in this time, s: beyond every range.
-const JOG_WAY_S: f32 = 1e3;
+use crate::groups::dynamics::Motion;
+use crate::groups::leading::Mode;
+use crate::joints::PerJoint;
+use crate::settings::Settings;
 
 /// Share of a range: a zero that is less by it is rounded down. No field has a zero; half a step of the velocity of an 8009 is 55 mN·m with a
 /// gain of 5. So zeros are rounded up and down in turn.
 const BELOW_ZERO: f32 = 1e-6;
 
-/// What the set points do.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) enum Mode {
-    /// With a reset faults are cleared.
-    Finding {
-        reset: bool,
-    },
-    #[default]
-    Standing,
-    Jogging {
-        joint: JointIndex,
-        qd_rad_s: f32,
-        until: Instant,
-        released: bool,
-    },
-    Tracking,
-    /// Joints that have an end position go there.
-    Moving,
-    Braking,
-    /// Brakes, and refuses motion.
-    Halted,
-}
-
 impl Mit {
-    /// The set point of a joint for this period, unless the law gave it.
-    fn lead(&mut self, settings: &Settings, joint: JointIndex) {
-        let (dt_s, limits) = (settings.cycle_period_s(), settings.joint.at(joint));
-        let (end_rad, braking_rad_s2) = (self.end_rad.get(joint), self.braking_rad_s2(limits));
-        let drive = self.drives.at_mut(joint);
-        let is_given = core::mem::take(&mut drive.is_given);
-        let set = &mut drive.set;
-        match self.mode {
-            Mode::Tracking if is_given => {}
-            Mode::Moving if let Some(end_rad) = end_rad => {
-                set.approach(end_rad + drive.load_rad, limits.jog_v_rad_s, limits.jog_a_rad_s2, dt_s);
-            }
-            Mode::Jogging { joint: at_work, qd_rad_s, released: false, .. } if at_work == joint => {
-                // From the measured position: the load must not lead the joint beyond a limit.
-                let q_rad = drive.sample.map_or(set.q_rad, |sample| sample.q_rad);
-                let soft = SoftLimits::kept(limits, drive.is_homed);
-                let way_rad = reach::reachable(q_rad, soft, q_rad + JOG_WAY_S * qd_rad_s) - q_rad;
-                let v_max = clamp(qd_rad_s.abs(), 0.0, limits.jog_v_rad_s);
-                set.approach(set.q_rad + way_rad, v_max, limits.jog_a_rad_s2, dt_s);
-            }
-            _ => set.drive(0.0, braking_rad_s2, dt_s),
-        }
-    }
-
-    /// Acceleration with which a joint brakes: slow motions end slowly.
-    pub(super) const fn braking_rad_s2(&self, limits: &JointSettings) -> f32 {
-        match self.mode {
-            Mode::Moving | Mode::Jogging { .. } => limits.jog_a_rad_s2,
-            _ => limits.a_max_rad_s2,
-        }
-    }
-
     /// The command of a joint in this period.
     fn command_of(&mut self, now: Instant, settings: &Settings, joint: JointIndex) -> Option<Frame> {
         let motor = self.motor(settings, joint)?;
@@ -84,24 +26,25 @@ impl Mit {
             self.drives.at_mut(joint).go_to(Step::Expired);
         }
         let is_gripper = self.gripper_place(settings) == Some(joint);
-        let (is_finding, abandoned, is_odd) = (self.is_finding(), self.abandoned, self.is_odd);
+        let (is_finding, abandoned, is_odd) = (self.leader.is_finding(), self.abandoned, self.is_odd);
+        let set = self.leader.joints.at(joint).set;
         let drive = self.drives.at_mut(joint);
         drive.asked = None;
         if drive.is_held() && is_gripper {
             return self.finger_command(joint, &motor);
         }
         if drive.is_held() {
-            let (p_rad, v_rad_s, t_nm) = drive.for_motor(limits);
+            let (p_rad, v_rad_s, t_nm) = drive.for_motor(limits, set);
             let Motor { ranges, kp_nm_rad, kd_nm_s_rad, .. } = motor;
             let below = if is_odd { -BELOW_ZERO } else { 0.0 };
             let (v_rad_s, t_nm) = (v_rad_s + below * ranges.v_max_rad_s(), t_nm + below * ranges.t_max_nm());
             let command = SetPoint { p_rad, v_rad_s, kp_nm_rad, kd_nm_s_rad, t_nm };
-            if matches!(self.mode, Mode::Tracking | Mode::Moving | Mode::Jogging { .. }) {
+            if matches!(self.leader.mode, Mode::Tracking | Mode::Moving | Mode::Jogging { .. }) {
                 self.counters.motions = self.counters.motions.saturating_add(1);
             }
             return encode(Command::Mit(command), &motor);
         }
-        drive.set.v_rad_s = 0.0;
+        self.leader.joints.at_mut(joint).set.v_rad_s = 0.0;
         let may_ask = if drive.step == Step::Off { !abandoned } else { is_finding };
         if !may_ask {
             return None;
@@ -120,14 +63,13 @@ impl Mit {
     fn lead_all(&mut self, now: Instant, settings: &Settings) {
         let mut motion = PerJoint::default();
         for joint in settings.joints() {
-            if self.drives.at(joint).is_held() {
-                self.lead(settings, joint);
-            }
             let drive = self.drives.at_mut(joint);
             let at = if drive.is_held() {
-                drive.keep_near(now, settings.joint.at(joint), settings.cycle_period());
-                let qdd_rad_s2 = drive.send_set_point(settings.cycle_period_s());
-                Motion { q_rad: drive.set.q_rad, qd_rad_s: drive.set.v_rad_s, qdd_rad_s2 }
+                self.leader.lead(settings, joint, drive.sample, drive.is_homed);
+                let led = self.leader.joints.at_mut(joint);
+                led.keep_near(now, settings.joint.at(joint), settings.cycle_period(), drive.sample);
+                let qdd_rad_s2 = drive.send_set_point(led.set, settings.cycle_period_s());
+                Motion { q_rad: led.set.q_rad, qd_rad_s: led.set.v_rad_s, qdd_rad_s2 }
             } else {
                 Motion { q_rad: drive.sample.map_or(0.0, |sample| sample.q_rad), ..Motion::default() }
             };
@@ -143,7 +85,7 @@ impl Mit {
     /// The command of the fingers: where they were ordered to, or where they were found.
     pub(super) fn finger_command(&mut self, place: JointIndex, motor: &Motor) -> Option<Frame> {
         let (_, gripper) = self.options.gripper()?;
-        let set = &mut self.drives.at_mut(place).set;
+        let set = &mut self.leader.joints.at_mut(place).set;
         if let Some(open) = self.gripper_open {
             set.q_rad = if open { gripper.open_rad } else { gripper.closed_rad };
         }

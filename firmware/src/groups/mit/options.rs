@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use super::dynamics::ArmModel;
+use crate::groups::dynamics::ArmModel;
 use heapless::Vec;
 use mit_protocol::{KD_MAX_NM_S_RAD, KP_MAX_NM_RAD, MotorId, REGISTER_ID, Ranges};
 use protocol::{Duration, JOINTS_MAX, JointIndex, StandardId};

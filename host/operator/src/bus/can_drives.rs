@@ -5,12 +5,14 @@ use firmware::group::{
     Command, DriveGroup, GroupCounters, GroupEvent, PositionSample, Profile, Readings, SetPoint, Standing,
     Taken,
 };
-use firmware::groups::mit::{ArmModel, Body, GripperMotor, Mit, Motor, Options};
+use firmware::groups::cia402::{self, Cia402, Home, Servo};
+use firmware::groups::dynamics::{ArmModel, Body};
+use firmware::groups::mit::{GripperMotor, Mit, Motor, Options};
 use firmware::groups::powercube::PowerCubes;
 use firmware::settings::Settings;
 use nalgebra::{Matrix3, Vector3};
 use protocol::{Frame, Instant, JointIndex};
-use robot_model::{MitMotor, RobotModel};
+use robot_model::{Cia402Servo, MitMotor, RobotModel};
 
 use super::settings::NoSettings;
 
@@ -20,6 +22,7 @@ use super::settings::NoSettings;
 pub enum CanDrives {
     PowerCubes(PowerCubes),
     Mit(Mit),
+    Cia402(Cia402),
 }
 
 impl Default for CanDrives {
@@ -32,8 +35,16 @@ impl CanDrives {
     /// The drives of `robot`. PowerCubes are those that the settings name; an arm of motors, which has no brakes, is held as a whole.
     ///
     /// # Errors
-    /// [`NoSettings::Invalid`]: motors that make no group.
+    /// [`NoSettings::Invalid`]: motors or servos that make no group.
     pub fn of(robot: &RobotModel) -> Result<Self, NoSettings> {
+        let invalid = |cause: String| NoSettings::Invalid { robot: robot.name().to_owned(), cause };
+        if let Some(servos) = robot.cia402_servos() {
+            let joints: Vec<Servo> = servos.iter().map(servo_of).collect();
+            let options = cia402::Options::new(&joints).and_then(|all| all.with_model(model_of(robot)));
+            return options
+                .map(|options| Self::Cia402(Cia402::new(options)))
+                .map_err(|error| invalid(error.to_string()));
+        }
         let Some(motors) = robot.mit_motors() else { return Ok(Self::default()) };
         let joints: Vec<Motor> = motors.joints.iter().map(motor_of).collect();
         let options = Options::new(&joints).and_then(|options| options.with_model(model_of(robot)));
@@ -45,25 +56,27 @@ impl CanDrives {
             }),
             None => Ok(options),
         });
-        options
-            .map(|options| Self::Mit(Mit::new(options)))
-            .map_err(|error| NoSettings::Invalid { robot: robot.name().to_owned(), cause: error.to_string() })
+        options.map(|options| Self::Mit(Mit::new(options))).map_err(|error| invalid(error.to_string()))
     }
 }
 
 /// The arm with its ball in the hand, as the torques ahead see it.
 fn model_of(robot: &RobotModel) -> ArmModel {
     let robot = &robot.holding_ball().unwrap_or_else(|| robot.clone());
-    let rotors = robot.mit_motors().into_iter().flat_map(|motors| &motors.joints);
+    let rotor_kg_m2 = |joint: usize| match (robot.mit_motors(), robot.cia402_servos()) {
+        (Some(motors), _) => motors.joints[joint].rotor_kg_m2,
+        (None, Some(servos)) => servos[joint].rotor_kg_m2,
+        (None, None) => 0.0,
+    };
     let vector = |v: &Vector3<f64>| v.map(|x| x as f32).into();
     let rows = |m: &Matrix3<f64>| m.transpose().map(|x| x as f32).into();
-    let bodies = robot.joints().iter().zip(robot.links()).zip(rotors).map(|((joint, link), motor)| Body {
+    let bodies = robot.joints().iter().zip(robot.links()).enumerate().map(|(index, (joint, link))| Body {
         rotation: rows(&joint.x_pj.rot),
         origin_m: vector(&joint.x_pj.pos),
         mass_kg: link.inertia.mass_kg() as f32,
         first_moment_kg_m: vector(link.inertia.first_moment_kg_m()),
         inertia_kg_m2: rows(link.inertia.about_origin_kg_m2()),
-        rotor_kg_m2: motor.rotor_kg_m2 as f32,
+        rotor_kg_m2: rotor_kg_m2(index) as f32,
     });
     ArmModel { bodies: bodies.collect(), gravity_m_s2: robot.world().gravity_m_s2 as f32 }
 }
@@ -78,6 +91,15 @@ fn motor_of(motor: &MitMotor) -> Motor {
     }
 }
 
+fn servo_of(servo: &Cia402Servo) -> Servo {
+    Servo {
+        node: servo.node,
+        counts_per_turn: servo.counts_per_turn,
+        rated_mnm: (1e3 * servo.rated_nm).round() as u32,
+        home: if servo.is_absolute { Home::Absolute } else { Home::Here },
+    }
+}
+
 /// Calls the drives, whichever they are.
 macro_rules! forward {
     ($(fn $name:ident(&mut self $(, $arg:ident: $kind:ty)*) $(-> $out:ty)?;)* ; $(fn $look:ident(&self $(, $la:ident: $lk:ty)*) -> $lo:ty;)*) => {
@@ -85,12 +107,14 @@ macro_rules! forward {
             match self {
                 Self::PowerCubes(drives) => drives.$name($($arg),*),
                 Self::Mit(drives) => drives.$name($($arg),*),
+                Self::Cia402(drives) => drives.$name($($arg),*),
             }
         })*
         $(fn $look(&self $(, $la: $lk)*) -> $lo {
             match self {
                 Self::PowerCubes(drives) => drives.$look($($la),*),
                 Self::Mit(drives) => drives.$look($($la),*),
+                Self::Cia402(drives) => drives.$look($($la),*),
             }
         })*
     };
@@ -132,7 +156,7 @@ impl DriveGroup for CanDrives {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use firmware::groups::mit::dynamics::Motion;
+    use firmware::groups::dynamics::Motion;
     use firmware::joints::PerJoint;
     use robot_model::JointVec;
 

@@ -114,6 +114,9 @@ pub fn robot_fingerprint(arm: &RobotModel) -> u64 {
     if let Some(motors) = arm.mit_motors() {
         text += &format!("{motors:?}");
     }
+    if let Some(servos) = arm.cia402_servos() {
+        text += &format!("{servos:?}");
+    }
     text.bytes().fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
 }
 

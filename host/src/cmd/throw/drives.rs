@@ -33,6 +33,7 @@ use planner::plan::Arm;
 use planner::plan::file::PlanFile;
 use planner::verify;
 use planner::way::Travel;
+use robot_model::RobotModel;
 use tuner::gains::gains_file::GainsFile;
 
 /// Answers to a controller that was taken off the bus have come by then.
@@ -68,6 +69,7 @@ pub(super) fn prepare(args: &Args) -> Result<Drives, ExpectedError> {
         scenario: args.scenario.clone(),
     };
     let mut cell = cell_args.load()?;
+    require_gripper(&cell.robot, &args.search.options.robot)?;
     let (target_m, tracked) = args.aim()?;
     let Planned { plan: (arm, plan), took, .. } = planned(args, target_m, cell.seed)?;
     if interrupt().load(std::sync::atomic::Ordering::Relaxed) {
@@ -195,6 +197,19 @@ impl Args {
             }
         }
     }
+}
+
+/// CANopen servos have no output for a gripper, and a robot file describes none of its own beside them.
+fn require_gripper(robot: &RobotModel, path: &str) -> Result<(), ExpectedError> {
+    if robot.cia402_servos().is_none() {
+        return Ok(());
+    }
+    let zeros = vec!["0"; robot.n()].join(",");
+    let name = robot.name();
+    Err(ExpectedError::bad_input(&format!(
+        "nothing opens the hand of robot {name}: no drive of its file moves a gripper, so the ball would stay in it"
+    ))
+    .next(format!("`cubectl move --robot {path} --joints {zeros} --home` moves the arm; nothing has moved")))
 }
 
 /// The plan of a file, or a new one.

@@ -56,11 +56,14 @@ pub(super) fn read(section: &Section<'_>, joints: &[Joint]) -> Result<(Vec<Drive
 /// Refuses `[generic_drives]` beside drives, motors or supplies of the file's own.
 pub(super) fn require_alone(root: &Section<'_>, joints: &[Section<'_>]) -> Result<(), LoadError> {
     let has = |key| joints.iter().any(|joint| joint.has(key));
-    let beside = match (has("drive"), has("mit"), root.has("supply")) {
-        (true, _, _) => "[joint.drive]",
-        (_, true, _) => "[joint.mit]",
-        (_, _, true) => "[[supply]]",
-        _ => return Ok(()),
-    };
-    Err(root.error("generic_drives", Problem::GenericBeside(beside)))
+    let rows = [
+        (has("drive"), "[joint.drive]"),
+        (has("mit"), "[joint.mit]"),
+        (has("cia402"), "[joint.cia402]"),
+        (root.has("supply"), "[[supply]]"),
+    ];
+    match rows.into_iter().find(|(is_there, _)| *is_there) {
+        Some((_, beside)) => Err(root.error("generic_drives", Problem::GenericBeside(beside))),
+        None => Ok(()),
+    }
 }

@@ -3,6 +3,7 @@
 //! One function per table of the file; units are in the key names and are converted here and nowhere else.
 
 mod bodies;
+mod cia402;
 mod fingers;
 mod frames;
 mod generic;
@@ -131,6 +132,7 @@ fn read_model(root: &Section<'_>) -> Result<RobotModel, LoadError> {
 
     let gripper_section = root.required("gripper", Value::section)?;
     let mit_motors = mit::read(&joint_sections, &gripper_section, &joints)?;
+    let cia402_servos = cia402::read(&joint_sections, &joints)?;
     let mut drives = read_drives(&joint_sections)?;
     let mut supplies = read_supplies(root, &joints, drives.is_some())?;
     if let Some(section) = root.optional("generic_drives", Value::section)? {
@@ -166,6 +168,7 @@ fn read_model(root: &Section<'_>) -> Result<RobotModel, LoadError> {
         family,
         drives,
         mit_motors,
+        cia402_servos,
         supplies,
         drive_loop,
         world,

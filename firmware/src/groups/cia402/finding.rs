@@ -1,0 +1,580 @@
+//! How a servo is found: from silence to torque, without a motion.
+//!
+//! ```text
+//! Look ──► Row 0.. ──► Configured ──► Enabling ──► Enabled ──► Silence ──► Clearing ──► Enabling ──► Enabled ──► Held
+//!  │ no answer ▲        waits for all    │ towards torque, word by word       │                                    │
+//!  └───────────┘        SYNC begins      └────────── proven before ──────────────────────────────────────────────► │
+//!                                                                                               fault, no answer ──► Off
+//! ```
+//!
+//! * Each object that is written is read back: some maps are fixed, and some servos take a value and keep another one.
+//! * Units, mode and profile are read and compared. Nothing in process data shows that they differ.
+//! * The first target is the measured position, long before the servo has torque: it acts on the last one that it got.
+//! * The supervision of the controller's heartbeat is proven: all servos have torque at rest, the heartbeat stays away, and each must end in
+//!   a fault by itself.
+//! * A servo in a fault is refused until a person clears it, but for the fault that the end of the last controller left.
+//! * A servo that this group holds already, and that answers, stays as it is if all others do, too.
+
+use core::f32::consts::TAU;
+use core::fmt;
+
+use canopen_protocol::cia402::{self, Control, Mode as DriveMode, State, Status};
+use canopen_protocol::client::{Failure, Transfer};
+use canopen_protocol::nmt;
+use canopen_protocol::pdo::{Direction, Transmission, set_up};
+use canopen_protocol::sdo::AbortCode;
+use canopen_protocol::{NodeId, Object};
+use protocol::{Duration, Instant, JointIndex};
+
+use super::options::{HOST_NODE, Home, Options, Servo};
+use super::{Cia402, Mode};
+use crate::fault::Cause;
+use crate::group::GroupEvent;
+use crate::settings::Settings;
+
+/// Time for an answer to service data.
+const PATIENCE: Duration = Duration::from_millis(100);
+/// Time for a servo to boot and to answer.
+const BOOT_MAX: Duration = Duration::from_millis(3_000);
+/// Time for a state, a mode or torque.
+const STEP_MAX: Duration = Duration::from_millis(1_000);
+/// Heartbeats of the servos.
+pub(super) const HEARTBEAT: Duration = Duration::from_millis(50);
+/// Profile 402.
+const PROFILE: u32 = 402;
+/// Time beyond the following window, ms.
+const AWAY_MS: u32 = 10;
+/// Error of a servo that misses the heartbeat of its controller.
+const HEARTBEAT_LOST: u16 = 0x8130;
+const NOT_VALID: u32 = 1 << 31;
+/// A bit of ids that servos may set by themselves: no remote frames.
+const NO_REMOTE: u32 = 1 << 30;
+
+/// What is asked next of a servo.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) enum Step {
+    /// Pre-operational; its type is asked.
+    #[default]
+    Look,
+    /// One of [`rows`].
+    Row(u8),
+    /// Waits for the others.
+    Configured,
+    /// Word by word to torque.
+    Enabling,
+    /// It has torque.
+    Enabled,
+    /// No heartbeat comes to it.
+    Silence,
+    /// Its fault is reset.
+    Clearing,
+    /// It takes set points.
+    Held,
+    /// One of [`homing_rows`].
+    Homing(u8),
+    /// It takes its place as zero.
+    Zero,
+    /// It gets no set point any more.
+    Off,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Kind {
+    /// It holds this.
+    Is,
+    /// It has these bits.
+    Has,
+    /// Part of the units; the last one is compared.
+    Unit(u8),
+    /// Last error.
+    Error,
+    /// State of the drive.
+    State,
+    /// Written.
+    Write,
+    /// Written, then read.
+    Set,
+    /// As `Set`; a servo without this object is fine.
+    Off,
+    /// Read until it holds this.
+    Shows,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Row {
+    object: Object,
+    kind: Kind,
+    value: u32,
+    bytes: u8,
+}
+
+/// What a servo answered.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Found {
+    /// A value.
+    Value(u32),
+    /// It refused.
+    Refused(AbortCode),
+}
+
+/// An object that is not as the settings say.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mismatch {
+    /// Which one.
+    pub object: Object,
+    /// What the servo holds.
+    pub found: Found,
+    /// What it should hold.
+    pub expected: u32,
+}
+
+impl fmt::Display for Mismatch {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { object, expected, .. } = self;
+        match self.found {
+            Found::Value(found) => {
+                write!(f, "object {object} of the servo holds {found:#x}, the settings need {expected:#x}")
+            }
+            Found::Refused(code) => {
+                write!(f, "object {object} of the servo cannot hold {expected:#x}: {code}")
+            }
+        }
+    }
+}
+
+const fn row(kind: Kind, index: u16, sub: u8, bytes: u8, value: u32) -> Row {
+    Row { object: Object::new(index, sub), kind, value, bytes }
+}
+
+const fn mode_number(mode: DriveMode) -> u32 {
+    mode.number() as u8 as u32
+}
+
+/// Time without a heartbeat of the controller after which a servo stops by itself.
+pub(super) fn time_out(settings: &Settings) -> Duration {
+    Duration::from_millis(u64::from(settings.watchdog_timeout_us / 1_000).max(1))
+}
+
+/// What is compared and written before a servo gets process data, in order.
+fn rows(
+    options: &Options,
+    servo: Servo,
+    settings: &Settings,
+    joint: JointIndex,
+) -> impl Iterator<Item = Row> {
+    use Kind::{Error, Has, Is, Off, Set, Shows, Unit, Write};
+    let limits = settings.joint.at(joint);
+    let counts = |rad: f32| (rad * servo.counts_per_turn as f32 / TAU) as u32;
+    let homing = if servo.home == Home::Here { 1 << (mode_number(DriveMode::Homing) - 1) } else { 0 };
+    let modes = 1 << (mode_number(DriveMode::CyclicPosition) - 1) | homing;
+    // A period without such a form is refused by the servo: no mantissa is zero.
+    let (mantissa, exponent) = cia402::interpolation_time(settings.cycle_period_us).unwrap_or((0, 0));
+    let supervised = (u32::from(HOST_NODE) << 16) | (time_out(settings).as_micros() as u32 / 1_000);
+    let control = |word: Control| row(Write, cia402::CONTROL, 0, 2, word.0.into());
+    let compared = [
+        // A supervision that is left from before would expire while the servo is being set up.
+        row(Set, 0x1016, 1, 4, 0),
+        row(Has, cia402::SUPPORTED_MODES, 0, 4, modes),
+        row(Unit(0), 0x608F, 1, 4, 0),
+        row(Unit(1), 0x608F, 2, 4, 0),
+        row(Unit(2), 0x6091, 1, 4, 0),
+        row(Unit(3), 0x6091, 2, 4, 0),
+        row(Is, 0x6076, 0, 4, servo.rated_mnm),
+        row(Error, 0x603F, 0, 2, 0),
+        row(Kind::State, cia402::STATUS, 0, 2, 0),
+        // No torque; then the rising bit that clears an error.
+        control(Control::DISABLE_VOLTAGE),
+        control(Control::FAULT_RESET),
+        control(Control::DISABLE_VOLTAGE),
+        row(Shows, cia402::STATUS, 0, 2, Status::of(State::SwitchOnDisabled).0.into()),
+        // On a lost link process data go on: they show the fault.
+        row(Set, 0x1029, 1, 1, 1),
+        row(Set, 0x1016, 1, 4, supervised),
+        row(Set, 0x1017, 0, 2, HEARTBEAT.as_micros() as u32 / 1_000),
+        // Lost link: fault. Fault: quick-stop ramp, then brake. Quick stop: ramp, and stay there.
+        row(Set, 0x6007, 0, 2, 1),
+        row(Set, 0x605E, 0, 2, 2),
+        row(Set, 0x605A, 0, 2, 6),
+        row(Set, 0x6085, 0, 4, counts(limits.a_max_rad_s2)),
+        row(Set, 0x6065, 0, 4, counts(limits.error_max_rad)),
+        row(Set, 0x6066, 0, 2, AWAY_MS),
+        row(Set, cia402::INTERPOLATION_TIME, 1, 1, mantissa.into()),
+        row(Set, cia402::INTERPOLATION_TIME, 2, 1, (exponent as u8).into()),
+    ];
+    let others = [0x1401, 0x1402, 0x1403, 0x1801, 0x1802, 0x1803].map(|index: u16| {
+        let base = if index < 0x1800 { 0x200 } else { 0x180 };
+        let id = base + 0x100 * u32::from(index & 3) + u32::from(servo.node.get());
+        row(Off, index, 1, 4, NOT_VALID | id)
+    });
+    let ways =
+        [(Direction::Receive, options.to_servo()), (Direction::Transmit, Options::from_servo())].into_iter();
+    let maps =
+        ways.filter_map(|(direction, map)| Some((direction, map?))).flat_map(move |(direction, map)| {
+            set_up(servo.node, direction, 1, map, Transmission::Sync(1)).map(|(object, value)| {
+                let bytes = value.get().len() as u8;
+                Row { object, kind: Set, value: little_endian(value.get()), bytes }
+            })
+        });
+    let mode = mode_number(DriveMode::CyclicPosition);
+    let last = [row(Set, cia402::MODE, 0, 1, mode), row(Shows, cia402::MODE_DISPLAY, 0, 1, mode)];
+    compared.into_iter().chain(others).chain(maps).chain(last)
+}
+
+/// The place where the joint stands becomes zero, between these rows: [`Step::Zero`] follows the fourth.
+fn homing_rows() -> [Row; 6] {
+    use Kind::{Set, Shows};
+    let (homing, follow) = (mode_number(DriveMode::Homing), mode_number(DriveMode::CyclicPosition));
+    [
+        row(Set, 0x6098, 0, 1, 37),
+        row(Set, 0x607C, 0, 4, 0),
+        row(Set, cia402::MODE, 0, 1, homing),
+        row(Shows, cia402::MODE_DISPLAY, 0, 1, homing),
+        row(Set, cia402::MODE, 0, 1, follow),
+        row(Shows, cia402::MODE_DISPLAY, 0, 1, follow),
+    ]
+}
+
+/// Rows of [`homing_rows`] before [`Step::Zero`].
+const BEFORE_ZERO: u8 = 4;
+
+fn little_endian(bytes: &[u8]) -> u32 {
+    bytes.iter().rev().fold(0, |value, byte| value << 8 | u32::from(*byte))
+}
+
+/// What an emergency, or object 603F, stands for.
+pub(super) const fn cause_of(code: u16) -> Cause {
+    match code {
+        0x2000..=0x2FFF => Cause::OverCurrent,
+        0x3000..=0x3FFF => Cause::DriveSupply,
+        0x4000..=0x5FFF => Cause::DrivePowerFault,
+        HEARTBEAT_LOST | 0x8250 => Cause::DriveWatchdog,
+        0x8611 => Cause::DriveTowError,
+        _ => Cause::DriveError,
+    }
+}
+
+impl Row {
+    /// Whether a value that was read is as it should be.
+    fn holds(&self, found: u32) -> bool {
+        match (self.kind, self.object.index) {
+            (Kind::Has, _) => found & self.value == self.value,
+            (_, cia402::STATUS) => found & 0x4F == self.value & 0x4F,
+            (_, 0x1800..=0x19FF) => found & !NO_REMOTE == self.value & !NO_REMOTE,
+            _ => found == self.value,
+        }
+    }
+}
+
+impl Cia402 {
+    fn row(&self, settings: &Settings, joint: JointIndex) -> Option<Row> {
+        let servo = self.options.servo(joint)?;
+        match self.drives.at(joint).step {
+            Step::Look => Some(row(Kind::Is, 0x1000, 0, 4, PROFILE)),
+            Step::Row(number) => rows(&self.options, servo, settings, joint).nth(number.into()),
+            Step::Homing(number) => homing_rows().get(usize::from(number)).copied(),
+            _ => None,
+        }
+    }
+
+    /// Ends the search.
+    pub(super) fn refuse(&mut self, joint: JointIndex, cause: Cause) {
+        if self.leader.is_finding() {
+            self.leader.mode = Mode::Halted;
+            self.fail(joint, cause);
+        }
+    }
+
+    fn mismatched(&mut self, now: Instant, joint: JointIndex, mismatch: Mismatch) {
+        self.mismatch = Some((joint, mismatch));
+        if self.leader.is_finding() {
+            self.refuse(joint, Cause::DriveSettingsDiffer);
+        } else {
+            // Homing leaves the servo between two modes.
+            self.drives.at_mut(joint).go_to(now, Step::Off);
+            self.fail(joint, Cause::HomingFailed);
+        }
+    }
+
+    /// Begins the transfer of the step, unless one runs.
+    pub(super) fn ask(&mut self, now: Instant, settings: &Settings, joint: JointIndex) {
+        let (Some(row), Some(servo)) = (self.row(settings, joint), self.options.servo(joint)) else { return };
+        let drive = self.drives.at_mut(joint);
+        if drive.transfer.is_some() {
+            return;
+        }
+        let writes = matches!(row.kind, Kind::Set | Kind::Off | Kind::Write) && !drive.is_written;
+        let bytes = row.value.to_le_bytes();
+        let value = bytes.get(..usize::from(row.bytes)).unwrap_or_default();
+        let begun = if writes {
+            Transfer::write(now, PATIENCE, servo.node, row.object, value).ok()
+        } else {
+            Some(Transfer::read(now, PATIENCE, servo.node, row.object))
+        };
+        let is_look = drive.step == Step::Look;
+        if let Some((transfer, frame)) = begun {
+            drive.transfer = Some(transfer);
+            if is_look {
+                self.send(nmt::Command::PreOperational.encode(Some(servo.node)));
+            }
+            self.send(frame);
+        }
+    }
+
+    /// Looks whether the transfer of a joint has ended, and goes on.
+    pub(super) fn proceed_transfer(&mut self, now: Instant, settings: &Settings, joint: JointIndex) {
+        let drive = self.drives.at_mut(joint);
+        let Some(outcome) = drive.transfer.as_ref().and_then(Transfer::outcome) else { return };
+        let outcome = outcome.map(little_endian);
+        let written = core::mem::take(&mut drive.is_written);
+        drive.transfer = None;
+        let Some(row) = self.row(settings, joint) else { return };
+        match outcome {
+            Err(Failure::TimeOut) => self.unanswered(now, joint),
+            Err(Failure::Aborted(AbortCode::NO_OBJECT)) if row.kind == Kind::Off => {
+                self.next_row(now, settings, joint);
+            }
+            Err(failure) => {
+                let code = if let Failure::Aborted(code) = failure { code } else { AbortCode::COMMAND };
+                let mismatch =
+                    Mismatch { object: row.object, found: Found::Refused(code), expected: row.value };
+                self.mismatched(now, joint, mismatch);
+            }
+            Ok(_) if matches!(row.kind, Kind::Set | Kind::Off) && !written => {
+                self.drives.at_mut(joint).is_written = true;
+            }
+            Ok(value) => self.take_row(now, settings, joint, row, value),
+        }
+        self.ask_unless_polled(now, settings, joint, row.kind);
+    }
+
+    /// The next request leaves at once; a value that is awaited is read once in a period.
+    fn ask_unless_polled(&mut self, now: Instant, settings: &Settings, joint: JointIndex, kind: Kind) {
+        if kind != Kind::Shows {
+            self.ask(now, settings, joint);
+        }
+    }
+
+    fn unanswered(&mut self, now: Instant, joint: JointIndex) {
+        let drive = self.drives.at(joint);
+        let boots = drive.step == Step::Look && now.saturating_since(drive.since) < BOOT_MAX;
+        if !boots {
+            self.refuse(joint, Cause::DriveMissing);
+        }
+        if self.drives.at(joint).is_held() {
+            self.drives.at_mut(joint).go_to(now, Step::Off);
+            self.fail(joint, Cause::HomingFailed);
+        }
+    }
+
+    fn take_row(&mut self, now: Instant, settings: &Settings, joint: JointIndex, row: Row, value: u32) {
+        let Some(servo) = self.options.servo(joint) else { return };
+        let mode = self.leader.mode;
+        let drive = self.drives.at_mut(joint);
+        match row.kind {
+            Kind::Unit(part) => {
+                if let Some(unit) = drive.units.get_mut(usize::from(part)) {
+                    *unit = value;
+                }
+                let [counts, turns, motor, shaft] = drive.units.map(u64::from);
+                let wanted = u64::from(servo.counts_per_turn) * turns * shaft;
+                if part == 3 && (counts * motor != wanted || wanted == 0) {
+                    let per_turn = (counts * motor).checked_div(turns * shaft).unwrap_or(0);
+                    let found = Found::Value(u32::try_from(per_turn).unwrap_or(u32::MAX));
+                    let mismatch = Mismatch { object: row.object, found, expected: servo.counts_per_turn };
+                    return self.mismatched(now, joint, mismatch);
+                }
+            }
+            Kind::Error => drive.error = value as u16,
+            Kind::State => {
+                let resets = mode == Mode::Finding { reset: true };
+                let cause = match Status(value as u16).state() {
+                    // What the end of a controller leaves. Clearing it moves nothing.
+                    Some(State::Fault) if drive.error == HEARTBEAT_LOST => None,
+                    Some(State::Fault | State::FaultReaction) => Some(cause_of(drive.error)),
+                    // Nobody proved that it stops without its host.
+                    Some(State::OperationEnabled | State::QuickStopActive) if !drive.is_ours => {
+                        Some(Cause::WatchdogUnproven)
+                    }
+                    _ => None,
+                };
+                if let Some(cause) = cause.filter(|_| !resets) {
+                    return self.refuse(joint, cause);
+                }
+            }
+            Kind::Is if drive.step == Step::Look => {
+                if value & 0xFFFF != PROFILE {
+                    let found = Found::Value(value);
+                    let mismatch = Mismatch { object: row.object, found, expected: row.value };
+                    return self.mismatched(now, joint, mismatch);
+                }
+            }
+            Kind::Write => {}
+            Kind::Shows if !row.holds(value) && now.saturating_since(drive.since) < STEP_MAX => return,
+            Kind::Is | Kind::Has | Kind::Set | Kind::Off | Kind::Shows => {
+                if !row.holds(value) {
+                    let mismatch =
+                        Mismatch { object: row.object, found: Found::Value(value), expected: row.value };
+                    return self.mismatched(now, joint, mismatch);
+                }
+            }
+        }
+        self.next_row(now, settings, joint);
+    }
+
+    fn next_row(&mut self, now: Instant, settings: &Settings, joint: JointIndex) {
+        let Some(servo) = self.options.servo(joint) else { return };
+        let drive = self.drives.at(joint);
+        let next = match drive.step {
+            Step::Look => Step::Row(0),
+            Step::Row(number) => {
+                let next = number.saturating_add(1);
+                let is_last = rows(&self.options, servo, settings, joint).nth(next.into()).is_none();
+                if is_last { Step::Configured } else { Step::Row(next) }
+            }
+            Step::Homing(number) if number + 1 == BEFORE_ZERO => Step::Zero,
+            Step::Homing(number) if usize::from(number) + 1 >= homing_rows().len() => {
+                return self.at_home(now, settings, joint);
+            }
+            Step::Homing(number) => Step::Homing(number + 1),
+            other => other,
+        };
+        self.drives.at_mut(joint).go_to(now, next);
+    }
+
+    fn at_home(&mut self, now: Instant, settings: &Settings, joint: JointIndex) {
+        let drive = self.drives.at_mut(joint);
+        drive.go_to(now, Step::Held);
+        if drive.home(settings.joint.at(joint)) {
+            self.push(GroupEvent::Homed(joint));
+        } else {
+            self.fail(joint, Cause::HomingFailed);
+        }
+    }
+
+    /// Process data while the servo is looked for, or takes its zero.
+    pub(super) fn take_search_state(&mut self, now: Instant, joint: JointIndex) {
+        let drive = self.drives.at_mut(joint);
+        let (Some(status), Some(state)) = (drive.status, drive.state()) else { return };
+        match (drive.step, state) {
+            (Step::Enabling, State::OperationEnabled) => {
+                drive.is_ours = true;
+                drive.go_to(now, Step::Enabled);
+            }
+            (Step::Enabling | Step::Enabled, State::Fault | State::FaultReaction) => {
+                let cause = cause_of(drive.emergency);
+                self.refuse(joint, cause);
+            }
+            (Step::Clearing, State::SwitchOnDisabled) => {
+                drive.emergency = 0;
+                drive.go_to(now, Step::Enabling);
+            }
+            (Step::Zero, _) if status.mode_fails() => {
+                drive.go_to(now, Step::Off);
+                self.fail(joint, Cause::HomingFailed);
+            }
+            (Step::Zero, _) if status.target_reached() && status.mode_works() => {
+                drive.go_to(now, Step::Homing(BEFORE_ZERO));
+            }
+            _ => {}
+        }
+    }
+
+    /// What all servos wait for.
+    pub(super) fn proceed_search(&mut self, now: Instant, settings: &Settings) {
+        let all =
+            |group: &Self, step: Step| settings.joints().all(|joint| group.drives.at(joint).step == step);
+        for joint in settings.joints() {
+            let drive = self.drives.at_mut(joint);
+            let waits = matches!(drive.step, Step::Enabling | Step::Clearing);
+            if waits && now.saturating_since(drive.since) > STEP_MAX {
+                let cause = if drive.missed_in_row > 0 { Cause::DriveMissing } else { Cause::DriveError };
+                return self.refuse(joint, cause);
+            }
+        }
+        if all(self, Step::Configured) {
+            for joint in settings.joints() {
+                if let Some(Servo { node, .. }) = self.options.servo(joint) {
+                    self.send(nmt::Command::Start.encode(Some(node)));
+                }
+                let drive = self.drives.at_mut(joint);
+                drive.heard_at = now;
+                drive.go_to(now, Step::Enabling);
+            }
+            (self.is_synchronous, self.beats_at) = (true, now);
+        } else if all(self, Step::Enabled) {
+            let is_proven = settings.joints().all(|joint| self.drives.at(joint).is_proven);
+            let next = if is_proven || !settings.watchdog_prove { Step::Held } else { Step::Silence };
+            self.proof_ends_at = now + time_out(settings) + settings.cycle_period() * 4;
+            self.all_to(now, settings, next);
+        } else if all(self, Step::Silence) && now >= self.proof_ends_at {
+            self.end_proof(now, settings);
+        }
+    }
+
+    fn all_to(&mut self, now: Instant, settings: &Settings, step: Step) {
+        settings.joints().for_each(|joint| self.drives.at_mut(joint).go_to(now, step));
+    }
+
+    fn end_proof(&mut self, now: Instant, settings: &Settings) {
+        for joint in settings.joints() {
+            let drive = self.drives.at_mut(joint);
+            drive.is_proven = matches!(drive.state(), Some(State::Fault | State::FaultReaction));
+            if !drive.is_proven {
+                return self.refuse(joint, Cause::WatchdogUnproven);
+            }
+        }
+        self.all_to(now, settings, Step::Clearing);
+    }
+
+    /// The control word of a servo.
+    pub(super) fn control_of(&self, joint: JointIndex) -> Control {
+        let drive = self.drives.at(joint);
+        let state = drive.state();
+        match drive.step {
+            Step::Zero => Control::ENABLE.with_mode_bit(),
+            Step::Enabling => state.and_then(Control::towards_enabled).unwrap_or(Control::DISABLE_VOLTAGE),
+            Step::Clearing if self.is_odd => Control::FAULT_RESET,
+            Step::Clearing => Control::DISABLE_VOLTAGE,
+            Step::Off => Control::QUICK_STOP,
+            _ => Control::ENABLE,
+        }
+    }
+
+    /// Node of the controller.
+    pub(super) fn host_node() -> Option<NodeId> {
+        NodeId::new(HOST_NODE)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_code_has_its_cause() {
+        for (code, cause) in [
+            (0x2310, Cause::OverCurrent),
+            (0x3220, Cause::DriveSupply),
+            (0x4310, Cause::DrivePowerFault),
+            (0x7305, Cause::DriveError),
+            (0x8110, Cause::DriveError),
+            (0x8130, Cause::DriveWatchdog),
+            (0x8611, Cause::DriveTowError),
+        ] {
+            assert_eq!(cause_of(code), cause, "{code:x}");
+        }
+    }
+
+    #[test]
+    fn an_id_may_come_back_with_the_bit_against_remote_frames() {
+        let own = row(Kind::Set, 0x1800, 1, 4, 0x183);
+        assert!(own.holds(0x4000_0183) && !own.holds(0x8000_0183) && !own.holds(0x184));
+        let to_servo = row(Kind::Set, 0x1400, 1, 4, 0x203);
+        assert!(!to_servo.holds(0x4000_0203));
+    }
+
+    #[test]
+    fn bytes_are_read_with_the_lowest_first() {
+        assert_eq!(little_endian(&[0x92, 1, 2, 0]), 0x0002_0192);
+    }
+}

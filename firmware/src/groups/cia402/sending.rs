@@ -1,0 +1,84 @@
+//! What leaves in a period: set points with the torques that they need, and the heartbeat of the controller.
+
+use canopen_protocol::cia402::Control;
+use canopen_protocol::{Function, nmt};
+use protocol::{Duration, Frame, Id, Instant, JointIndex, StandardId};
+
+use super::finding::{self, Step};
+use super::{Cia402, SYNC_FRAME};
+use crate::groups::dynamics::Motion;
+use crate::joints::{PerJoint, clamp};
+use crate::settings::Settings;
+
+/// Per mille of the rated torque that are fed forward at most.
+const TORQUE_MAX: f32 = 3_000.0;
+
+impl Cia402 {
+    /// The set points of this period, and the torques that they need.
+    pub(super) fn lead_all(&mut self, settings: &Settings) {
+        let mut motion = PerJoint::default();
+        let (dt_s, period) = (settings.cycle_period_s(), settings.cycle_period());
+        // The line to a set point ends two SYNCs after the last one.
+        let reached_at = self.sync_at + SYNC_FRAME + period * 2;
+        for joint in settings.joints() {
+            let drive = self.drives.at(joint);
+            let (sample, is_homed) = (drive.sample, drive.is_homed);
+            if drive.step == Step::Held {
+                self.leader.lead(settings, joint, sample, is_homed);
+                let led = self.leader.joints.at_mut(joint);
+                led.keep_near(reached_at, settings.joint.at(joint), period, sample);
+            }
+            let set = self.leader.joints.at(joint).set;
+            let drive = self.drives.at_mut(joint);
+            let qdd_rad_s2 = (set.v_rad_s - drive.sent_v_rad_s) / dt_s;
+            drive.moved_rad += (set.q_rad - drive.sent_rad).abs();
+            (drive.sent_rad, drive.sent_v_rad_s) = (set.q_rad, set.v_rad_s);
+            motion.set(joint, Motion { q_rad: set.q_rad, qd_rad_s: set.v_rad_s, qdd_rad_s2 });
+        }
+        let Some(torques) = self.options.model().map(|model| model.torques_nm(&motion)) else { return };
+        for joint in settings.joints() {
+            let t_nm = torques.get(joint);
+            self.drives.at_mut(joint).torque_nm = if t_nm.is_finite() { t_nm } else { 0.0 };
+        }
+    }
+
+    /// Process data to a servo.
+    pub(super) fn data_to(&self, settings: &Settings, joint: JointIndex) -> Option<Frame> {
+        let (servo, map) = (self.options.servo(joint)?, self.options.to_servo()?);
+        let (drive, limits) = (self.drives.at(joint), settings.joint.at(joint));
+        if !drive.has_process_data() || drive.sample.is_none() {
+            return None;
+        }
+        let Control(control) = self.control_of(joint);
+        let target = servo.to_counts(limits.to_drive_rad(drive.sent_rad));
+        let turned_nm = if limits.inverted { -drive.torque_nm } else { drive.torque_nm };
+        let share = clamp(turned_nm * 1e6 / servo.rated_mnm as f32, -TORQUE_MAX, TORQUE_MAX);
+        let torque = if drive.is_held() { libm::roundf(share) as i32 } else { 0 };
+        let data = map.pack(&[i32::from(control), target, torque]);
+        let id = Id::Standard(StandardId::from_low_bits(Function::Rpdo(1, servo.node).id()));
+        Frame::new(id, data.get()).ok()
+    }
+
+    pub(super) fn beat(&mut self, now: Instant, settings: &Settings) {
+        let is_silent = settings.joints().any(|joint| self.drives.at(joint).step == Step::Silence);
+        if !self.is_synchronous || is_silent || now < self.beats_at {
+            return;
+        }
+        let refresh = Duration::from_micros(settings.watchdog_refresh_us.into());
+        // Not later than half of what the servos wait.
+        let most = Duration::from_micros(finding::time_out(settings).as_micros() / 2);
+        self.beats_at = now + refresh.min(most);
+        if let Some(node) = Self::host_node() {
+            self.send(nmt::State::Operational.encode(node));
+        }
+        if !self.abandoned {
+            return;
+        }
+        for joint in settings.joints() {
+            let is_sound = self.drives.at(joint).is_sound(settings.reply_missed_max);
+            if let Some(servo) = self.options.servo(joint).filter(|_| !is_sound) {
+                self.send(nmt::Command::Stop.encode(Some(servo.node)));
+            }
+        }
+    }
+}

@@ -1,0 +1,310 @@
+//! Objects of the servo: type, access, range, value.
+
+use std::collections::BTreeMap;
+
+use canopen_protocol::Object;
+use canopen_protocol::cia402 as drive;
+use canopen_protocol::pdo::{Entry, Map};
+use canopen_protocol::sdo::AbortCode;
+use canopen_protocol::{Function, NodeId};
+
+use super::options::ServoOptions;
+
+/// Process data in each direction.
+pub(super) const PDOS: u8 = 4;
+const MAP_ENTRIES: u8 = 8;
+/// Errors that object 1003 keeps.
+const ERRORS_MAX: usize = 8;
+/// Device type: profile 402, servo drive.
+const DEVICE_TYPE: i64 = 0x0002_0192;
+const NOT_VALID: i64 = 1 << 31;
+
+/// Where an object may stand in process data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Mapped {
+    No,
+    /// To the node.
+    Receive,
+    /// From the node.
+    Transmit,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Row {
+    bytes: u8,
+    signed: bool,
+    writable: bool,
+    mapped: Mapped,
+    range: (i64, i64),
+    value: i64,
+}
+
+const fn row(bytes: u8, signed: bool, value: i64) -> Row {
+    let bits = 8 * bytes as u32;
+    let range = if signed { (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) } else { (0, (1 << bits) - 1) };
+    Row { bytes, signed, writable: false, mapped: Mapped::No, range, value }
+}
+
+impl Row {
+    const fn writable(self) -> Self {
+        Self { writable: true, ..self }
+    }
+
+    const fn within(self, low: i64, high: i64) -> Self {
+        Self { range: (low, high), ..self }
+    }
+
+    const fn mapped(self, mapped: Mapped) -> Self {
+        Self { mapped, ..self }
+    }
+
+    fn encode(&self) -> Vec<u8> {
+        self.value.to_le_bytes()[..usize::from(self.bytes)].to_vec()
+    }
+
+    fn decode(&self, bytes: &[u8]) -> i64 {
+        let negative = self.signed && bytes.last().is_some_and(|byte| byte & 0x80 != 0);
+        let mut all = if negative { [0xFF; 8] } else { [0; 8] };
+        all[..bytes.len()].copy_from_slice(bytes);
+        i64::from_le_bytes(all)
+    }
+}
+
+/// What a write may depend on.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Situation {
+    /// Process data run.
+    pub(super) is_operational: bool,
+    pub(super) maps_are_fixed: bool,
+}
+
+/// See the [module](self).
+#[derive(Clone, Debug)]
+pub(super) struct Dictionary {
+    rows: BTreeMap<Object, Row>,
+    name: &'static str,
+    errors: Vec<u16>,
+}
+
+fn common(options: &ServoOptions) -> Vec<(u16, u8, Row)> {
+    let node = options.node;
+    let emergency = i64::from(Function::Emergency(node).id());
+    vec![
+        (0x1000, 0, row(4, false, DEVICE_TYPE)),
+        (0x1001, 0, row(1, false, 0).mapped(Mapped::Transmit)),
+        (0x1005, 0, row(4, false, 0x80)),
+        (0x1006, 0, row(4, false, 0).writable()),
+        (0x1014, 0, row(4, false, emergency)),
+        (0x1016, 0, row(1, false, 1)),
+        (0x1016, 1, row(4, false, 0).writable()),
+        (0x1017, 0, row(2, false, 0).writable()),
+        (0x1018, 0, row(1, false, 4)),
+        (0x1018, 1, row(4, false, options.vendor.into())),
+        (0x1018, 2, row(4, false, options.product.into())),
+        (0x1018, 3, row(4, false, 0x0001_0001)),
+        (0x1018, 4, row(4, false, 1_000 + i64::from(node.get()))),
+        (0x1029, 0, row(1, false, 1)),
+        (0x1029, 1, row(1, false, 0).writable().within(0, 2)),
+    ]
+}
+
+fn of_drive(options: &ServoOptions) -> Vec<(u16, u8, Row)> {
+    use Mapped::{Receive, Transmit};
+    let counts = f64::from(options.encoder_counts) * f64::from(options.gear);
+    vec![
+        (0x6007, 0, row(2, true, 1).writable().within(0, 3)),
+        (0x603F, 0, row(2, false, 0).mapped(Transmit)),
+        (drive::CONTROL, 0, row(2, false, 0).writable().mapped(Receive)),
+        (drive::STATUS, 0, row(2, false, 0).mapped(Transmit)),
+        (0x605A, 0, row(2, true, 2).writable().within(0, 6)),
+        (0x605E, 0, row(2, true, 2).writable().within(0, 2)),
+        (drive::MODE, 0, row(1, true, 0).writable().mapped(Receive)),
+        (drive::MODE_DISPLAY, 0, row(1, true, 0).mapped(Transmit)),
+        (drive::POSITION, 0, row(4, true, 0).mapped(Transmit)),
+        (0x6065, 0, row(4, false, (counts / 100.0) as i64).writable()),
+        (0x6066, 0, row(2, false, 10).writable()),
+        (0x606C, 0, row(4, true, 0).mapped(Transmit)),
+        (0x6076, 0, row(4, false, (options.rated_nm * 1e3).round() as i64)),
+        (0x6077, 0, row(2, true, 0).mapped(Transmit)),
+        (drive::TARGET_POSITION, 0, row(4, true, 0).writable().mapped(Receive)),
+        (0x607C, 0, row(4, true, 0).writable()),
+        (0x6085, 0, row(4, false, counts as i64).writable().within(1, u32::MAX.into())),
+        (0x608F, 0, row(1, false, 2)),
+        (0x608F, 1, row(4, false, options.encoder_counts.into())),
+        (0x608F, 2, row(4, false, 1)),
+        (0x6091, 0, row(1, false, 2)),
+        (0x6091, 1, row(4, false, options.gear.into())),
+        (0x6091, 2, row(4, false, 1)),
+        (0x6098, 0, row(1, true, 37).writable()),
+        (0x6099, 0, row(1, false, 2)),
+        (0x6099, 1, row(4, false, (counts / 36.0) as i64).writable()),
+        (0x6099, 2, row(4, false, (counts / 360.0) as i64).writable()),
+        (drive::TORQUE_OFFSET, 0, row(2, true, 0).writable().mapped(Receive)),
+        (0x60C2, 0, row(1, false, 2)),
+        (drive::INTERPOLATION_TIME, 1, row(1, false, 1).writable().within(1, 255)),
+        (drive::INTERPOLATION_TIME, 2, row(1, true, -3).writable().within(-6, 0)),
+        (0x60F4, 0, row(4, true, 0).mapped(Transmit)),
+        (drive::SUPPORTED_MODES, 0, row(4, false, options.modes.into())),
+    ]
+}
+
+/// As they are shipped: the first pair runs by event with control and status word, the others are not valid.
+fn process_data(node: NodeId) -> Vec<(u16, u8, Row)> {
+    let mut rows = Vec::new();
+    for pdo in 0..PDOS {
+        let ways = [
+            (0x1400, Function::Rpdo(pdo + 1, node), drive::CONTROL),
+            (0x1800, Function::Tpdo(pdo + 1, node), drive::STATUS),
+        ];
+        for (base, function, object) in ways {
+            let base = base + u16::from(pdo);
+            let (valid, count) = if pdo == 0 { (0, 1) } else { (NOT_VALID, 0) };
+            let first = i64::from(Entry::new(object, 0, 2).mapped());
+            rows.push((base, 0, row(1, false, 2)));
+            rows.push((base, 1, row(4, false, valid | i64::from(function.id())).writable()));
+            rows.push((base, 2, row(1, false, 255).writable()));
+            rows.push((base + 0x200, 0, row(1, false, count).writable().within(0, MAP_ENTRIES.into())));
+            for sub in 1..=MAP_ENTRIES {
+                let mapped = if sub == 1 && pdo == 0 { first } else { 0 };
+                rows.push((base + 0x200, sub, row(4, false, mapped).writable()));
+            }
+        }
+    }
+    rows
+}
+
+impl Dictionary {
+    /// As the servo is delivered.
+    pub(super) fn of(options: &ServoOptions) -> Self {
+        let rows = common(options).into_iter().chain(of_drive(options)).chain(process_data(options.node));
+        let rows = rows.map(|(index, sub, row)| (Object::new(index, sub), row)).collect();
+        Self { rows, name: options.name, errors: Vec::new() }
+    }
+
+    /// Value of an object that there is.
+    pub(super) fn get(&self, index: u16, sub: u8) -> i64 {
+        self.rows[&Object::new(index, sub)].value
+    }
+
+    /// Sets an object that there is, from inside.
+    pub(super) fn set(&mut self, index: u16, sub: u8, value: i64) {
+        if let Some(row) = self.rows.get_mut(&Object::new(index, sub)) {
+            row.value = value.clamp(row.range.0, row.range.1);
+        }
+    }
+
+    pub(super) fn note_error(&mut self, code: u16) {
+        self.errors.insert(0, code);
+        self.errors.truncate(ERRORS_MAX);
+    }
+
+    pub(super) fn read(&self, object: Object) -> Result<Vec<u8>, AbortCode> {
+        match (object.index, object.sub) {
+            (0x1008, 0) => Ok(self.name.as_bytes().to_vec()),
+            (0x1003, 0) => Ok(vec![self.errors.len() as u8]),
+            (0x1003, sub) => match self.errors.get(usize::from(sub) - 1) {
+                Some(code) => Ok(u32::from(*code).to_le_bytes().to_vec()),
+                None => Err(AbortCode::NO_SUB_INDEX),
+            },
+            _ => match self.rows.get(&object) {
+                Some(row) => Ok(row.encode()),
+                None => Err(self.unknown(object)),
+            },
+        }
+    }
+
+    fn unknown(&self, object: Object) -> AbortCode {
+        let is_known = object.index == 0x1008 || self.rows.keys().any(|own| own.index == object.index);
+        if is_known { AbortCode::NO_SUB_INDEX } else { AbortCode::NO_OBJECT }
+    }
+
+    pub(super) fn write(
+        &mut self,
+        object: Object,
+        bytes: &[u8],
+        situation: Situation,
+    ) -> Result<(), AbortCode> {
+        if object == Object::new(0x1003, 0) {
+            return match bytes {
+                [0] => {
+                    self.errors.clear();
+                    Ok(())
+                }
+                _ => Err(AbortCode::RANGE),
+            };
+        }
+        let Some(row) = self.rows.get(&object).copied() else {
+            let is_read_only = matches!(object.index, 0x1003 | 0x1008);
+            return Err(if is_read_only { AbortCode::READ_ONLY } else { self.unknown(object) });
+        };
+        if !row.writable {
+            return Err(AbortCode::READ_ONLY);
+        }
+        if bytes.len() != usize::from(row.bytes) {
+            return Err(AbortCode::LENGTH);
+        }
+        let value = row.decode(bytes);
+        if value < row.range.0 || value > row.range.1 {
+            return Err(AbortCode::RANGE);
+        }
+        if (0x1400..0x1C00).contains(&object.index) {
+            self.check_process_data(object, value, situation)?;
+        }
+        self.set(object.index, object.sub, value);
+        Ok(())
+    }
+
+    /// A map changes only while its PDO is not valid and its count is zero.
+    fn check_process_data(&self, object: Object, value: i64, situation: Situation) -> Result<(), AbortCode> {
+        if situation.is_operational {
+            return Err(AbortCode::STATE);
+        }
+        let is_map = object.index & 0x200 != 0;
+        if !is_map {
+            let changes_id = object.sub == 1
+                && self.get(object.index, 1) & NOT_VALID == 0
+                && value & NOT_VALID == 0
+                && value != self.get(object.index, 1);
+            return if changes_id { Err(AbortCode::RANGE) } else { Ok(()) };
+        }
+        if situation.maps_are_fixed {
+            return Err(AbortCode(0x0601_0000));
+        }
+        let is_valid = self.get(object.index - 0x200, 1) & NOT_VALID == 0;
+        if is_valid || (object.sub > 0 && self.get(object.index, 0) != 0) {
+            return Err(AbortCode::STATE);
+        }
+        if object.sub > 0 {
+            return self.check_entry(object.index, value);
+        }
+        let map = self.map(object.index, value as u8);
+        map.map(|_| ()).ok_or(AbortCode(0x0604_0042))
+    }
+
+    fn check_entry(&self, index: u16, value: i64) -> Result<(), AbortCode> {
+        let (mapped, sub, bits) = ((value >> 16) as u16, (value >> 8) as u8, value as u8);
+        let wanted = if index < 0x1800 { Mapped::Receive } else { Mapped::Transmit };
+        let row = self.rows.get(&Object::new(mapped, sub));
+        let fits = row.is_some_and(|row| row.mapped == wanted && u32::from(row.bytes) * 8 == u32::from(bits));
+        if fits { Ok(()) } else { Err(AbortCode(0x0604_0041)) }
+    }
+
+    fn map(&self, index: u16, count: u8) -> Option<Map> {
+        let entry = |sub| {
+            let value = self.get(index, sub);
+            Entry::new((value >> 16) as u16, (value >> 8) as u8, value as u8 / 8)
+        };
+        Map::new(&(1..=count).map(entry).collect::<Vec<_>>())
+    }
+
+    /// Id, transmission type and map of a PDO (base 1400 or 1800); `None`: not valid.
+    pub(super) fn process_data(&self, base: u16, pdo: u8) -> Option<(u16, u8, Map)> {
+        let index = base + u16::from(pdo);
+        let id = self.get(index, 1);
+        if id & NOT_VALID != 0 {
+            return None;
+        }
+        let map = self.map(index + 0x200, self.get(index + 0x200, 0) as u8)?;
+        Some((id as u16 & 0x7FF, self.get(index, 2) as u8, map))
+    }
+}

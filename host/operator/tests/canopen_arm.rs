@@ -1,0 +1,90 @@
+//! An arm of CANopen servos in the simulated cell, judged by its plant, and what a servo may do wrong.
+
+use firmware::fault::Cause;
+use operator::bus::BusArgs;
+use operator::bus::BusFailure;
+use operator::bus::args::{Cell, CellArgs};
+use operator::bus::period::{set_period, settings_with_gains};
+use operator::bus::session::Session;
+use operator::port::{OnBus, Operator};
+use protocol::cyphal::cubecell::group_state::State;
+use protocol::{Duration, JointIndex};
+
+const JOINTS: usize = 6;
+
+fn cell() -> Cell {
+    let robot = format!("{}/../../robots/canopen6.toml", env!("CARGO_MANIFEST_DIR"));
+    CellArgs { robot: Some(robot), ..CellArgs::default() }.load().unwrap()
+}
+
+/// Found and at home.
+fn ready(cell: &Cell, period_us: u32) -> Session {
+    let mut settings = settings_with_gains(&cell.robot).unwrap();
+    set_period(&mut settings, period_us);
+    let mut session = BusArgs::default().open_cell(cell, Some(&settings)).unwrap();
+    let mut operator = OnBus::new(&mut session, None, 1_000_000);
+    operator.connect().unwrap();
+    operator.wait_for(Duration::from_secs(5), &|state| state == State::Idle).unwrap();
+    operator.home(0x3F, Duration::from_secs(5)).unwrap();
+    session
+}
+
+fn plant_rad(session: &mut Session) -> Vec<f64> {
+    let cell = session.sim().unwrap().cell();
+    (0..JOINTS).map(|axis| cell.plant().link_q_rad(axis)).collect()
+}
+
+#[test]
+fn the_pose_that_is_reported_is_that_of_the_plant_and_the_arm_is_held_at_2_and_at_3_ms() {
+    for period_us in [2_000, 3_000] {
+        let cell = cell();
+        let mut session = ready(&cell, period_us);
+        let before = plant_rad(&mut session);
+        let until = session.now() + Duration::from_secs(2);
+        session.run(until, &mut |_| false).unwrap();
+        let mut operator = OnBus::new(&mut session, None, 1_000_000);
+        operator.connect().unwrap();
+        let reported = operator.pose().unwrap();
+        for ((plant, before), reported) in plant_rad(&mut session).iter().zip(&before).zip(&reported) {
+            assert!((plant - before).abs() < 5e-4, "{period_us}: {plant} {before}");
+            assert!((plant - reported).abs() < 5e-4, "{period_us}: {plant} {reported}");
+        }
+    }
+}
+
+#[test]
+fn a_jog_turns_the_joint_of_the_plant_against_gravity_and_no_other() {
+    let cell = cell();
+    let mut session = ready(&cell, 3_000);
+    let before = plant_rad(&mut session);
+    let node = session.find_controller(None).unwrap();
+    let end = session.now() + Duration::from_secs(1);
+    let shoulder = JointIndex::new(1).unwrap();
+    let jogged = session.jog_joint(node, shoulder, 0.2, &mut |now| now < end).unwrap();
+    let after = plant_rad(&mut session);
+    let way_rad = after[1] - before[1];
+    assert!((0.1..0.25).contains(&way_rad), "{way_rad}");
+    assert!((jogged.to_rad - after[1]).abs() < 5e-4, "{jogged:?} {}", after[1]);
+    for joint in [0, 2, 3, 4, 5] {
+        assert!((after[joint] - before[joint]).abs() < 5e-4, "joint {}: {}", joint + 1, after[joint]);
+    }
+}
+
+#[test]
+fn a_servo_without_power_is_a_fault_of_its_joint_and_brakes_hold_the_arm() {
+    let cell = cell();
+    let mut session = ready(&cell, 3_000);
+    let before = plant_rad(&mut session);
+    let world = session.sim().unwrap().world();
+    world.with_participants(|all, now| all.0.0.0.servos_mut()[1].set_power(now, false)).unwrap();
+    let until = session.now() + Duration::from_secs(1);
+    let Err(BusFailure::StoppedByOther(seen)) = session.run(until, &mut |_| false) else {
+        panic!("the controller goes on without a servo")
+    };
+    let group = seen.group.unwrap();
+    assert_eq!((group.fault_cause, group.fault_joint), (Cause::DriveSilent.code(), 2));
+    session.sim().unwrap().world().run_until(until, &mut ()).unwrap();
+    for (plant, before) in plant_rad(&mut session).iter().zip(&before) {
+        assert!((plant - before).abs() < 2e-3, "{plant} {before}");
+    }
+}

@@ -1,0 +1,18 @@
+//! CANopen servos of profile CiA 402, as a robot file describes them.
+
+use canopen_protocol::NodeId;
+
+/// The servo of a joint; all values at the joint, behind the gear.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cia402Servo {
+    /// Node on the bus.
+    pub node: NodeId,
+    /// Counts per turn of the joint (objects 608F and 6091).
+    pub counts_per_turn: u32,
+    /// Rated torque, N·m (object 6076).
+    pub rated_nm: f64,
+    /// Inertia that the rotor adds, kg·m².
+    pub rotor_kg_m2: f64,
+    /// The encoder knows the joint at power-on; else a person leads it to its zero, which is taken there.
+    pub is_absolute: bool,
+}
