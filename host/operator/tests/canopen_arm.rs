@@ -6,9 +6,14 @@ use operator::bus::BusFailure;
 use operator::bus::args::{Cell, CellArgs};
 use operator::bus::period::{set_period, settings_with_gains};
 use operator::bus::session::Session;
+use operator::job::{Answer, Judge, Order, Program, perform};
 use operator::port::{OnBus, Operator};
+use planner::plan::Joints;
+use planner::store::robot_fingerprint;
+use planner::way::{Travel, way};
 use protocol::cyphal::cubecell::group_state::State;
 use protocol::{Duration, JointIndex};
+use robot_model::collision::Scene;
 
 const JOINTS: usize = 6;
 
@@ -86,5 +91,27 @@ fn a_servo_without_power_is_a_fault_of_its_joint_and_brakes_hold_the_arm() {
     session.sim().unwrap().world().run_until(until, &mut ()).unwrap();
     for (plant, before) in plant_rad(&mut session).iter().zip(&before) {
         assert!((plant - before).abs() < 2e-3, "{plant} {before}");
+    }
+}
+
+/// What the report says of a motion comes from the frames of the servos; the plant says the same.
+#[test]
+fn motion_is_judged_by_what_the_servos_measured() {
+    let cell = cell();
+    let mut session = ready(&cell, 3_000);
+    let mut operator = OnBus::new(&mut session, None, 1_000_000);
+    operator.connect().unwrap();
+    let from = Joints::from_slice(&operator.pose().unwrap());
+    let to = from.map(|q| q + 0.3);
+    let travel = Travel { share: 0.5, ..Travel::default() };
+    let motion = way(&cell.robot, &Scene::default(), &travel, &from, &to).unwrap().unwrap();
+    let fingerprint = format!("{:016x}", robot_fingerprint(&cell.robot));
+    let order = Order::new(&cell.robot, &fingerprint, Program::Motion(motion), Judge::Reach);
+    let record = perform(&mut operator, &order, &mut |_| Answer::Yes);
+    assert!(record.ended.is_none(), "{:?}", record.ended);
+    let reached = record.reached.unwrap();
+    assert!(reached.samples > 1_000 && (1e-7..2e-3).contains(&reached.off_rad), "{reached:?}");
+    for (plant, to) in plant_rad(&mut session).iter().zip(to.as_slice()) {
+        assert!((plant - to).abs() < reached.end_off_rad + 5e-4, "{plant} {to} {reached:?}");
     }
 }

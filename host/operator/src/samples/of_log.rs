@@ -1,10 +1,13 @@
 //! Samples of the frames of a bus: one pass over a log, each frame decoded once.
 
+use std::f64::consts::TAU;
+
+use canopen_protocol::Function;
 use mit_protocol::{State, Status};
 use protocol::bits;
 use protocol::powercube::{MotionCommand, Parameter, Reply, Request, Value};
 use protocol::{Duration, Frame, Instant};
-use robot_model::MitMotor;
+use robot_model::{Cia402Servo, MitMotor};
 
 use super::drives::Drives;
 use super::{
@@ -21,8 +24,8 @@ const FIRST_FRAME: Duration = Duration::from_micros(bits::best_case(true, 8).fra
 impl Samples {
     /// Samples of a log in ascending time; `drives` are those of the joints of `arm`.
     ///
-    /// A position is measured where the answer that carries it begins: drives measure just before they answer. The motors of an arm with
-    /// MIT frames are those of its robot file.
+    /// A position is measured where the answer that carries it begins: drives measure just before they answer. CANopen servos measure
+    /// at the SYNC. Motors with MIT frames and servos are those of the robot file.
     #[must_use]
     pub fn of_log(lines: Vec<Line>, drives: Drives, arm: &Arm, bit_rate_bit_s: u32) -> Self {
         let frames = lines.into_iter().map(|line| BusFrame { at: line.at, frame: line.frame }).collect();
@@ -34,6 +37,8 @@ impl Samples {
         let mut reader = Reader {
             drives,
             motors: arm.mit_motors().map_or(&[], |motors| &motors.joints),
+            servos: arm.cia402_servos().unwrap_or_default(),
+            synchronized_at: None,
             samples: Self { joints: vec![JointSamples::default(); drives.address.len()], ..Self::default() },
             ramps: vec![Ramp::default(); drives.address.len()],
         };
@@ -46,6 +51,7 @@ impl Samples {
                 reader.take(*at, begun, &fact);
             }
             reader.take_motor(begun, frame);
+            reader.take_servo(*at, frame);
         }
         let samples = reader.samples;
         Self { bus: Some(bus), ..samples }
@@ -63,6 +69,10 @@ struct Reader<'a> {
     drives: &'a Drives,
     /// Of the joints, if they have MIT frames.
     motors: &'a [MitMotor],
+    /// Of the joints, if they are CANopen servos.
+    servos: &'a [Cia402Servo],
+    /// End of the last SYNC.
+    synchronized_at: Option<Instant>,
     samples: Samples,
     ramps: Vec<Ramp>,
 }
@@ -108,6 +118,29 @@ impl Reader<'_> {
                 let hottest_c = state.transistors_c.max(state.rotor_c);
                 of_joint.temperatures.push(At { at, value: hottest_c.into() });
             }
+        }
+    }
+
+    /// Process data of a servo, mapped as the controller does: status word, position in counts.
+    fn take_servo(&mut self, at: Instant, frame: &Frame) {
+        if self.servos.is_empty() {
+            return;
+        }
+        let node = match Function::of_frame(frame) {
+            Some(Function::Sync) => {
+                self.synchronized_at = Some(at);
+                return;
+            }
+            Some(Function::Tpdo(1, node)) => node,
+            _ => return,
+        };
+        let joint = self.servos.iter().position(|servo| servo.node == node);
+        let counts = frame.data().get(2..).and_then(|rest| rest.first_chunk::<4>());
+        if let (Some(joint), Some(counts), Some(at)) = (joint, counts, self.synchronized_at) {
+            let turns =
+                f64::from(i32::from_le_bytes(*counts)) / f64::from(self.servos[joint].counts_per_turn);
+            let q_rad = self.drives.joint_rad(joint, TAU * turns);
+            self.samples.joints[joint].positions.push(At { at, value: q_rad });
         }
     }
 
