@@ -165,7 +165,8 @@ def lines(robot, what, count, seed, limits_of, bound):
         cpu.append(1e3 * took_s)
         cpu_other.append(1e3 * other_took_s)
     row(what, ratios, cpu, cpu_other, bound)
-    row(f"{what}, on a line", on_line, cpu, cpu_other, (1.001, 1.001))
+    # A piece that is shorter than a controller takes is one with its neighbour, which costs a little.
+    row(f"{what}, on a line", on_line, cpu, cpu_other, (1.001, 1.01))
 
 
 def main():

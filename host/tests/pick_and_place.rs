@@ -102,7 +102,7 @@ fn largest_step(arm: &Arm, trace: &Trace) -> f64 {
 }
 
 #[test]
-#[ignore = "60 s: run by the stage long of CI"]
+#[ignore = "120 s: run by the stage long of CI"]
 fn two_hundred_picks_and_places_do_not_drift_in_the_plant() {
     let (folder, arm) = (Folder::new("pick-long"), Arm::load("powercube6").unwrap());
     let mut session = open(None);
@@ -122,8 +122,8 @@ fn two_hundred_picks_and_places_do_not_drift_in_the_plant() {
         let drift_m = (mean(&all[count - 20..]) - mean(&all[..20])).norm();
         println!("open {open}: at most {farthest_m:.2e} m from the place, drift {drift_m:.2e} m");
         assert_eq!(all.len(), count);
-        assert!(farthest_m < 1e-3, "{farthest_m}");
-        assert!(drift_m < 1e-4, "{drift_m}");
+        assert!(farthest_m < 3e-4, "{farthest_m}");
+        assert!(drift_m < 3e-5, "{drift_m}");
     }
     assert!(largest_step(&arm, &trace) < 1.15);
 }
@@ -142,7 +142,7 @@ struct Counts {
 }
 
 #[test]
-#[ignore = "200 s: run by the stage long of CI"]
+#[ignore = "300 s: run by the stage long of CI"]
 fn program_that_is_stopped_at_any_time_is_done_when_begun_again_and_the_plant_never_leaps() {
     let (folder, arm) = (Folder::new("pick-stops"), Arm::load("powercube6").unwrap());
     let whole_s = {
