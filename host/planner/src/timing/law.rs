@@ -26,6 +26,9 @@ const VAIN_ROUNDS: usize = 3;
 const WINDOWS: [f64; 4] = [1.0, 0.6, 0.35, 1.5];
 /// Places at which a law is looked at.
 const LOOKS: usize = 400;
+/// Shortest times between two knots that are tried, s. Near ones follow the law closely; far ones lose less to single precision, which
+/// rounds the acceleration of a short piece by a share of it.
+const KNOTS_APART_S: [f64; 2] = [KNOT_MIN_S, 2.0 * KNOT_MIN_S];
 /// Largest distance of the cubics from the law, rad, and of their accelerations from its, as a share of the limits.
 const OFF_RAD: f64 = 2e-5;
 const OFF_SHARE: f64 = 0.01;
@@ -63,13 +66,20 @@ fn knots(path: &Path, limits: &Limits) -> Option<Vec<At>> {
         let (begin, end) = (ends[0], ends[1]);
         let section = Section { path, limits, grid: Grid::new(path, begin.0, end.0) };
         let law = section.law()?;
-        let mut off = 1.0;
-        let mut made = section.knots(&law, (begin.1, end.1), off);
-        while made.len() * sections > KNOTS_WANTED && off < OFF_MOST {
-            off *= 2.0;
-            made = section.knots(&law, (begin.1, end.1), off);
-        }
-        stretch_within(&mut made, limits);
+        let made = KNOTS_APART_S.map(|apart_s| {
+            let knots = |off| section.knots(&law, (begin.1, end.1), (apart_s, off));
+            let mut off = 1.0;
+            let mut made = knots(off);
+            while made.len() * sections > KNOTS_WANTED && off < OFF_MOST {
+                off *= 2.0;
+                made = knots(off);
+            }
+            stretch_within(&mut made, limits);
+            made
+        });
+        let duration_s = |knots: &Vec<At>| knots.last().map_or(0.0, |at| at.t_s);
+        let made =
+            made.into_iter().min_by(|a, b| duration_s(a).total_cmp(&duration_s(b))).unwrap_or_default();
         let begun_s = knots.last().map_or(0.0, |at| at.t_s);
         let skipped = usize::from(!knots.is_empty());
         knots.extend(made.into_iter().skip(skipped).map(|at| At { t_s: at.t_s + begun_s, ..at }));
@@ -170,15 +180,15 @@ impl Section<'_> {
         }
     }
 
-    /// Knots whose cubics follow the law, as few as that takes.
-    fn knots(&self, law: &Law, (begin, finish): (Row8, Row8), off: f64) -> Vec<At> {
+    /// Knots whose cubics follow the law, as few as that takes, at least `apart_s` from each other.
+    fn knots(&self, law: &Law, (begin, finish): (Row8, Row8), (apart_s, off): (f64, f64)) -> Vec<At> {
         let (end, stretch) = (law.unstretched_s(), law.stretch);
         let at = |t: f64| {
             let moving = self.moving(law, t, stretch);
             At { t_s: t * stretch, q: moving.q, qd: moving.qd }
         };
         let mut knots = vec![at(0.0)];
-        let least = KNOT_MIN_S / stretch;
+        let least = apart_s / stretch;
         let (mut t, mut step) = (0.0, end);
         // Each cubic ends where the jerk jumps, at the latest.
         for until in law.breaks(least, off * JUMP_SHARE) {
