@@ -114,7 +114,7 @@ fn drives_are_where_the_formula_of_the_path_is_at_each_time() {
             sent += usize::from(extend(&mut bench, bytes).is_ok());
         }
         let now = bench.instant();
-        let t_s = bench.controller.take_sample(now).path_us as f64 * 1e-6;
+        let t_s = f64::from(bench.controller.take_sample(now).path_us) * 1e-6;
         if t_s > 0.1 && t_s < 9.9 {
             seen += 1;
             for i in 0..6 {
@@ -142,7 +142,7 @@ fn segment_that_does_not_come_is_a_stop_along_the_path_with_its_cause() {
         let mut reached_s = 0.0_f64;
         while bench.kind() == StateKind::Stopping {
             let now = bench.instant();
-            let t_s = bench.controller.take_sample(now).path_us as f64 * 1e-6;
+            let t_s = f64::from(bench.controller.take_sample(now).path_us) * 1e-6;
             reached_s = reached_s.max(t_s);
             for i in 0..6 {
                 let off_rad = bench.drives[i].q - on_path(i, t_s, 20.0).0;
@@ -186,7 +186,8 @@ fn only_the_segment_that_follows_is_taken_and_a_refusal_changes_nothing() {
 fn segment_beyond_a_limit_is_refused_with_joint_and_knot_and_the_plan_stops_on_its_path() {
     let limits = Settings::powercube6();
     let end_s = 20.0;
-    let bad: [(Cause, fn(&mut [Knot])); 6] = [
+    type Spoil = fn(&mut [Knot]);
+    let bad: [(Cause, Spoil); 6] = [
         (Cause::FileNumbers, |k| k[2].state.0[1].0 = f32::NAN),
         (Cause::FileTime, |k| k[2].t_us = k[1].t_us + 1_000),
         (Cause::FileTime, |k| k[2].t_us = k[1].t_us - 1),
