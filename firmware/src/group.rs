@@ -269,13 +269,18 @@ pub trait DriveGroup: Default {
 
     /// The controller's estimate of a joint's speed at its last measurement, `dt_s` after the one before, for groups that
     /// model what their drives do.
-    fn observe(&mut self, joint: JointIndex, qd_rad_s: f32, dt_s: f32);
+    fn observe(&mut self, joint: JointIndex, qd_rad_s: f32, dt_s: f32) {
+        let _ = (joint, qd_rad_s, dt_s);
+    }
 
     /// Sets the gripper output, if it is one of the drives'; false if it is the board's.
-    fn set_gripper(&mut self, settings: &Settings, open: bool) -> bool;
+    fn set_gripper(&mut self, settings: &Settings, open: bool) -> bool {
+        let _ = (settings, open);
+        false
+    }
 
     /// Forgets a gripper output that was set and is not sent yet.
-    fn cancel_gripper(&mut self);
+    fn cancel_gripper(&mut self) {}
 
     /// See [`Profile`].
     fn profile(&self, settings: &Settings) -> Profile;

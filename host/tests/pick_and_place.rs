@@ -12,7 +12,7 @@ use operator::bus::{BusArgs, Session};
 use operator::port::OnBus;
 use planner::plan::rng::SplitMix64;
 use planner::plan::{Arm, Joints};
-use planner::store::robot_fingerprint;
+use planner::store::fingerprint_of;
 use protocol::{Duration, ExtendedId, Frame, Instant, StandardId};
 
 use crate::bus_common::Folder;
@@ -78,7 +78,7 @@ fn done(
     args: &run::Args,
     clears: bool,
 ) -> (usize, Result<(), host::error::ExpectedError>) {
-    let fingerprint = format!("{:016x}", robot_fingerprint(arm));
+    let fingerprint = fingerprint_of(arm);
     let mut operator = OnBus::new(session, None, 1_000_000);
     if clears {
         operator.clear_fault().unwrap();

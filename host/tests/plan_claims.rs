@@ -15,7 +15,7 @@ use planner::plan::search::{Budget, Planner, Watch};
 use planner::plan::seeds;
 use planner::plan::statistics::{Noise, Region};
 use planner::record::{MovePlan, PlanRecord};
-use planner::store::robot_fingerprint;
+use planner::store::fingerprint_of;
 use planner::verify::check;
 use robot_model::Pose;
 use serde_json::Value;
@@ -123,7 +123,7 @@ fn every_number_of_a_throw_that_follows_the_flight_is_refused_if_it_is_false_or_
         ..PaperOptions::covering(1.8, 0.675, 0.0, 1.0)
     };
     let found = planner::follow::paper::plan(&setting, &grid).expect("feasible");
-    let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
+    let fingerprint = fingerprint_of(&arm);
     let robot = RobotId { name: "kr16_2".into(), source: "kr16_2".into(), fingerprint };
     let plan = FollowPlan::new(&setting, LimitSource::ControllerModel, robot, Form::Paper, &found, 0.0);
     let path = Path::new("p.json");

@@ -24,7 +24,7 @@ use planner::follow::plan::FollowPlan;
 use planner::follow::search::Search;
 use planner::follow::setting::Setting;
 use planner::plan::file::RobotId;
-use planner::store::robot_fingerprint;
+use planner::store::fingerprint_of;
 use protocol::{Duration, Instant};
 use rayon::prelude::*;
 
@@ -180,7 +180,7 @@ fn plan(
         Search::Best(_) => Setting { limits: setting.limits.with_spare_for_commands(), ..setting },
     };
     let found = search.plan(&searching).map_err(|none| none.to_string())?;
-    let fingerprint = format!("{:016x}", robot_fingerprint(arm));
+    let fingerprint = fingerprint_of(arm);
     let robot = RobotId { name: arm.name().to_owned(), source: arm.name().to_owned(), fingerprint };
     Ok(FollowPlan::new(&setting, source, robot, search.form(), &found, 0.0))
 }

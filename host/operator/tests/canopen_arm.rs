@@ -9,7 +9,7 @@ use operator::bus::session::Session;
 use operator::job::{Answer, Judge, Order, Program, perform};
 use operator::port::{OnBus, Operator};
 use planner::plan::Joints;
-use planner::store::robot_fingerprint;
+use planner::store::fingerprint_of;
 use planner::way::{Travel, way};
 use protocol::cyphal::cubecell::group_state::State;
 use protocol::{Duration, JointIndex};
@@ -105,7 +105,7 @@ fn motion_is_judged_by_what_the_servos_measured() {
     let to = from.map(|q| q + 0.3);
     let travel = Travel { share: 0.5, ..Travel::default() };
     let motion = way(&cell.robot, &Scene::default(), &travel, &from, &to).unwrap().unwrap();
-    let fingerprint = format!("{:016x}", robot_fingerprint(&cell.robot));
+    let fingerprint = fingerprint_of(&cell.robot);
     let order = Order::new(&cell.robot, &fingerprint, Program::Motion(motion), Judge::Reach);
     let record = perform(&mut operator, &order, &mut |_| Answer::Yes);
     assert!(record.ended.is_none(), "{:?}", record.ended);

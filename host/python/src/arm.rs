@@ -24,7 +24,7 @@ use operator::bus::{BusArgs, Session};
 use operator::dialogue::operator::OperatorError;
 use operator::job::{Answer, Extent, OnProgress, Order, Progress, Target};
 use operator::port::{OnBus, Operator as _};
-use planner::store::robot_fingerprint;
+use planner::store::fingerprint_of;
 use planner::timing::{Limits, Path, Row, along, motion_of_rows};
 use planner::way::{Goal, Travel, require_free_motion};
 use protocol::Duration;
@@ -443,7 +443,7 @@ fn serve(
         }
     };
     let _ = ready.send(Ok(robot.n()));
-    let fingerprint = format!("{:016x}", robot_fingerprint(&robot));
+    let fingerprint = fingerprint_of(&robot);
     let waits = session.is_simulated();
     let controller = connection.controller.and_then(|node| NodeId::new(node).ok());
     let operator = OnBus::new(&mut session, controller, BIT_RATE);

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use planner::motion::Motion;
 use planner::plan::{Arm, Joints};
-use planner::store::robot_fingerprint;
+use planner::store::fingerprint_of;
 use planner::way::{Goal, Travel, WayError};
 use robot_model::collision::CollisionChecker;
 
@@ -82,7 +82,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let arm = super::robot(source)?;
     let scene = bounds.scene();
     let target = target(args, &arm)?;
-    let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
+    let fingerprint = fingerprint_of(&arm);
     let results = Results::create(args.out.as_deref(), &mut on.bus)?;
     if args.dry_run {
         on.bus.record = None;

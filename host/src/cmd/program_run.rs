@@ -7,7 +7,7 @@ use operator::job::{Answer, Extent, Order, Progress, Record};
 use operator::port::{OnBus, Operator as _};
 use planner::plan::file::RobotId;
 use planner::plan::{Arm, Joints};
-use planner::store::robot_fingerprint;
+use planner::store::fingerprint_of;
 use protocol::Duration;
 
 use super::connected::Connected;
@@ -44,7 +44,7 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
     let folder = Folder::recording(args.out.as_deref(), &mut on.bus)?;
     let mut table = folder.as_ref().map(|folder| table(folder, arm.n())).transpose()?;
     let mut session = on.session()?;
-    let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
+    let fingerprint = fingerprint_of(&arm);
     let operator = OnBus::new(&mut session, on.controller, BIT_RATE);
     let mut performed = Performed::nothing(arm.n());
     let mut connected = Connected::new(operator, &arm, &fingerprint);

@@ -12,7 +12,7 @@ use operator::port::OnBus;
 use operator::servo::{Keeps, Next, ServoError, Stream, Streamed, follow};
 use planner::plan::Joints;
 use planner::servo::{Command, JointState, Limited, NoServo, Refused, Servo};
-use planner::store::robot_fingerprint;
+use planner::store::fingerprint_of;
 use protocol::Duration;
 use robot_model::Pose;
 use serde::Deserialize;
@@ -120,7 +120,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let file = args.file.as_ref().map(opened).transpose()?;
     let mut states = args.states.as_deref().map(States::create).transpose()?;
     let mut session = moving.on.session()?;
-    let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
+    let fingerprint = fingerprint_of(&arm);
     let operator = OnBus::new(&mut session, moving.on.controller, BIT_RATE);
     let mut arm_on_bus = Connected::new(operator, &arm, &fingerprint);
     let ready = arm_on_bus.ready(moving.home, &mut |step| ui.answer(step));

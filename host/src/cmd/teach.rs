@@ -10,7 +10,7 @@ use operator::port::{OnBus, Operator as _};
 use operator::servo::{Keeps, Next, ServoError, Stream, follow};
 use planner::plan::{Arm, Joints};
 use planner::servo::{Command, Limited, Refused, Servo};
-use planner::store::robot_fingerprint;
+use planner::store::fingerprint_of;
 use protocol::Duration;
 
 use super::connected::Connected;
@@ -111,7 +111,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let mut session = args.on.session()?;
     let words = ["The arm moves while a key is held. Nobody near?"; 2];
     let mut ui = Ui { progress: ProgressView::new(false), consent, words, look: None, agreed: false };
-    let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
+    let fingerprint = fingerprint_of(&arm);
     let mut connected =
         Connected::new(OnBus::new(&mut session, args.on.controller, BIT_RATE), &arm, &fingerprint);
     let ready = connected.ready(args.home, &mut |step| ui.answer(step));

@@ -14,7 +14,7 @@ use operator::trajectory::motion_of;
 use planner::plan::Arm;
 use planner::plan::file::{Kind, PlanFileError, require_robot};
 use planner::record::PlanRecord;
-use planner::store::robot_fingerprint;
+use planner::store::fingerprint_of;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -86,7 +86,7 @@ pub(super) fn read(path: &Path, robot: Option<&str>, retime: &RetimeArgs) -> Res
     let of_arm = |program: &dyn Fn(&Arm) -> Result<Program, ExpectedError>, travels| {
         let robot = robot.unwrap_or("powercube6").to_owned();
         let arm = super::robot(&robot)?;
-        let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
+        let fingerprint = fingerprint_of(&arm);
         Ok(Source { program: program(&arm)?, robot, arm, fingerprint, travels })
     };
     if let Some(text) = path_file::waypoints_in(&bytes).filter(|_| !is_controllers) {

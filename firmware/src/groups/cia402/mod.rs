@@ -462,14 +462,6 @@ impl DriveGroup for Cia402 {
         self.due + SYNC_FRAME
     }
 
-    fn observe(&mut self, _: JointIndex, _: f32, _: f32) {}
-
-    fn set_gripper(&mut self, _: &Settings, _: bool) -> bool {
-        false
-    }
-
-    fn cancel_gripper(&mut self) {}
-
     fn profile(&self, settings: &Settings) -> Profile {
         let period = settings.cycle_period();
         // The servos interpolate: positions do not lag behind a steady motion.

@@ -386,8 +386,6 @@ impl DriveGroup for Mit {
         self.after_command(joint, 0)
     }
 
-    fn observe(&mut self, _: JointIndex, _: f32, _: f32) {}
-
     fn set_gripper(&mut self, settings: &Settings, open: bool) -> bool {
         let Some(place) = self.gripper_place(settings) else { return false };
         self.gripper_open = Some(open);
@@ -401,8 +399,6 @@ impl DriveGroup for Mit {
         }
         true
     }
-
-    fn cancel_gripper(&mut self) {}
 
     fn profile(&self, settings: &Settings) -> Profile {
         let period = settings.cycle_period();

@@ -454,8 +454,6 @@ impl DriveGroup for Rsi {
         self.at + self.motion.period()
     }
 
-    fn observe(&mut self, _: JointIndex, _: f32, _: f32) {}
-
     fn set_gripper(&mut self, _: &Settings, open: bool) -> bool {
         if open {
             // The axes pass the point of the release later by the delay of the path.

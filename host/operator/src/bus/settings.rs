@@ -6,7 +6,7 @@ use firmware::settings::{JointSettings, Settings};
 use protocol::{JointIndex, ModuleId};
 use robot_model::RobotModel;
 
-use planner::store::robot_fingerprint;
+use planner::store::fingerprint_of;
 
 /// Share of a drive's current that homing and jogging may use.
 const SLOW_CURRENT_SHARE: f64 = 0.5;
@@ -59,7 +59,7 @@ pub fn robot_crc32(fingerprint: &str) -> u32 {
 /// [`robot_crc32`] of a model.
 #[must_use]
 pub fn crc32_of(model: &RobotModel) -> u32 {
-    robot_crc32(&format!("{:016x}", robot_fingerprint(model)))
+    robot_crc32(&fingerprint_of(model))
 }
 
 // Every robot fits a controller.

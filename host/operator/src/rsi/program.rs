@@ -8,7 +8,7 @@ use planner::follow::limits::{AXES, Arm, Axes};
 use planner::follow::plan::FollowPlan;
 use planner::follow::setting::CommandRange;
 use planner::motion::Motion;
-use planner::store::robot_fingerprint;
+use planner::store::fingerprint_of;
 use protocol::Duration;
 use robot_model::collision::{CollisionChecker, Scene, StraightMove};
 
@@ -225,7 +225,7 @@ pub fn leading(
     lag: Lag,
     motions: &[Motion],
 ) -> Result<Station, NoStation> {
-    let fingerprint = format!("{:016x}", robot_fingerprint(arm));
+    let fingerprint = fingerprint_of(arm);
     let settings = settings_of(arm, &fingerprint, &timing(scenario, lag), 0.0);
     let files = encoded(motions, &settings, &fingerprint)?;
     Ok(Station::new(wire(scenario)?, &settings, options(scenario, lag), files))
@@ -240,7 +240,7 @@ pub fn exploring(scenario: &KrcScenario, arm: &Arm, motions: &[Motion]) -> Resul
         free_from_start(arm, motion)?;
         poses_within_corrections(scenario, motion)?;
     }
-    let fingerprint = format!("{:016x}", robot_fingerprint(arm));
+    let fingerprint = fingerprint_of(arm);
     let described = Lag::of(scenario);
     // Set points are commanded as they are.
     let lag = Lag { dead_time: described.dead_time + described.time_constant, time_constant: Duration::ZERO };
@@ -277,7 +277,7 @@ pub fn replay_station(
     arm: &Arm,
     plan: Option<&FollowPlan>,
 ) -> Result<Station, NoStation> {
-    let fingerprint = format!("{:016x}", robot_fingerprint(arm));
+    let fingerprint = fingerprint_of(arm);
     let release_s = plan.map_or(0.0, |plan| plan.release_time_s);
     let lag = Lag::of(scenario);
     let lag = plan.map_or(lag, |plan| lag.for_plan(plan));

@@ -17,7 +17,7 @@ use planner::follow::limits::{Arm, LimitSource, Limits};
 use planner::follow::plan::{FollowPlan, Form};
 use planner::follow::setting::Setting;
 use planner::plan::file::RobotId;
-use planner::store::robot_fingerprint;
+use planner::store::fingerprint_of;
 use protocol::Instant;
 
 pub(crate) const TARGET: [f64; 3] = [2.5, 0.0, 0.6];
@@ -40,7 +40,7 @@ pub(crate) fn plan() -> &'static FollowPlan {
         let setting = Setting { commands, lag_s: LAG_S, ..Setting::new(&arm, Vector3::from(TARGET), limits) };
         let options = BestOptions { starts: 24, kicks: 0, ..BestOptions::default() };
         let found = best::plan(&setting, &options).expect("feasible");
-        let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
+        let fingerprint = fingerprint_of(&arm);
         let robot = RobotId { name: arm.name().to_owned(), source: arm.name().to_owned(), fingerprint };
         FollowPlan::new(&setting, source, robot, Form::Best(HandFreedom::TangentAndRoll), &found, 0.0)
     })

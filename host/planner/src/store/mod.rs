@@ -16,4 +16,4 @@ pub mod index;
 pub mod record;
 
 pub use index::Index;
-pub use record::{Record, robot_fingerprint};
+pub use record::{Record, fingerprint_of, robot_fingerprint};

@@ -96,6 +96,12 @@ impl Record {
     }
 }
 
+/// [`robot_fingerprint`] as plans, gains and controllers name a robot: 16 hexadecimal digits.
+#[must_use]
+pub fn fingerprint_of(arm: &RobotModel) -> String {
+    format!("{:016x}", robot_fingerprint(arm))
+}
+
 /// Fingerprint of everything about a robot that a throw depends on (FNV-1a over its description).
 #[must_use]
 pub fn robot_fingerprint(arm: &RobotModel) -> u64 {

@@ -11,7 +11,7 @@ use toml_reader::read_text;
 use super::motion::upgrade;
 use super::{FORMAT, Kind, ObstacleInfo, PlanFile, RobotId, Target, VERSION};
 use crate::flight::{Aim, Course};
-use crate::store::{file::write_whole, robot_fingerprint};
+use crate::store::{file::write_whole, fingerprint_of};
 
 /// Longest plan file that is read, bytes. Six joints and a few segments take 20 kB.
 pub const FILE_MAX_BYTES: u64 = 16 << 20;
@@ -147,7 +147,7 @@ pub fn require_robot(
     joints: usize,
     arm: &RobotModel,
 ) -> Result<(), PlanFileError> {
-    let wanted = format!("{:016x}", robot_fingerprint(arm));
+    let wanted = fingerprint_of(arm);
     if robot.fingerprint == wanted && joints == arm.n() {
         return Ok(());
     }

@@ -28,7 +28,7 @@ use super::basins::Confidence;
 use super::paper::PaperParameters;
 use super::problem::{Form, Weights};
 use super::statistics::{Noise, Region};
-use crate::store::robot_fingerprint;
+use crate::store::fingerprint_of;
 
 /// Version of the format that this program writes, and the newest it reads.
 pub const VERSION: u32 = 11;
@@ -124,7 +124,7 @@ impl RobotId {
     /// Of `arm`, which `source` names.
     #[must_use]
     pub fn of(source: &str, arm: &RobotModel) -> Self {
-        let fingerprint = format!("{:016x}", robot_fingerprint(arm));
+        let fingerprint = fingerprint_of(arm);
         Self { name: arm.name().to_owned(), source: source.to_owned(), fingerprint }
     }
 }
