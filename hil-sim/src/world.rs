@@ -220,14 +220,9 @@ impl<C: Participants> World<C> {
             place_of(&mut participants, fault)?;
         }
         let mut bus = Bus::new(config, ports)?;
-        for port in 0..participants.len() {
-            if let Some(order) = participants.tx_order(port) {
-                bus.set_tx_order(port, order);
-            }
-        }
-        for port in participants.len()..ports {
-            bus.set_attached(port, false, 0);
-        }
+        let own = |port| Some((port, participants.tx_order(port)?));
+        (0..participants.len()).filter_map(own).for_each(|(port, order)| bus.set_tx_order(port, order));
+        (participants.len()..ports).for_each(|port| bus.set_attached(port, false, 0));
         let mut faults = Engine::new(seed, plan);
         let mut babbler = participants.len();
         faults.bind(|fault| {

@@ -1,4 +1,4 @@
-//! Set points that a group leads by itself: from mode and orders to the next one of each joint (pure).
+//! Set points of a group that follows positions: the next one of each joint, from mode and orders (pure).
 
 use protocol::{Duration, Instant, JointIndex};
 

@@ -69,7 +69,7 @@ enum Motion {
 }
 
 impl Motion {
-    /// Times of the faults after the begin: before the run, under way, braking at the end, and after it.
+    /// When the faults begin, ms after [`BEGIN`]: before the run, during it, while the arm brakes at its end, and after it.
     const fn faults_ms(self) -> [u64; 5] {
         match self {
             Self::Stream => [0, 400, 900, 2_300, 2_600],
@@ -303,7 +303,7 @@ fn every_fault_in_a_stream_is_reported_as_the_plant_shows_it() {
     run(Motion::Stream, 1);
 }
 
-/// All of them with `STEP=1` in the environment.
+/// `STEP=1` in the environment runs every fault.
 #[test]
 #[ignore = "a minute: run by its CI stage"]
 fn every_eighth_fault_in_a_move_and_in_a_long_path_is_reported_as_the_plant_shows_it() {

@@ -13,7 +13,7 @@ use crate::rest::Rest;
 use crate::settings::JointSettings;
 use crate::supervisor::is_plausible;
 
-/// Way of the set points while the answer stays the same, bit by bit, that shows a stale answer.
+/// An answer is stale if it does not change in any bit while the set points move by this, rad.
 const STALE_RAD: f32 = 3e-3;
 
 /// What an answer is worth.
@@ -52,7 +52,7 @@ pub(super) struct Drive {
     pub(super) awaited: bool,
     /// The answer before was missed: the next one may be that one, late.
     pub(super) is_doubtful: bool,
-    /// An answer came that may have been late: another one may follow.
+    /// The answer that came may be that of the SYNC before; then the right one still comes.
     pub(super) may_follow: bool,
     pub(super) missed_in_row: u32,
     implausible_in_row: u32,

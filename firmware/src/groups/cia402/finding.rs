@@ -9,7 +9,7 @@
 //!
 //! * Each object that is written is read back: some maps are fixed, and some servos take a value and keep another one.
 //! * Units, mode and profile are read and compared. Nothing in process data shows that they differ.
-//! * The first target is the measured position, long before the servo has torque: it acts on the last one that it got.
+//! * The target is the measured position before the servo gets torque: with torque it goes to the last target that it got.
 //! * The supervision of the controller's heartbeat is proven: all servos have torque at rest, the heartbeat stays away, and each must end in
 //!   a fault by itself.
 //! * A servo in a fault is refused until a person clears it, but for the fault that the end of the last controller left.

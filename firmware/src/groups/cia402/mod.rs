@@ -54,9 +54,9 @@ use crate::group::{
 use crate::joints::PerJoint;
 use crate::settings::Settings;
 
-/// From the order to run to the start of the plan: the set points of two periods are on their way.
+/// Periods from the order to run to the start of the plan: a set point acts two periods after it is made.
 const LEAD_PERIODS: u64 = 3;
-/// Age of a position that says something of rest, in periods.
+/// A position older than this many periods does not show that a joint rests.
 const AGE_PERIODS: u64 = 4;
 /// Speed below which a set point stands, rad/s.
 const STANDS_RAD_S: f32 = 1e-3;
@@ -181,7 +181,7 @@ impl Cia402 {
         }
     }
 
-    /// A servo is lost, or does not do what it should: once for each.
+    /// Reports a servo that is lost or does not do what it should; each servo once in a search.
     fn report(&mut self, joint: JointIndex, cause: Cause) {
         let drive = self.drives.at_mut(joint);
         if core::mem::replace(&mut drive.is_reported, true) {
@@ -196,7 +196,7 @@ impl Cia402 {
 
     fn take_emergency(&mut self, joint: JointIndex, emergency: &Emergency) {
         let drive = self.drives.at_mut(joint);
-        // The first one is the cause; the servo says when all are over.
+        // The first emergency is the cause. Code 0 says that no error is left.
         if drive.emergency == 0 || emergency.code == 0 {
             drive.emergency = emergency.code;
         }

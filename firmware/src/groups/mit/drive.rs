@@ -14,7 +14,7 @@ use crate::rest::Rest;
 use crate::settings::JointSettings;
 use crate::supervisor::is_plausible;
 
-/// Way of the set points while the answer stays the same, bit by bit, that shows a stale answer: eight steps of the position.
+/// An answer is stale if it does not change in any bit while the set points move by this, rad: eight steps of the position.
 const STALE_RAD: f32 = 3e-3;
 /// Width of a standing position, µrad: four steps of the position. A joint without a brake creeps slowly against its friction.
 const STANDING_URAD: u32 = 1_530;

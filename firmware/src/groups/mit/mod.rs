@@ -58,7 +58,7 @@ use crate::settings::{JointSettings, Settings};
 
 /// From the order to run to the start of the plan.
 const LEAD_PERIODS: u64 = 2;
-/// Age of a position that says something of rest, in periods.
+/// A position older than this many periods does not show that a joint rests.
 const AGE_PERIODS: u64 = 4;
 /// From the end of a ramp to the rest of the joint behind its gains: a joint at 25 rad/s leaves 2 % of its distance by then.
 const SETTLING: Duration = Duration::from_millis(160);
