@@ -9,7 +9,7 @@ use host::cmd::{program_run, run};
 use nalgebra::Vector3;
 use operator::bus::period::settings_with_gains;
 use operator::bus::{BusArgs, Session};
-use operator::port::OnBus;
+use operator::port::{Interactive as _, OnBus};
 use planner::plan::rng::SplitMix64;
 use planner::plan::{Arm, Joints};
 use planner::store::fingerprint_of;
@@ -84,7 +84,7 @@ fn done(
         operator.clear_fault().unwrap();
     }
     let mut rows = 0;
-    let mut connected = Connected::new(operator, arm, &fingerprint);
+    let mut connected = Connected::new(&mut operator, arm, &fingerprint);
     let ended = program_run::on_arm(&mut connected, args, &mut |_| rows += 1);
     (rows, ended)
 }

@@ -80,7 +80,10 @@ pub(super) fn order_of(number: u16, parameter: &[u8]) -> Result<Order, Status> {
 }
 
 /// A new end state as the controller knows it; an event that it does not know is refused.
-pub(super) fn target_of(message: &TargetState) -> Result<Target, Refusal> {
+///
+/// # Errors
+/// [`Cause::TargetEvent`].
+pub fn target_of(message: &TargetState) -> Result<Target, Refusal> {
     let at = Instant::from_micros(message.arrive_us);
     let mut target = Target { at, joints: message.joints().len() as u8, ..Target::default() };
     for (to, from) in target.state.0.iter_mut().zip(message.joints()) {

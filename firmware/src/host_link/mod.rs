@@ -45,7 +45,7 @@ use protocol::cyphal::uavcan::heartbeat;
 use protocol::{Duration, Frame, Instant, JOINTS_MAX};
 
 use self::app::{App, LateHost};
-pub use self::messages::group_message;
+pub use self::messages::{group_message, target_of};
 use crate::authority::{Peer, Seed};
 use crate::controller::Controller;
 use crate::fault::Refusal;

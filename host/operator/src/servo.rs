@@ -18,21 +18,18 @@ use firmware::settings::Settings;
 use planner::plan::{Arm, Joints};
 use planner::servo::{BRAKE_SHARE, Bounds, Command, Limited, NoServo, Refused, Servo, TICK_S, bounds_of};
 use protocol::cyphal::cubecell::group_state::State;
-use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant};
 use robot_model::PerJoint;
 use robot_model::collision::Scene;
 
-use crate::bus::Session;
-use crate::bus::session::Ended;
-use crate::dialogue::clock::ControllerClock;
 use crate::dialogue::online::EndStates;
 use crate::dialogue::operator::{OperatorError, stopped};
 use crate::dialogue::registers::settings_of;
+use crate::port::Interactive;
 use crate::trajectory::standing_within;
 
-/// From a command to the state that takes it into account: a message of up to 6 ms, two control periods and the lag of the drives, the
-/// shortest way of the controller, and 40 ms for a host that is late.
+/// From a command to the state that takes it into account, on a CAN bus: a message of up to 6 ms, two control periods and the lag of the
+/// drives, the shortest way of the controller, and 40 ms for a host that is late. Of other links: [`Interactive::lead`].
 pub const LEAD: Duration = Duration::from_millis(80);
 /// Between two states.
 const TICK: Duration = Duration::from_millis((TICK_S * 1e3) as u64);
@@ -134,7 +131,6 @@ struct Taking {
     begun: Instant,
     /// When the newest end state is to be reached, in our time.
     front: Instant,
-    clock: ControllerClock,
     looked: Instant,
     /// Time of the controller less ours, as it is used, µs.
     offset_us: f64,
@@ -142,17 +138,11 @@ struct Taking {
 
 impl Taking {
     /// The time of the controller at the front.
-    fn front_there(&mut self) -> Instant {
-        let offset_us = offset_us(&self.clock, self.front).unwrap_or(self.offset_us);
+    fn front_there(&mut self, operator: &mut dyn Interactive) -> Instant {
+        let offset_us = operator.clock_offset_us(self.front).unwrap_or(self.offset_us);
         self.offset_us += (offset_us - self.offset_us).clamp(-SLEW_US, SLEW_US);
         Instant::from_micros((self.front.as_micros() as f64 + self.offset_us).round().max(0.0) as u64)
     }
-}
-
-/// Time of the controller less ours, µs.
-fn offset_us(clock: &ControllerClock, ours: Instant) -> Option<f64> {
-    let (there, _) = clock.controller_time(ours)?;
-    Some(there.as_micros() as f64 - ours.as_micros() as f64)
 }
 
 /// Follows `stream` to its end, with a homed arm that stands and is ready. The arm stands when this returns without an error;
@@ -161,8 +151,7 @@ fn offset_us(clock: &ControllerClock, ours: Instant) -> Option<f64> {
 /// # Errors
 /// [`ServoError`]; a stop or fault of somebody else ends it.
 pub fn follow(
-    session: &mut Session,
-    node: NodeId,
+    operator: &mut dyn Interactive,
     arm: &Arm,
     keeps: &Keeps,
     stream: &mut dyn Stream,
@@ -171,21 +160,22 @@ pub fn follow(
         return Err(ServoError::Share { share: keeps.share });
     }
     let wanted = |info: &firmware::registers::RegisterInfo| REGISTERS.contains(&info.name);
-    let settings = settings_of(wanted, &mut |name| session.register(node, name))?;
-    let mut bounds = within(&settings, bounds_of(arm, keeps.share));
+    let settings = settings_of(wanted, &mut |name| operator.register(name))?;
+    let lead = operator.lead();
+    let mut bounds = within(&settings, lead, bounds_of(arm, keeps.share));
     bounds.iter_mut().for_each(|joint| joint.v_rad_s = joint.v_rad_s.min(keeps.v_max_rad_s));
     let mut streamed = Streamed::default();
     let hold_s = keeps.hold.as_secs_f64();
-    let since = |session: &Session, zero: Instant| session.now().saturating_since(zero).as_secs_f64();
+    let since = |now: Instant, zero: Instant| now.saturating_since(zero).as_secs_f64();
     let (mut zero, mut ended) = (None, false);
     loop {
-        let pose = Joints::from_slice(&session.measured_pose(node)?);
+        let pose = Joints::from_slice(&operator.pose()?);
         let bounds = around(bounds, &pose, &settings);
         let mut servo = Servo::new(arm, &keeps.scene, bounds, &pose, hold_s)?;
-        let mut taking = begin(session, node, &settings, &bounds, &pose)?;
+        let mut taking = begin(operator, &settings, &bounds, &pose)?;
         let zero = *zero.get_or_insert(taking.begun);
         loop {
-            let t_s = since(session, zero);
+            let t_s = since(operator.now(), zero);
             while !ended {
                 match stream.next(t_s) {
                     Next::Command(command) => match servo.take(t_s, command) {
@@ -199,7 +189,7 @@ pub fn follow(
                     Next::End => ended = true,
                 }
             }
-            let ends = ended || session.now().saturating_since(taking.begun) > RUN_MAX;
+            let ends = ended || operator.now().saturating_since(taking.begun) > RUN_MAX;
             if ends {
                 servo.release();
             }
@@ -207,42 +197,41 @@ pub fn follow(
             streamed.limited += u64::from(limited.is_some());
             stream.ticked(t_s, &servo, limited.as_ref());
             taking.front += TICK;
-            send(session, &mut taking, &servo, &mut streamed)?;
-            if session.now().saturating_since(taking.looked) > CLOCK_LOOK && !ended {
-                session.look_at_clock(node, &mut taking.clock)?;
-                taking.looked = session.now();
+            send(operator, &mut taking, &servo, &mut streamed)?;
+            if operator.now().saturating_since(taking.looked) > CLOCK_LOOK && !ended {
+                operator.look_at_clock()?;
+                taking.looked = operator.now();
             }
-            let until = Instant::from_micros(taking.front.as_micros().saturating_sub(LEAD.as_micros()));
+            let until = Instant::from_micros(taking.front.as_micros().saturating_sub(lead.as_micros()));
             // Who asks the program to end gets an arm that has come to rest.
             if streamed.interrupted {
-                session.pass(until.saturating_since(session.now())).map_err(OperatorError::from)?;
-            } else if session.run(until, &mut |_| false).map_err(OperatorError::from)? == Ended::Interrupted {
+                operator.pass(until.saturating_since(operator.now()))?;
+            } else if operator.run_until(until)? {
                 (streamed.interrupted, ended) = (true, true);
             }
-            for answer in session.target_answers(node) {
-                if let Err(refusal) = answer.outcome {
-                    *streamed.late.entry(refusal.cause.code()).or_default() += 1;
-                }
+            for refusal in operator.refused_targets() {
+                *streamed.late.entry(refusal.cause.code()).or_default() += 1;
             }
-            match session.group() {
-                Some(group) if group.state == State::Ready => break,
+            let group = operator.group();
+            match group.state {
+                State::Ready => break,
                 // One end state of rest ends the run; the plan that stands still would go on.
-                Some(_) if ends && servo.is_at_rest() => break,
-                Some(group) if group.state != State::Running => return Err(stopped(&group).into()),
-                _ => {}
+                _ if ends && servo.is_at_rest() => break,
+                State::Running => {}
+                _ => return Err(stopped(&group).into()),
             }
         }
-        rest(session)?;
-        session.release_motion();
+        rest(operator)?;
+        operator.release_motion();
         streamed.end_rad = servo.q_rad().to_vec();
         if ended {
             break;
         }
         streamed.restarts += 1;
     }
-    streamed.duration_s = zero.map_or(0.0, |zero| since(session, zero));
+    streamed.duration_s = zero.map_or(0.0, |zero| since(operator.now(), zero));
     if !streamed.interrupted {
-        streamed.measured_rad = session.measured_pose(node)?;
+        streamed.measured_rad = operator.pose()?;
     }
     Ok(streamed)
 }
@@ -251,14 +240,14 @@ pub fn follow(
 ///
 /// The way that the controller takes from state to state is another one than that of the servo. Two ways with the same ends and at
 /// most the acceleration A are at most A T² / 8 apart after T; by so much the servo stays away from the ends of the joint ranges.
-fn within(settings: &Settings, bounds: PerJoint<Bounds>) -> PerJoint<Bounds> {
+fn within(settings: &Settings, lead: Duration, bounds: PerJoint<Bounds>) -> PerJoint<Bounds> {
     let widest = Envelope::widest(settings);
     let mut narrower = bounds;
     for (joint, bounds) in settings.joints().zip(narrower.iter_mut()) {
         let most = widest.joint.at(joint);
         bounds.v_rad_s = bounds.v_rad_s.min(SPEED_SHARE * f64::from(most.v_max_rad_s));
         bounds.a_rad_s2 = bounds.a_rad_s2.min(f64::from(most.a_max_rad_s2) / BRAKE_SHARE);
-        let apart_rad = BRAKE_SHARE * bounds.a_rad_s2 * (LEAD + TICK).as_secs_f64().powi(2) / 8.0;
+        let apart_rad = BRAKE_SHARE * bounds.a_rad_s2 * (lead + TICK).as_secs_f64().powi(2) / 8.0;
         bounds.q_min_rad = bounds.q_min_rad.max(f64::from(most.q_min_rad)) + apart_rad;
         bounds.q_max_rad = bounds.q_max_rad.min(f64::from(most.q_max_rad)) - apart_rad;
     }
@@ -279,8 +268,7 @@ fn around(bounds: PerJoint<Bounds>, pose: &Joints, settings: &Settings) -> PerJo
 
 /// Uploads, arms and runs a plan that stands where the arm stands. The controller brakes as the servo has proven.
 fn begin(
-    session: &mut Session,
-    node: NodeId,
+    operator: &mut dyn Interactive,
     settings: &Settings,
     bounds: &PerJoint<Bounds>,
     pose: &Joints,
@@ -292,30 +280,28 @@ fn begin(
         most.a_max_rad_s2 = (BRAKE_SHARE * bounds.a_rad_s2) as f32;
     }
     let bytes = standing_within(settings, envelope, pose, STANDING_US).ok_or(ServoError::Plan)?;
-    let name = session.upload(node, &bytes, &mut |_, _| {})?;
-    let mut clock = ControllerClock::default();
-    session.read_clock(node, &mut clock)?;
-    session.arm(node, &name)?;
-    session.start_run(node, &name)?;
-    let now = session.now();
-    let offset_us = offset_us(&clock, now).ok_or(OperatorError::Unreadable { node })?;
-    Ok(Taking { begun: now, front: now + LEAD, clock, looked: now, offset_us })
+    let name = operator.upload(&bytes.into(), &mut |_, _| {})?;
+    operator.arm(&name)?;
+    operator.start(&name)?;
+    let now = operator.now();
+    let offset_us = operator.clock_offset_us(now).ok_or(OperatorError::Lost)?;
+    Ok(Taking { begun: now, front: now + operator.lead(), looked: now, offset_us })
 }
 
 fn send(
-    session: &mut Session,
+    operator: &mut dyn Interactive,
     taking: &mut Taking,
     servo: &Servo<'_>,
     streamed: &mut Streamed,
 ) -> Result<(), OperatorError> {
     let state = servo.state();
     let end = EndStates {
-        at: taking.front_there(),
+        at: taking.front_there(operator),
         q_rad: state.iter().map(|joint| joint.q_rad).collect(),
         qd_rad_s: state.iter().map(|joint| joint.qd_rad_s).collect(),
         events: Vec::new(),
     };
-    match session.send_target(streamed.sent as u8, &end) {
+    match operator.send_target(streamed.sent as u8, &end) {
         Ok(()) => streamed.sent += 1,
         // The next one stands for it.
         Err(OperatorError::TargetNotSaid { .. }) => streamed.unsent += 1,
@@ -325,13 +311,14 @@ fn send(
 }
 
 /// Waits, also after an interruption, until the run has ended.
-fn rest(session: &mut Session) -> Result<(), OperatorError> {
-    let until = session.now() + REST_MAX;
-    while session.now() < until {
-        session.pass(TICK)?;
-        match session.group() {
-            Some(group) if group.state == State::Ready => return Ok(()),
-            Some(group) if !group.state.may_move() => return Err(stopped(&group)),
+fn rest(operator: &mut dyn Interactive) -> Result<(), OperatorError> {
+    let until = operator.now() + REST_MAX;
+    while operator.now() < until {
+        operator.pass(TICK)?;
+        let group = operator.group();
+        match group.state {
+            State::Ready => return Ok(()),
+            state if !state.may_move() => return Err(stopped(&group)),
             _ => {}
         }
     }

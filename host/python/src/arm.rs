@@ -11,19 +11,17 @@ use std::thread;
 use std::time::Duration as WallTime;
 
 use host::cmd::connected::Connected as OneArm;
+use host::cmd::link::{Link, Machine};
 use host::cmd::move_arm::no_way;
-use host::cmd::report::BIT_RATE;
-use host::cmd::target::scene;
+use host::cmd::target::{Target as On, scene};
 use host::error::{Cause, ExpectedError};
 use host::exit;
 use nalgebra::Vector3;
+use operator::bus::BusArgs;
 use operator::bus::args::CellArgs;
 use operator::bus::key_file::KeyArgs;
-use operator::bus::period::settings_with_gains;
-use operator::bus::{BusArgs, Session};
 use operator::dialogue::operator::OperatorError;
 use operator::job::{Answer, Extent, OnProgress, Order, Progress, Target};
-use operator::port::{OnBus, Operator as _};
 use planner::store::fingerprint_of;
 use planner::timing::{Limits, Path, Row, along, motion_of_rows};
 use planner::way::{Goal, Travel, require_free_motion};
@@ -33,7 +31,7 @@ use protocol::cyphal::id::NodeId;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use robot_model::collision::Scene;
-use robot_model::{JointVec, Pose, RobotModel};
+use robot_model::{JointVec, Pose};
 use serde_json::json;
 
 use crate::arrays::doubles;
@@ -62,6 +60,8 @@ pub(crate) struct Connection {
     key_file: Option<PathBuf>,
     #[pyo3(item)]
     record: Option<PathBuf>,
+    #[pyo3(item)]
+    rsi: Option<String>,
 }
 
 type Answered = Result<String, ExpectedError>;
@@ -367,9 +367,10 @@ impl<'a> Connected<'a> {
 
     fn go(&mut self, target: &Target, how: &How) -> Answered {
         let scene = how.scene();
-        let from = self.ready(false)?;
-        let way = target.way(self.arm.robot, &scene, &how.travel(), &from).map_err(|error| no_way(&error))?;
-        match way {
+        let from = self.shown(|arm, ui| arm.begin(false, ui))?;
+        let (robot, mut way) = (self.arm.robot, Ok(None));
+        self.arm.operator.meanwhile(&mut || way = target.way(robot, &scene, &how.travel(), &from))?;
+        match way.map_err(|error| no_way(&error))? {
             Some(motion) => self.move_along(&Order { scene, ..self.arm.order(motion, Extent::Run) }),
             None => Ok(json!({
                 "duration_s": 0.0, "q_rad": from.as_slice(), "off_rad": 0.0, "end_off_rad": 0.0,
@@ -435,27 +436,33 @@ fn serve(
     asked: &Receiver<Asked>,
     ready: &SyncSender<Result<usize, ExpectedError>>,
 ) {
-    let (mut session, robot) = match open(connection, stop) {
+    let (mut link, machine) = match open(connection, stop) {
         Ok(opened) => opened,
         Err(error) => {
             let _ = ready.send(Err(error));
             return;
         }
     };
-    let _ = ready.send(Ok(robot.n()));
-    let fingerprint = fingerprint_of(&robot);
-    let waits = session.is_simulated();
-    let controller = connection.controller.and_then(|node| NodeId::new(node).ok());
-    let operator = OnBus::new(&mut session, controller, BIT_RATE);
-    let arm = OneArm::new(operator, &robot, &fingerprint);
-    let mut arm = Connected { arm, step, stop };
+    let _ = ready.send(Ok(machine.arm.n()));
+    let fingerprint = fingerprint_of(&machine.arm);
+    link.with(|operator| {
+        let waits = operator.needs_times();
+        let arm = OneArm::new(operator, &machine.arm, &fingerprint);
+        answer(&mut Connected { arm, step, stop }, waits, asked);
+    });
+    // What fails now has no say in what was done.
+    drop(link.end());
+}
+
+/// Does what is asked until nobody can ask any more.
+fn answer(arm: &mut Connected<'_>, waits: bool, asked: &Receiver<Asked>) {
     loop {
         // Between orders the time of a simulated cell does not pass. A real bus is read all the time.
         let next =
             if waits { asked.recv().map_err(|_| TryRecvError::Disconnected) } else { asked.try_recv() };
         match next {
             Ok(Asked { work, answer }) => {
-                let _ = answer.send(work(&mut arm));
+                let _ = answer.send(work(arm));
             }
             Err(TryRecvError::Empty) => {
                 if arm.arm.operator.pass(IDLE).is_err() {
@@ -466,26 +473,21 @@ fn serve(
             Err(TryRecvError::Disconnected) => break,
         }
     }
-    drop(arm);
-    // The bus may be lost. If it is not, this halts what still moves.
-    let _ = session.halt_if_moving();
-    let _ = session.finish();
 }
 
-fn open(connection: &Connection, stop: &Arc<AtomicBool>) -> Result<(Session, RobotModel), ExpectedError> {
+fn open(connection: &Connection, stop: &Arc<AtomicBool>) -> Result<(Link, Machine), ExpectedError> {
     let cell = CellArgs {
         robot: connection.robot.clone(),
         seed: connection.seed,
         scenario: connection.scenario.clone(),
     };
     let bus = connection.bus.parse().map_err(|error| ExpectedError::bad_input(&error))?;
-    let args = BusArgs { bus, cell, record: connection.record.clone(), ..BusArgs::default() };
-    let cell = args.cell.load()?;
-    let is_simulated = connection.bus == "sim";
-    let settings = is_simulated.then(|| settings_with_gains(&cell.robot)).transpose();
-    let settings = settings.map_err(|error| ExpectedError::bad_input(&error))?;
-    let key = KeyArgs { key_file: connection.key_file.clone() }.load()?;
-    let mut session = args.open_cell_until(&cell, settings.as_ref(), Arc::clone(stop))?;
-    session.set_key(key);
-    Ok((session, cell.robot))
+    let (record, rsi) = (connection.record.clone(), connection.rsi.clone());
+    let on = On {
+        bus: BusArgs { bus, cell, record, rsi, ..BusArgs::default() },
+        key: KeyArgs { key_file: connection.key_file.clone() },
+        controller: connection.controller.and_then(|node| NodeId::new(node).ok()),
+    };
+    let machine = Machine::of(&on)?;
+    Ok((Link::open_until(&on, &machine, None, true, Arc::clone(stop))?, machine))
 }

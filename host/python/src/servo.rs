@@ -105,9 +105,8 @@ impl Connected<'_> {
                 scene: how.scene(),
             },
         );
-        let (session, node) = self.arm.operator.parts()?;
         let streamed =
-            follow(session, node, robot, &keeps, heard).map_err(|error| ExpectedError::from(&error))?;
+            follow(self.arm.operator, robot, &keeps, heard).map_err(|error| ExpectedError::from(&error))?;
         if streamed.interrupted {
             return Err(ExpectedError::new(host::exit::INTERRUPTED, "stopped; the arm stands"));
         }

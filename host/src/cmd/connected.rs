@@ -1,7 +1,7 @@
 //! An arm that stays connected: one job after the other on one session.
 
 use operator::job::{Extent, Judge, OnProgress, Order, Program, Record, perform};
-use operator::port::OnBus;
+use operator::port::Interactive;
 use planner::motion::Motion;
 use robot_model::{JointVec, RobotModel};
 
@@ -15,7 +15,7 @@ const THERE_RAD: f64 = 5e-3;
 
 /// See the [module](self).
 pub struct Connected<'s, 'a> {
-    pub operator: OnBus<'s>,
+    pub operator: &'s mut dyn Interactive,
     pub robot: &'a RobotModel,
     fingerprint: &'a str,
     /// Planned end of the last motion, rad.
@@ -24,13 +24,25 @@ pub struct Connected<'s, 'a> {
 
 impl<'s, 'a> Connected<'s, 'a> {
     /// The arm `robot`, whose fingerprint is given, behind `operator`.
-    pub const fn new(operator: OnBus<'s>, robot: &'a RobotModel, fingerprint: &'a str) -> Self {
+    pub fn new(operator: &'s mut dyn Interactive, robot: &'a RobotModel, fingerprint: &'a str) -> Self {
         Self { operator, robot, fingerprint, end: None }
     }
 
     /// The next motion begins where the arm is measured.
     pub const fn forget_end(&mut self) {
         self.end = None;
+    }
+
+    /// Where the next motion begins, rad. A robot that is led may still be on its way to its start pose: it is not kept waiting while
+    /// a motion is planned. Any other arm is made ready.
+    ///
+    /// # Errors
+    /// As [`Connected::ready`].
+    pub fn begin(&mut self, homes: bool, ui: OnProgress<'_>) -> Result<JointVec, ExpectedError> {
+        match self.operator.foreseen_pose() {
+            Some(foreseen) => Ok(self.near_end(foreseen)),
+            None => self.ready(homes, ui),
+        }
     }
 
     /// The arm stands and may move: where the next motion begins, rad. With `homes` it finds the zeros that it lacks.
@@ -41,7 +53,11 @@ impl<'s, 'a> Connected<'s, 'a> {
         let order = Order { homes, ..self.order(Motion::default(), Extent::Ready) };
         let ready = self.perform(&order, ui)?;
         let measured = ready.pose.ok_or_else(|| ExpectedError::new(exit::DRIVE, "no pose was measured"))?;
-        Ok(self.end.filter(|end| (end - measured).amax() < THERE_RAD).unwrap_or(measured))
+        Ok(self.near_end(measured))
+    }
+
+    fn near_end(&self, measured: JointVec) -> JointVec {
+        self.end.filter(|end| (end - measured).amax() < THERE_RAD).unwrap_or(measured)
     }
 
     /// A motion of this arm.
@@ -63,7 +79,7 @@ impl<'s, 'a> Connected<'s, 'a> {
     }
 
     fn perform(&mut self, order: &Order<'_>, ui: OnProgress<'_>) -> Result<Record, ExpectedError> {
-        let record = perform(&mut self.operator, order, ui);
+        let record = perform(self.operator, order, ui);
         failure(&record).or_else(|| off_target(&record, &order.judge)).map_or(Ok(record), Err)
     }
 }

@@ -60,25 +60,29 @@ pub fn off_target(record: &Record, judge: &Judge<'_>) -> Option<ExpectedError> {
 /// What a session says of its bus, for the summary; read before the session ends.
 pub(super) struct Seen {
     bus: String,
-    simulated: bool,
+    time: &'static str,
+    controller: &'static str,
     bus_errors: usize,
+    /// Rights of the thread that answered a robot.
+    answering: Option<String>,
 }
 
 impl Seen {
     pub(super) fn of(session: &Session) -> Self {
-        let (bus, simulated) = (session.name().to_owned(), session.is_simulated());
-        Self { bus, simulated, bus_errors: session.bus_errors().len() }
+        let time = if session.is_simulated() { "virtual time" } else { "real time" };
+        let (bus, bus_errors) = (session.name().to_owned(), session.bus_errors().len());
+        Self { bus, time, controller: "node", bus_errors, answering: None }
+    }
+
+    pub(super) const fn of_robot(bus: String, time: &'static str, answering: Option<String>) -> Self {
+        Self { bus, time, controller: "led", bus_errors: 0, answering }
     }
 
     /// What all summaries say of the session.
     pub(super) fn enter(&self, summary: &mut Value) {
         summary["bus"] = self.bus.as_str().into();
-        summary["time"] = self.time().into();
+        summary["time"] = self.time.into();
         summary["command_line"] = command_line().into();
-    }
-
-    const fn time(&self) -> &'static str {
-        if self.simulated { "virtual time" } else { "real time" }
     }
 
     /// The summary of a job on this session.
@@ -91,8 +95,9 @@ impl Seen {
     ) -> Value {
         let about = Circumstances {
             bus: &self.bus,
-            time: self.time(),
-            controller: "node",
+            time: self.time,
+            controller: self.controller,
+            answering: self.answering.clone(),
             exit_code: wrong.map_or(exit::OK, |error| error.code),
             cause: wrong.map(ExpectedError::all_that_happened),
             next: wrong.map_or_else(Vec::new, ExpectedError::all_steps),

@@ -56,6 +56,7 @@ pub mod consent;
 mod controlled;
 pub mod ended;
 mod last_look;
+pub mod link;
 mod modules;
 pub mod program_file;
 mod program_record;

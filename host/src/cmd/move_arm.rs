@@ -5,20 +5,19 @@ use std::path::PathBuf;
 use planner::motion::Motion;
 use planner::plan::{Arm, Joints};
 use planner::store::fingerprint_of;
-use planner::way::{Goal, Travel, WayError};
+use planner::way::{Goal, WayError};
 use robot_model::collision::CollisionChecker;
 
 use super::connected::Connected;
 use super::goal::{Angles, Difference, Hand};
+use super::link::{Link, Machine};
 use super::poses::{Poses, PosesArgs};
-use super::report::BIT_RATE;
 use super::results::Results;
 use super::target::{Bounds, Moving};
 use super::{fixed, print_json};
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::job::{Extent, Order, Target, TargetError, perform};
-use operator::port::OnBus;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -78,40 +77,43 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let Args { moving, bounds, .. } = args;
     let mut ui = moving.ui("The arm moves. Nobody near?", !args.dry_run)?;
     let mut on = moving.on.clone();
-    let source = moving.on.robot();
-    let arm = super::robot(source)?;
+    let machine = Machine::of(&on)?;
+    let arm = &machine.arm;
     let scene = bounds.scene();
-    let target = target(args, &arm)?;
-    let fingerprint = fingerprint_of(&arm);
+    let target = target(args, arm)?;
+    let fingerprint = fingerprint_of(arm);
     let results = Results::create(args.out.as_deref(), &mut on.bus)?;
     if args.dry_run {
         on.bus.record = None;
     }
-    let mut session = on.session()?;
-    let operator = OnBus::new(&mut session, on.controller, BIT_RATE);
-    let mut connected = Connected::new(operator, &arm, &fingerprint);
-    let found = connected.ready(moving.home, &mut |step| ui.answer(step)).and_then(|from| {
-        let travel = Travel { share: bounds.speed_share, seed: args.way_seed, range: None };
-        let way = target.way(&arm, &scene, &travel, &from).map_err(|error| no_way(&error))?;
-        way.iter().try_for_each(|motion| results.write_plan(source, &arm, motion))?;
-        Ok((from, way))
+    let mut link = Link::open(&on, &machine, results.folder(), moving.json || args.dry_run)?;
+    let done = link.with(|operator| -> Result<_, ExpectedError> {
+        let mut connected = Connected::new(operator, arm, &fingerprint);
+        let from = connected.begin(moving.home, &mut |step| ui.answer(step))?;
+        let travel = machine.travel(bounds.speed_share, args.way_seed);
+        let way = target.way(arm, &scene, &travel, &from).map_err(|error| no_way(&error))?;
+        way.iter().try_for_each(|motion| results.write_plan(&machine, motion))?;
+        let Some(motion) = way.clone().filter(|_| !args.dry_run) else { return Ok((from, way, None)) };
+        ui.progress.way(&describe(arm, &motion));
+        let order = Order { homes: moving.home, scene, ..connected.order(motion, Extent::Run) };
+        let record = perform(connected.operator, &order, &mut |step| ui.answer(step));
+        Ok((from, way, Some((order, record))))
     });
-    let (from, motion) = match found {
-        Ok((from, Some(motion))) if !args.dry_run => (from, motion),
-        found => {
-            ui.progress.quiet();
-            session.finish()?;
-            let (from, way) = found?;
-            say(args, &arm, &Said { from: &from, motion: way.as_ref(), moved: false, record: None });
-            return Ok(());
+    match done {
+        Ok((from, way, Some((order, record)))) => {
+            results.conclude(link, &ui, (&order, record), &machine, |record| {
+                let record = Some(record.verdict.text.as_str());
+                say(args, arm, &Said { from: &from, motion: way.as_ref(), moved: true, record });
+            })
         }
-    };
-    ui.progress.way(&describe(&arm, &motion));
-    let order = Order { homes: moving.home, scene, ..connected.order(motion, Extent::Run) };
-    let record = perform(&mut connected.operator, &order, &mut |step| ui.answer(step));
-    let motion = Some(order.program.motion());
-    let said = Said { from: &from, motion, moved: true, record: Some(&record.verdict.text) };
-    results.conclude(session, &ui, (&order, &record), source, || say(args, &arm, &said))
+        done => {
+            ui.progress.quiet();
+            link.end().finished?;
+            let (from, way, _) = done?;
+            say(args, arm, &Said { from: &from, motion: way.as_ref(), moved: false, record: None });
+            Ok(())
+        }
+    }
 }
 
 /// Where to, as the command line says.

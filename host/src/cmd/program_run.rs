@@ -4,22 +4,22 @@ use std::sync::atomic::Ordering;
 
 use operator::interrupt::interrupt;
 use operator::job::{Answer, Extent, Order, Progress, Record};
-use operator::port::{OnBus, Operator as _};
 use planner::plan::file::RobotId;
 use planner::plan::{Arm, Joints};
 use planner::store::fingerprint_of;
 use protocol::Duration;
 
 use super::connected::Connected;
-use super::controlled::tell_warnings;
-use super::ended::{Seen, outcome_last};
+use super::ended::outcome_last;
 use super::folder::Folder;
+use super::link::{Link, Machine};
 use super::print_json;
 use super::program_file::{ArmProgram, Step};
 use super::program_record::{Done, Performed, table};
 use super::progress::Ui;
-use super::report::{self, BIT_RATE};
+use super::report;
 use super::rows::Rows;
+use super::rsi::LOG;
 use super::run::Args;
 use crate::error::ExpectedError;
 use crate::exit;
@@ -38,36 +38,33 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
             .next("leave --start-in out"));
     }
     let mut ui = args.moving.ui(QUESTION, true)?;
-    let mut on = args.moving.on.clone();
+    let mut on = args.moving.on.of_robot()?;
     let (program, arm) = ArmProgram::read(&args.file, on.bus.cell.robot.as_deref())?;
     on.bus.cell.robot = Some(program.robot.clone());
+    let machine = Machine::of(&on)?;
     let folder = Folder::recording(args.out.as_deref(), &mut on.bus)?;
     let mut table = folder.as_ref().map(|folder| table(folder, arm.n())).transpose()?;
-    let mut session = on.session()?;
+    let mut link = Link::open(&on, &machine, folder.as_ref(), args.moving.json)?;
     let fingerprint = fingerprint_of(&arm);
-    let operator = OnBus::new(&mut session, on.controller, BIT_RATE);
     let mut performed = Performed::nothing(arm.n());
-    let mut connected = Connected::new(operator, &arm, &fingerprint);
-    let outcome = perform(
-        &mut connected,
-        &program,
-        args,
-        &mut ui,
-        &mut |row| table.iter_mut().for_each(|table| table.line(row)),
-        &mut performed,
-    );
+    let outcome = link.with(|operator| {
+        let mut connected = Connected::new(operator, &arm, &fingerprint);
+        let mut row = |row: &str| table.iter_mut().for_each(|table| table.line(row));
+        let outcome = perform(&mut connected, &program, args, &mut ui, &mut row, &mut performed);
+        performed.end(connected.operator.now());
+        outcome
+    });
     ui.progress.quiet();
-    tell_warnings(&mut session);
     let wrong = outcome.err().map(|error| match performed.at {
         Some((cycle, step)) => error.at(format!("cycle {cycle}, step {step}")),
         None => error,
     });
-    performed.end(session.now());
-    let seen = Seen::of(&session);
-    let finished = session.finish().map_err(ExpectedError::from);
+    let mut ended = link.end();
+    let finished = ended.keep(&machine, folder.as_ref(), None);
+    let finished = ended.finished.and(finished);
     let written = table.map_or(Ok(()), Rows::finish);
     let mut summary = performed.summary(args.repeat, wrong.as_ref());
-    seen.enter(&mut summary);
+    ended.seen.enter(&mut summary);
     let kept = folder
         .as_ref()
         .map_or(Ok(()), |folder| keep(folder, args, (&program.robot, &arm), &performed, &summary));
@@ -105,8 +102,9 @@ fn keep(
     summary: &serde_json::Value,
 ) -> Result<(), ExpectedError> {
     folder.write("summary.json", &format!("{summary:#}\n"))?;
-    let files = ["bus.log", "cycles.csv"].map(|name| report::checksum(&folder.file(name)));
-    let files = files.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let files = ["bus.log", LOG, "cycles.csv"].map(|name| folder.file(name));
+    let files = files.iter().filter(|file| file.is_file()).map(|file| report::checksum(file));
+    let files = files.collect::<Result<Vec<_>, _>>()?;
     let name = args.file.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
     let report = ProgramReport {
         name: &name,
@@ -130,9 +128,17 @@ fn perform(
     keep: &mut dyn FnMut(&str),
     performed: &mut Performed,
 ) -> Result<(), ExpectedError> {
-    let from = arm.ready(args.moving.home, &mut |step| ui.answer(step))?;
+    let from = arm.begin(args.moving.home, &mut |step| ui.answer(step))?;
     let cycles = program.cycles(arm.robot, from, args.repeat)?;
-    ui.agree(&mut arm.operator)?;
+    for part in cycles.iter().take(2).flat_map(|parts| &**parts) {
+        if let Step::Move(motion) = &part.step {
+            arm.operator.require_passed(motion)?;
+        }
+    }
+    if arm.operator.foreseen_pose().is_some() {
+        arm.ready(args.moving.home, &mut |step| ui.answer(step))?;
+    }
+    ui.agree(arm.operator)?;
     performed.begun = Some(arm.operator.now());
     for (parts, cycle) in cycles.iter().zip(1..) {
         performed.begin_cycle(cycle, arm.operator.now());

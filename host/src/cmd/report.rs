@@ -15,11 +15,10 @@ use crate::report::motion;
 use crate::report::run::{EarlyReport, Ran, RunReport};
 use operator::analysis::events::{self, RunEvent};
 use operator::analysis::{AnalysisError, PlanClock, Run, RunAnalysis, analyse, drives_of};
-use operator::log::candump::{self, Tear};
+use operator::log::candump::{self, Recording, Tear};
 use operator::log::text_in;
 use operator::samples::Samples;
 use planner::follow::limits::Limits;
-use planner::follow::plan::FollowPlan;
 use planner::plan::file::{Kind, PlanFileError, require_robot};
 use planner::record::PlanRecord;
 use planner::throw::Arm;
@@ -27,6 +26,8 @@ use planner::throw::Arm;
 /// Default bit rate of a bus, bit/s.
 pub const BIT_RATE: u32 = 1_000_000;
 
+/// What an industrial robot did, in the folder of a run.
+pub(super) const MOTION: &str = "motion.csv";
 /// Longest `summary.json` that is read, bytes.
 const SUMMARY_MAX_BYTES: u64 = 64 << 20;
 
@@ -91,8 +92,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if let Some(folder) = args.folder.as_ref().filter(|folder| super::rsi::is_recording(folder)) {
         let out = args.out.clone().unwrap_or_else(|| folder.join("report.html"));
         if args.json {
-            let (_, summary) = robot_files(folder)?;
-            print_json(&summary);
+            print_json(&summary_of(&folder.join("summary.json"))?);
             return Ok(());
         }
         write_robot(folder, &out)?;
@@ -134,7 +134,8 @@ pub fn read(
     robot: Option<&str>,
     bit_rate_bit_s: u32,
 ) -> Result<Recorded, ExpectedError> {
-    let recording = candump::read_file(log)?;
+    let of_robot = log.file_name().is_some_and(|name| name == MOTION);
+    let recording = if of_robot { Recording::default() } else { candump::read_file(log)? };
     let mut files = vec![checksum(plan)?, checksum(log)?];
     let bad = |error: PlanFileError| ExpectedError::bad_input(&error);
     let ran = match PlanRecord::read(plan).map_err(bad)? {
@@ -150,27 +151,27 @@ pub fn read(
     let summary = match summary {
         Some(path) => {
             files.push(checksum(path)?);
-            let text = toml_reader::read_text(path, SUMMARY_MAX_BYTES)
-                .map_err(|error| ExpectedError::io(path, &error))?;
-            let value = serde_json::from_str(&text)
-                .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", path.display())))?;
-            Some(value)
+            Some(summary_of(path)?)
         }
         None => None,
     };
     let told = |key: &str| summary.as_ref().and_then(|value: &Value| value.get(key)).cloned();
-    let drives = match told("drives").and_then(|drives| serde_json::from_value(drives).ok()) {
-        Some(drives) => drives,
-        None => drives_of(&arm).map_err(|error| not_analysed(log, &error))?,
-    };
     let begun = recording.lines.first().map_or(Instant::ZERO, |line| line.at);
-    let samples = Samples::of_log(recording.lines, drives, &arm, bit_rate_bit_s);
+    let samples = if of_robot {
+        motion::samples(&rows_of(log)?)
+    } else {
+        let drives = match told("drives").and_then(|drives| serde_json::from_value(drives).ok()) {
+            Some(drives) => drives,
+            None => drives_of(&arm).map_err(|error| not_analysed(log, &error))?,
+        };
+        Samples::of_log(recording.lines, drives, &arm, bit_rate_bit_s)
+    };
     let run = Run {
         samples: &samples,
         motion: &ran.motion,
         throw: ran.throw.as_ref(),
         arm: &arm,
-        start: None,
+        start: samples.begun,
         gripper_opening: told("gripper_opening_us").and_then(|us| us.as_u64()).map(Duration::from_micros),
         certified: told("certified_timing").and_then(|timing| serde_json::from_value(timing).ok()),
     };
@@ -193,7 +194,9 @@ fn not_analysed(log: &Path, why: &AnalysisError) -> ExpectedError {
 /// # Errors
 /// As [`run`].
 pub(super) fn write_into(folder: &Folder, robot: &str) -> Result<(), ExpectedError> {
-    let [plan, log, summary] = ["plan.json", "bus.log", "summary.json"].map(|name| folder.file(name));
+    let is_led = super::rsi::is_recording(&folder.path);
+    let log = if is_led { MOTION } else { "bus.log" };
+    let [plan, log, summary] = ["plan.json", log, "summary.json"].map(|name| folder.file(name));
     let recorded = read(&plan, &log, Some(&summary), Some(robot), BIT_RATE)?;
     write(&recorded, &folder.file("report.html"))
 }
@@ -215,32 +218,35 @@ pub fn write(recorded: &Recorded, out: &Path) -> Result<(), ExpectedError> {
     std::fs::write(out, html).map_err(|error| ExpectedError::output(out, &error))
 }
 
-/// Plan and summary of a throw with an industrial robot.
-fn robot_files(folder: &Path) -> Result<(FollowPlan, Value), ExpectedError> {
-    let plan_file = folder.join("plan.json");
-    let plan = FollowPlan::read(&plan_file)
-        .map_err(|error| ExpectedError::bad_input(&error).at(plan_file.display()))?;
-    let file = folder.join("summary.json");
+/// What a job left in `summary.json`.
+fn summary_of(file: &Path) -> Result<Value, ExpectedError> {
     let text =
-        toml_reader::read_text(&file, SUMMARY_MAX_BYTES).map_err(|error| ExpectedError::io(&file, &error))?;
-    let summary = serde_json::from_str(&text)
-        .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", file.display())))?;
-    Ok((plan, summary))
+        toml_reader::read_text(file, SUMMARY_MAX_BYTES).map_err(|error| ExpectedError::io(file, &error))?;
+    serde_json::from_str(&text)
+        .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", file.display())))
 }
 
-/// Writes the report of a throw with an industrial robot from the files of its folder.
+/// What an industrial robot did.
+fn rows_of(file: &Path) -> Result<Vec<motion::Row>, ExpectedError> {
+    let text =
+        toml_reader::read_text(file, SUMMARY_MAX_BYTES).map_err(|error| ExpectedError::io(file, &error))?;
+    motion::read(file, &text)
+}
+
+/// Writes the report of a throw or a motion with an industrial robot from the files of its folder.
 ///
 /// # Errors
 /// A file cannot be read, or the report not be written.
 pub fn write_robot(folder: &Path, out: &Path) -> Result<(), ExpectedError> {
-    let (plan, summary) = robot_files(folder)?;
+    let [plan_file, table, summary] = ["plan.json", MOTION, "summary.json"].map(|name| folder.join(name));
+    let plan = match PlanRecord::read(&plan_file).map_err(|error| ExpectedError::bad_input(&error))? {
+        PlanRecord::Follow(plan) => *plan,
+        _ => return write(&read(&plan_file, &table, Some(&summary), None, BIT_RATE)?, out),
+    };
     let arm = super::six_axes(&plan.robot.source)?;
-    let file = folder.join("motion.csv");
-    let text =
-        toml_reader::read_text(&file, SUMMARY_MAX_BYTES).map_err(|error| ExpectedError::io(&file, &error))?;
-    let rows = motion::read(&file, &text)?;
+    let (rows, summary) = (rows_of(&table)?, summary_of(&summary)?);
     let limits = Limits::of(&arm, plan.limits);
-    let files = ["plan.json", super::rsi::LOG, "motion.csv", "summary.json"].map(|name| folder.join(name));
+    let files = ["plan.json", super::rsi::LOG, MOTION, "summary.json"].map(|name| folder.join(name));
     let files: Vec<_> =
         files.iter().filter(|file| file.is_file()).map(|file| checksum(file)).collect::<Result<_, _>>()?;
     let (arm, plan, limits, rows, summary) = (&arm, &plan, &limits, &rows, &summary);

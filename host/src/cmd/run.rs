@@ -4,17 +4,15 @@ use std::path::PathBuf;
 
 use protocol::Duration;
 
+use super::link::{Link, Machine};
 use super::path_file::RetimeArgs;
 use super::program_file::is_program;
 use super::program_run;
-use super::report::BIT_RATE;
 use super::results::Results;
 use super::target::Moving;
 use super::upload::read;
 use crate::error::ExpectedError;
 use operator::job::{Order, perform};
-use operator::port::OnBus;
-use planner::way::Travel;
 
 /// Longest time that a run is ordered ahead, s: the controller takes 30 s, of which the order needs a little.
 const START_IN_MAX_S: f64 = 29.0;
@@ -65,21 +63,26 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             .next("leave --repeat out, or make the file a `path` step of a program"));
     }
     let mut ui = args.moving.ui("The arm follows the trajectory. Nobody near?", true)?;
-    let mut on = args.moving.on.clone();
+    let mut on = args.moving.on.of_robot()?;
     let source = read(&args.file, on.bus.cell.robot.as_deref(), &args.retime)?;
+    on.bus.cell.robot = Some(source.robot.clone());
+    let machine = Machine::of(&on)?;
+    if machine.is_led() && args.start_in.is_some() {
+        return Err(ExpectedError::bad_input("--start-in is for a controller with a clock of its own")
+            .next("leave --start-in out"));
+    }
     let results = Results::create(args.out.as_deref(), &mut on.bus)?;
     let order = Order {
         homes: args.moving.home,
         start_in: args.start_in.map(Duration::from_secs_f64),
         patience: Duration::from_secs_f64(args.timeout),
-        travel: source.travels.then(|| Travel { share: args.retime.share(), ..Travel::default() }),
+        travel: source.travels.then(|| machine.travel(args.retime.share(), 1)),
         ..source.order()
     };
-    results.write_plan(&source.robot, &source.arm, order.program.motion())?;
-    let mut session = on.session()?;
-    let mut operator = OnBus::new(&mut session, on.controller, BIT_RATE);
-    let record = perform(&mut operator, &order, &mut |step| ui.answer(step));
-    results.conclude(session, &ui, (&order, &record), &source.robot, || {
+    results.write_plan(&machine, order.program.motion())?;
+    let mut link = Link::open(&on, &machine, results.folder(), args.moving.json)?;
+    let record = link.with(|operator| perform(operator, &order, &mut |step| ui.answer(step)));
+    results.conclude(link, &ui, (&order, record), &machine, |record| {
         let end = record.states.last().map(|(_, group)| *group).unwrap_or_default();
         console::line!("{}", record.verdict.text);
         console::line!(

@@ -8,7 +8,6 @@ use std::time::Duration as WallTime;
 use console::{Fetched, TypedInput};
 use nalgebra::{Vector3, Vector6};
 use operator::dialogue::operator::OperatorError;
-use operator::port::OnBus;
 use operator::servo::{Keeps, Next, ServoError, Stream, Streamed, follow};
 use planner::plan::Joints;
 use planner::servo::{Command, JointState, Limited, NoServo, Refused, Servo};
@@ -19,8 +18,7 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::connected::Connected;
-use super::controlled::tell_warnings;
-use super::report::BIT_RATE;
+use super::link::{Link, Machine};
 use super::rows::Rows;
 use super::target::{Bounds, Moving};
 use super::{fixed, print_json};
@@ -115,18 +113,19 @@ pub fn parse(line: &str) -> Result<(Option<f64>, Command), String> {
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let Args { moving, bounds, .. } = args;
     let mut ui = moving.ui("The arm follows the commands. Nobody near?", true)?;
-    let arm = super::robot(moving.on.robot())?;
+    let machine = Machine::of(&moving.on)?;
+    let arm = &machine.arm;
     let opened = |path: &PathBuf| File::open(path).map_err(|error| ExpectedError::io(path, &error));
     let file = args.file.as_ref().map(opened).transpose()?;
     let mut states = args.states.as_deref().map(States::create).transpose()?;
-    let mut session = moving.on.session()?;
-    let fingerprint = fingerprint_of(&arm);
-    let operator = OnBus::new(&mut session, moving.on.controller, BIT_RATE);
-    let mut arm_on_bus = Connected::new(operator, &arm, &fingerprint);
-    let ready = arm_on_bus.ready(moving.home, &mut |step| ui.answer(step));
-    let agreed = ready.and_then(|_| ui.agree(&mut arm_on_bus.operator));
-    ui.progress.quiet();
-    let streamed = agreed.and_then(|()| {
+    let mut link = Link::open(&moving.on, &machine, None, moving.json)?;
+    let fingerprint = fingerprint_of(arm);
+    let streamed = link.with(|operator| {
+        let mut connected = Connected::new(operator, arm, &fingerprint);
+        let ready = connected.ready(moving.home, &mut |step| ui.answer(step));
+        let agreed = ready.and_then(|_| ui.agree(connected.operator));
+        ui.progress.quiet();
+        agreed?;
         let input = file.map_or_else(console::typed_lines, |file| console::lines_of(BufReader::new(file)));
         let keeps = Keeps {
             share: bounds.speed_share,
@@ -134,14 +133,12 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             hold: Duration::from_secs_f64(args.hold),
             scene: bounds.scene(),
         };
-        let (session, node) = arm_on_bus.operator.parts()?;
-        let needs_times = session.is_simulated();
+        let needs_times = connected.operator.needs_times();
         let mut lines = Lines { input, needs_times, ahead: None, unread: 0, states: states.as_mut() };
-        let streamed = follow(session, node, &arm, &keeps, &mut lines);
+        let streamed = follow(connected.operator, arm, &keeps, &mut lines);
         streamed.map(|streamed| (streamed, lines.unread)).map_err(|error| ExpectedError::from(&error))
     });
-    tell_warnings(&mut session);
-    let finished = session.finish().map_err(ExpectedError::from);
+    let finished = link.end().finished;
     let written = states.map_or(Ok(()), |states| states.rows.finish());
     let (streamed, unread) = streamed?;
     say(args, &streamed, unread);

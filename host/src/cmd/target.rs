@@ -1,8 +1,12 @@
 //! Options that several verbs share: which controller, how the arm moves, and what it must not touch.
 
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
 use nalgebra::Vector3;
 use operator::bus::key_file::KeyArgs;
 use operator::bus::{BusArgs, Session};
+use operator::interrupt::interrupt;
 use protocol::cyphal::id::NodeId;
 use robot_model::Pose;
 use robot_model::collision::{Obb, Scene};
@@ -36,8 +40,13 @@ pub(super) fn node_id(text: &str) -> Result<NodeId, String> {
 impl Target {
     /// The session with the key.
     pub(super) fn session(&self) -> Result<Session, ExpectedError> {
+        self.session_until(interrupt())
+    }
+
+    /// The same; it ends once `stop` is set.
+    pub(super) fn session_until(&self, stop: Arc<AtomicBool>) -> Result<Session, ExpectedError> {
         let key = self.key.load()?;
-        let mut session = self.bus.open_with_controller()?;
+        let mut session = self.bus.open_with_controller_until(stop)?;
         session.set_key(key);
         Ok(session)
     }
@@ -50,9 +59,13 @@ impl Target {
         Ok((session, node))
     }
 
-    /// Name or file of the robot.
-    pub(super) fn robot(&self) -> &str {
-        self.bus.cell.robot.as_deref().unwrap_or("powercube6")
+    /// The same with the robot of the description, where a robot that is led is not named.
+    pub(super) fn of_robot(&self) -> Result<Self, ExpectedError> {
+        let mut on = self.clone();
+        if let (None, Some((_, described, _))) = (&on.bus.cell.robot, super::rsi::robot_on(&on.bus)?) {
+            on.bus.cell.robot = Some(described.robot);
+        }
+        Ok(on)
     }
 }
 

@@ -2,11 +2,11 @@
 
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
-use std::time::Instant as WallTime;
+use std::time::{Duration as WallSpan, Instant as WallTime};
 
 use nalgebra::{Vector3, Vector6};
 use operator::dialogue::operator::OperatorError;
-use operator::port::{OnBus, Operator as _};
+use operator::port::Interactive;
 use operator::servo::{Keeps, Next, ServoError, Stream, follow};
 use planner::plan::{Arm, Joints};
 use planner::servo::{Command, Limited, Refused, Servo};
@@ -15,12 +15,11 @@ use protocol::Duration;
 
 use super::connected::Connected;
 use super::consent::Consent;
-use super::controlled::tell_warnings;
-use super::held_key::{Keys, Pace, Pressed, wait};
+use super::held_key::{Keys, Pace, Pressed};
 use super::jog::SPEED_MAX_RAD_S;
+use super::link::{Link, Machine};
 use super::program_file::{ArmProgram, ProgramFile, Written, is_program};
 use super::progress::{ProgressView, Ui};
-use super::report::BIT_RATE;
 use super::servo::limit_text;
 use super::target::{Target, scene};
 use super::{counted, fixed};
@@ -36,6 +35,8 @@ const SHARE: f64 = 0.2;
 const HOLD: Duration = Duration::from_millis(200);
 /// Ticks from one writing of the status line to the next.
 const SHOWN_EACH: u32 = 5;
+/// Between two looks at the keys while nothing moves.
+const MOMENT: WallSpan = WallSpan::from_millis(5);
 /// Pause that `w` saves, s.
 const WAIT_S: f64 = 1.0;
 const HELP: &str =
@@ -106,35 +107,34 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     require_free_name(&args.file, args.force)?;
     let consent = Consent::on(&args.on.bus.bus, args.yes)?;
-    let source = args.on.robot();
-    let arm = super::robot(source)?;
-    let mut session = args.on.session()?;
+    let machine = Machine::of(&args.on)?;
+    let arm = &machine.arm;
+    let mut link = Link::open(&args.on, &machine, None, false)?;
     let words = ["The arm moves while a key is held. Nobody near?"; 2];
     let mut ui = Ui { progress: ProgressView::new(false), consent, words, look: None, agreed: false };
-    let fingerprint = fingerprint_of(&arm);
-    let mut connected =
-        Connected::new(OnBus::new(&mut session, args.on.controller, BIT_RATE), &arm, &fingerprint);
-    let ready = connected.ready(args.home, &mut |step| ui.answer(step));
-    let ready = ready.and_then(|from| ui.agree(&mut connected.operator).map(|()| from));
-    ui.progress.quiet();
+    let fingerprint = fingerprint_of(arm);
     let mut steps = 0;
-    let taught = ready.and_then(|from| {
+    let taught = link.with(|operator| {
+        let mut connected = Connected::new(operator, arm, &fingerprint);
+        let ready = connected.ready(args.home, &mut |step| ui.answer(step));
+        let ready = ready.and_then(|from| ui.agree(connected.operator).map(|()| from));
+        ui.progress.quiet();
+        let from = ready?;
         let mut lesson = Lesson {
             args,
-            arm: &arm,
-            program: ProgramFile::new(source, args.speed_share, &args.obstacle),
+            arm,
+            program: ProgramFile::new(&machine.source, args.speed_share, &args.obstacle),
             from,
             here: from,
             unwritten: None,
             closed: false,
-            view: View { arm: &arm, chosen: Chosen::Joint(0), steps: 0, shown: String::new() },
+            view: View { arm, chosen: Chosen::Joint(0), steps: 0, shown: String::new() },
         };
-        let taught = lesson.teach(&mut connected.operator);
+        let taught = lesson.teach(connected.operator);
         steps = if lesson.unwritten.is_some() { 0 } else { lesson.program.steps.len() };
         taught.and(lesson.unwritten.map_or(Ok(()), Err))
     });
-    tell_warnings(&mut session);
-    let finished = session.finish().map_err(ExpectedError::from);
+    let finished = link.end().finished;
     if steps > 0 {
         let (file, steps) = (args.file.to_string_lossy(), counted(steps, "step"));
         let text = format!("{steps} in {file}; `cubectl run {}` does them", quoted(&file));
@@ -253,7 +253,7 @@ struct Lesson<'a> {
 }
 
 impl Lesson<'_> {
-    fn teach(&mut self, operator: &mut OnBus<'_>) -> Result<(), ExpectedError> {
+    fn teach(&mut self, operator: &mut dyn Interactive) -> Result<(), ExpectedError> {
         let mut keys = Keys::of_terminal();
         self.view.note(HELP);
         let mut pressed = Pressed::Nothing;
@@ -277,18 +277,17 @@ impl Lesson<'_> {
     }
 
     /// Moves the arm by keys until another one comes, and lets it come to rest; that key is returned.
-    fn lead(&mut self, operator: &mut OnBus<'_>, keys: &mut Keys) -> Result<Pressed, ExpectedError> {
+    fn lead(&mut self, operator: &mut dyn Interactive, keys: &mut Keys) -> Result<Pressed, ExpectedError> {
         let keeps = Keeps {
             share: SHARE,
             v_max_rad_s: SPEED_MAX_RAD_S,
             hold: HOLD,
             scene: scene(&self.args.obstacle, self.closed),
         };
-        let (session, node) = operator.parts()?;
         let (view, args) = (&mut self.view, self.args);
         let mut stream =
             Led { args, keys, view, pace: Pace::default(), ticks: 0, asked: false, by: Pressed::Nothing };
-        match follow(session, node, self.arm, &keeps, &mut stream) {
+        match follow(operator, self.arm, &keeps, &mut stream) {
             Ok(streamed) if streamed.interrupted => Err(interrupted()),
             Ok(streamed) => {
                 let by = stream.by;
@@ -305,7 +304,7 @@ impl Lesson<'_> {
     }
 
     /// Does what a key says that moves no joint.
-    fn act(&mut self, key: u8, operator: &mut OnBus<'_>) -> Result<(), ExpectedError> {
+    fn act(&mut self, key: u8, operator: &mut dyn Interactive) -> Result<(), ExpectedError> {
         if let Some(chosen) = Chosen::of_key(key, self.arm.n()) {
             self.view.chosen = chosen;
             return Ok(());
@@ -326,7 +325,8 @@ impl Lesson<'_> {
         let what = step.name();
         let mut longer = self.program.clone();
         longer.steps.push(step);
-        let mut done = self.require_runs(&longer);
+        let mut done = Ok(());
+        operator.meanwhile(&mut || done = self.require_runs(&longer))?;
         if done.is_ok() && matches!(key, b'o' | b'c') {
             operator.heed_stops()?;
             match operator.set_gripper(key == b'o') {
@@ -367,10 +367,14 @@ fn interrupted() -> ExpectedError {
 }
 
 /// A moment in which nothing moves.
-fn listen(operator: &mut OnBus<'_>) -> Result<(), ExpectedError> {
-    let (session, _) = operator.parts()?;
-    wait(session)?;
-    if session.is_interrupted() { Err(interrupted()) } else { Ok(()) }
+fn listen(operator: &mut dyn Interactive) -> Result<(), ExpectedError> {
+    if operator.needs_times() {
+        // Nothing else lets this thread rest.
+        std::thread::sleep(MOMENT);
+    }
+    operator.run_until(operator.now() + Duration::from_millis(5))?;
+    operator.heed_stops()?;
+    if operator.is_interrupted() { Err(interrupted()) } else { Ok(()) }
 }
 
 /// The keys as a stream of commands.

@@ -5,7 +5,8 @@ use std::path::Path;
 
 use operator::rsi::cell::Seen;
 use operator::rsi::cycles::Cycle;
-use protocol::Instant;
+use operator::samples::{At, JointSamples, Samples};
+use protocol::{Duration, Instant};
 
 use crate::error::ExpectedError;
 
@@ -70,6 +71,21 @@ pub fn csv(rows: &[Row], started_at: Option<Instant>) -> String {
         let _ = writeln!(text, ",{},{}", row.outputs, row.late);
     }
     text
+}
+
+/// The actual axes as samples. Time of the samples is that of the table, from its first row on.
+#[must_use]
+pub fn samples(rows: &[Row]) -> Samples {
+    let first_s = rows.first().map_or(0.0, |row| row.t_s.min(0.0));
+    let since_first = |t_s: f64| Instant::ZERO + Duration::from_secs_f64((t_s - first_s).max(0.0));
+    let joint = |axis: usize| JointSamples {
+        positions: rows
+            .iter()
+            .map(|row| At { at: since_first(row.t_s), value: row.actual_deg[axis].to_radians() })
+            .collect(),
+        ..JointSamples::default()
+    };
+    Samples { joints: (0..6).map(joint).collect(), begun: Some(since_first(0.0)), ..Samples::default() }
 }
 
 /// Reads a table that [`csv()`] wrote.

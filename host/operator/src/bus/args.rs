@@ -135,9 +135,17 @@ impl BusArgs {
     /// # Errors
     /// As [`BusArgs::open`].
     pub fn open_with_controller(&self) -> Result<Session, BusFailure> {
+        self.open_with_controller_until(interrupt())
+    }
+
+    /// As [`BusArgs::open_with_controller`]; the session ends once `stop` is set.
+    ///
+    /// # Errors
+    /// As [`BusArgs::open`].
+    pub fn open_with_controller_until(&self, stop: Arc<AtomicBool>) -> Result<Session, BusFailure> {
         let cell = self.cell.load()?;
         let settings = (self.bus == BusSpec::Sim).then(|| settings_with_gains(&cell.robot)).transpose()?;
-        self.open_cell(&cell, settings.as_ref())
+        self.open_cell_until(&cell, settings.as_ref(), stop)
     }
 
     /// Opens the session; on the bus `sim` with `cell` behind it. With `settings` a soft controller is on the bus: in

@@ -107,6 +107,9 @@ pub enum OperatorError {
         /// Joint, from 1; 0 = the group.
         joint: u8,
     },
+    /// The robot's program does not let the motion pass.
+    #[error("{what}")]
+    NotPassed { what: String, next: Option<String> },
     /// The controller fell silent.
     #[error("the controller has not been heard for {} s; it may be without power, or the bus may be broken", PRESENCE.as_secs_f64())]
     Lost,
@@ -156,6 +159,7 @@ impl OperatorError {
             Self::RobotNotReady { .. } => "`cubectl doctor` looks at its telegrams; end the robot's program \
          and start it again at its start pose".to_owned(),
             Self::Socket(..) => "check the network interface, then run it again".to_owned(),
+            Self::NotPassed { next, .. } => return next.clone(),
             Self::Lost => "`cubectl doctor`, then start the controller again".to_owned(),
             Self::NotStarted { .. } => "`cubectl explain` tells \
          the refusal in its trace (`cubectl doctor`); arm again".to_owned(),

@@ -89,7 +89,8 @@ impl Session {
     }
 }
 
-fn message_of(sequence: u8, end: &EndStates) -> Result<TargetState, OperatorError> {
+/// An end state as it is on the wire.
+pub(crate) fn message_of(sequence: u8, end: &EndStates) -> Result<TargetState, OperatorError> {
     let not_said = |what| OperatorError::TargetNotSaid { what };
     if end.q_rad.len() != end.qd_rad_s.len() || end.q_rad.len() > protocol::JOINTS_MAX {
         return Err(not_said("as many velocities as positions are needed, eight at most"));

@@ -99,10 +99,14 @@ pub(super) fn observe(operator: &mut dyn Operator, order: &Order<'_>, record: &m
                 Ball::Landed(error_m)
             }
         }),
-        None => operator.take_samples(order.arm, None).map(|samples| {
-            let gripper = GripperKnown { last_outputs: samples.last_outputs, ..*gripper };
-            measured(order.arm, &samples.cycles, plan.period_s, &gripper, &plan.target_m)
-        }),
+        None => {
+            // What the robot does after the throw is part of its samples.
+            operator.leave();
+            operator.take_samples(order.arm, None).map(|samples| {
+                let gripper = GripperKnown { last_outputs: samples.last_outputs, ..*gripper };
+                measured(order.arm, &samples.cycles, plan.period_s, &gripper, &plan.target_m)
+            })
+        }
     };
 }
 

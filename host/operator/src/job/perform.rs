@@ -18,7 +18,7 @@ use crate::trajectory::{Encoded, TrajectoryError, encode, encode_any, require_su
 use firmware::trajectory_format::AHEAD_MARGIN_US;
 use planner::motion::Motion;
 use planner::plan::Joints;
-use planner::way::{WayError, is_straight, way};
+use planner::way::{is_straight, way};
 use tuner::gains::choose::built_in_of;
 use tuner::gains::gains_file::REGISTERS;
 
@@ -78,7 +78,9 @@ pub fn perform(operator: &mut dyn Operator, order: &Order<'_>, ui: OnProgress<'_
         steps.observe();
     }
     let Steps { operator, mut record, .. } = steps;
-    operator.leave();
+    if order.judge.throws() {
+        operator.leave();
+    }
     record.led = operator.led();
     if let Judge::Follow { .. } = order.judge {
         follow::conclude(order, &mut record);
@@ -105,7 +107,7 @@ impl Steps<'_, '_> {
         let motion = order.program.motion();
         // A robot that waits for answers is not left alone while a way is looked for.
         let foreseen =
-            self.operator.foreseen_pose().map(|from| Ok::<_, WayError>((from, self.to_start(&from)?)));
+            self.operator.foreseen_pose().map(|from| Ok::<_, JobError>((from, self.to_start(&from)?)));
         let foreseen = foreseen.transpose()?;
         let found = self.find_drives()?;
         if order.extent == Extent::Upload {
@@ -121,6 +123,7 @@ impl Steps<'_, '_> {
         self.agree()?;
         let ahead_us = self.operator.natural("stop.path_max_us")? + u64::from(AHEAD_MARGIN_US);
         require_supply(motion, self.operator.segment_s(), 1e-6 * ahead_us as f64)?;
+        self.operator.require_passed(motion)?;
         self.end(if order.gains.is_some() { "written and read back" } else { "those of the controller" });
 
         let (before, approach) = match foreseen {
@@ -237,13 +240,15 @@ impl Steps<'_, '_> {
     }
 
     /// The way from a pose to where the program begins; none without [`Order::travel`].
-    fn to_start(&self, from: &Joints) -> Result<Option<Motion>, WayError> {
+    fn to_start(&mut self, from: &Joints) -> Result<Option<Motion>, JobError> {
         self.way(&self.order.scene, from, &self.order.program.motion().start_rad())
     }
 
-    fn way(&self, scene: &Scene, from: &Joints, to: &Joints) -> Result<Option<Motion>, WayError> {
-        let order = self.order;
-        order.travel.map_or(Ok(None), |travel| way(order.arm, scene, &travel, from, to))
+    fn way(&mut self, scene: &Scene, from: &Joints, to: &Joints) -> Result<Option<Motion>, JobError> {
+        let (arm, Some(travel)) = (self.order.arm, self.order.travel) else { return Ok(None) };
+        let mut found = Ok(None);
+        self.operator.meanwhile(&mut || found = way(arm, scene, &travel, from, to))?;
+        Ok(found?)
     }
 
     fn encoded(&self, motion: &Motion) -> Result<Encoded, TrajectoryError> {

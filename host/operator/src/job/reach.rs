@@ -30,18 +30,18 @@ pub struct Reached {
 
 /// What the samples say of a motion that was the last to run; nothing if they do not suffice.
 pub(super) fn observe(operator: &mut dyn Operator, arm: &Arm, motion: &Motion, record: &mut Record) {
-    record.analysis = operator.take_samples(arm, record.drives.clone()).and_then(|samples| {
-        let run = Run {
-            samples: &samples,
-            motion,
-            throw: None,
-            arm,
-            start: Some(start::find(&samples.group).pop()?),
-            gripper_opening: record.gripper_opening,
-            certified: record.certified,
-        };
-        analyse(&run).ok()
+    let samples = operator.take_samples(arm, record.drives.clone());
+    let (gripper_opening, certified, analysis) =
+        (record.gripper_opening, record.certified, &mut record.analysis);
+    let analysed = operator.meanwhile(&mut || {
+        *analysis = samples.as_ref().and_then(|samples| {
+            let start = Some(samples.begun.or_else(|| start::find(&samples.group).pop())?);
+            let run = Run { samples, motion, throw: None, arm, start, gripper_opening, certified };
+            analyse(&run).ok()
+        });
     });
+    // What fails on the link now has no say in what was done before.
+    drop(analysed);
     record.reached = record.analysis.as_ref().and_then(|analysis| reached(analysis, motion));
 }
 

@@ -164,12 +164,16 @@ fn of_run(record: &Record) -> Value {
 
 /// What only a robot that is led has.
 fn of_led(order: &Order<'_>, record: &Record, about: &Circumstances<'_>) -> Value {
-    let Judge::Follow { plan, gripper, lag, .. } = &order.judge else { return Value::Null };
+    let follow = match &order.judge {
+        Judge::Follow { plan, gripper, lag, .. } => Some((plan, gripper, lag)),
+        _ if record.led.is_some() => None,
+        _ => return Value::Null,
+    };
     let led = record.led.clone().unwrap_or_default();
     let (seen, started_s) = (led.seen.as_ref(), led.started_at.map(protocol::Instant::as_secs_f64));
     let released = seen.and_then(|seen| seen.released).map(|(at, hand)| {
         json!({
-            "late_s": started_s.map(|started_s| at.as_secs_f64() - started_s - plan.release_time_s),
+            "late_s": started_s.zip(follow).map(|(started_s, (plan, ..))| at.as_secs_f64() - started_s - plan.release_time_s),
             "position_m": [hand.p_m.x, hand.p_m.y, hand.p_m.z],
             "velocity_m_s": [hand.v_m_s.x, hand.v_m_s.y, hand.v_m_s.z],
         })
@@ -186,9 +190,9 @@ fn of_led(order: &Order<'_>, record: &Record, about: &Circumstances<'_>) -> Valu
         "link": "RSI",
         "release": released,
         "plan_started_s": started_s,
-        "followed_points": plan.followed_points,
-        "lag": { "dead_time_s": lag.dead_time.as_secs_f64(), "time_constant_s": lag.time_constant.as_secs_f64() },
-        "gripper_delay_s": gripper.delay_s,
+        "followed_points": follow.map(|(plan, ..)| plan.followed_points),
+        "lag": follow.map(|(_, _, lag)| json!({ "dead_time_s": lag.dead_time.as_secs_f64(), "time_constant_s": lag.time_constant.as_secs_f64() })),
+        "gripper_delay_s": follow.map(|(_, gripper, _)| gripper.delay_s),
         "path_delay_s": led.path_delay_s,
         "answers": led.answers,
         "late_answers": seen.map(|seen| seen.late),

@@ -16,7 +16,6 @@ use firmware::registers;
 use firmware::settings::Settings;
 use firmware::spline::Spline;
 use firmware::store::{FileName, RamStorage};
-use firmware::trace::TraceEvent;
 use hil_sim::participants::{Participants, Solo};
 use hil_sim::scenario::ScriptedHost;
 use hil_sim::{Cell, Observer, World};
@@ -36,11 +35,10 @@ use crate::dialogue::operator::{
 };
 use crate::dialogue::presence::PRESENCE;
 use crate::dialogue::registers::{Numbers, to_controller, to_host};
-use crate::log::facts::Fact;
-use crate::log::watch::Watch;
 use crate::node::stop_watch::StopWatch;
+use crate::samples::Samples;
 use crate::samples::drives::Drives;
-use crate::samples::{At, Freeze, GroupTold, JointFreeze, JointSamples, Samples};
+use crate::samples::of_controller::Kept;
 use crate::trajectory::{Encoded, Segment};
 use planner::throw::Arm;
 
@@ -418,77 +416,6 @@ impl Operator for InProcess {
 
     fn ball(&mut self) -> Option<BallSeen> {
         Some(BallSeen::of(self.cell()))
-    }
-}
-
-/// Samples as they are read from the controller.
-struct Kept {
-    samples: Samples,
-    watch: Watch,
-    /// Events of the trace that were seen.
-    traced: u32,
-}
-
-impl Kept {
-    fn new(controller: &Controller<RamStorage, Spline, CanDrives>) -> Self {
-        let joints = vec![JointSamples::default(); controller.joints().count()];
-        let samples = Samples { joints, ..Samples::default() };
-        Self { samples, watch: Watch::default(), traced: controller.trace().total() }
-    }
-
-    /// Measurements and orders to the gripper since the last look; with `told` also what the controller tells of its joints.
-    fn collect(&mut self, now: Instant, controller: &Controller<RamStorage, Spline, CanDrives>, told: bool) {
-        for (kept, joint) in self.samples.joints.iter_mut().zip(controller.joints()) {
-            if let Some(position) = controller.group().position(joint)
-                && kept.positions.last().is_none_or(|last| last.at < position.at)
-            {
-                kept.positions.push(At { at: position.at, value: position.q_rad.into() });
-            }
-            let current_a = controller.group().readings(joint).current_a.map(f64::from);
-            if let Some(value) =
-                current_a.filter(|a| kept.currents.last().is_none_or(|last| last.value != *a))
-            {
-                kept.currents.push(At { at: now, value });
-            }
-            if told {
-                kept.told.push((now, controller.joint_sample(joint)));
-            }
-        }
-        for (number, at, event) in controller.trace().places().flatten() {
-            if number > self.traced && matches!(event, TraceEvent::Gripper(_)) {
-                self.samples.gripper_ordered.push(at);
-            }
-        }
-        self.traced = controller.trace().total();
-    }
-
-    /// What the controller tells of the group.
-    fn hear(
-        &mut self,
-        now: Instant,
-        controller: &Controller<RamStorage, Spline, CanDrives>,
-        state: &GroupState,
-    ) {
-        self.samples.group.push(GroupTold { at: now, made_by: now, state: *state });
-        let fact = Fact::Group { from: node_of(controller), first_at: now, state: *state };
-        let notes = self.watch.take_fact(now, fact);
-        self.samples.events.extend(notes.events);
-        let joints = &self.samples.joints;
-        let freeze = notes.freeze.map(|freeze| Freeze {
-            at: freeze.at,
-            group: freeze.group,
-            before: freeze.before,
-            joints: joints
-                .iter()
-                .map(|joint| JointFreeze {
-                    position: joint.positions.last().copied(),
-                    current_a: joint.currents.last().map(|current| current.value),
-                    ..JointFreeze::default()
-                })
-                .collect(),
-            frames: Vec::new(),
-        });
-        self.samples.freezes.extend(freeze);
     }
 }
 

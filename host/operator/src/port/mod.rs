@@ -7,6 +7,7 @@
 //! | [`LedRobot`] | an industrial robot with a controller in this program between its telegrams |
 
 mod in_process;
+mod interactive;
 mod on_bus;
 
 use nalgebra::Vector3;
@@ -17,6 +18,7 @@ use protocol::{Duration, Instant};
 
 pub use crate::rsi::operator::LedRobot;
 pub use in_process::InProcess;
+pub use interactive::Interactive;
 pub use on_bus::OnBus;
 
 use crate::dialogue::operator::OperatorError;
@@ -25,6 +27,7 @@ use crate::rsi::operator::Led;
 use crate::samples::Samples;
 use crate::samples::drives::Drives;
 use crate::trajectory::Encoded;
+use planner::motion::Motion;
 use planner::plan::Joints;
 use planner::throw::Arm;
 
@@ -172,7 +175,7 @@ pub trait Operator {
     /// Keeps samples from now on, and forgets those before.
     fn keep_samples(&mut self);
 
-    /// The job is over: a robot that waits for answers is let go.
+    /// Nothing follows: a robot that waits for answers is let go. A job that throws does so by itself.
     fn leave(&mut self) {}
 
     /// Where the arm will stand when its drives are found, where the link knows it before: the start pose of a robot's program.
@@ -180,7 +183,25 @@ pub trait Operator {
         None
     }
 
-    /// What only a robot that is led has; taken once, after [`Operator::leave`].
+    /// Does `work`, which takes long; a robot that waits for answers gets them meanwhile.
+    ///
+    /// # Errors
+    /// Those of the link.
+    fn meanwhile(&mut self, work: &mut (dyn FnMut() + Send)) -> Result<(), OperatorError> {
+        work();
+        Ok(())
+    }
+
+    /// Refuses a motion that the link does not let pass.
+    ///
+    /// # Errors
+    /// [`OperatorError::NotPassed`].
+    fn require_passed(&self, motion: &Motion) -> Result<(), OperatorError> {
+        let _ = motion;
+        Ok(())
+    }
+
+    /// What only a robot that is led has; after [`Operator::leave`] also what was seen of it from outside.
     fn led(&mut self) -> Option<Led> {
         None
     }

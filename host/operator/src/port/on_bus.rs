@@ -1,19 +1,23 @@
 //! The operator of a controller on a bus: a session, and the node that it speaks to.
 
+use firmware::fault::Refusal;
 use protocol::cyphal::cubecell::command::{GRIPPER, Gripper, STOP, Trajectory};
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant};
 
-use super::{BallSeen, Operator};
+use super::{BallSeen, Interactive, Operator};
 use crate::bus::Session;
+use crate::bus::session::Ended;
 use crate::dialogue::clock::ControllerClock;
 use crate::dialogue::extending::SEGMENT;
+use crate::dialogue::online::EndStates;
 use crate::dialogue::operator::OperatorError;
 use crate::dialogue::registers::Numbers;
 use crate::log::keep::Keeper;
 use crate::samples::Samples;
 use crate::samples::drives::Drives;
+use crate::servo::LEAD;
 use crate::trajectory::{Encoded, Segment};
 use planner::throw::Arm;
 
@@ -26,6 +30,7 @@ pub struct OnBus<'a> {
     /// The controller that was asked for; `None`: the one that is heard.
     wanted: Option<NodeId>,
     node: Option<NodeId>,
+    clock: ControllerClock,
     keeper: Keeper,
     bit_rate_bit_s: u32,
     /// The next run is a throw that releases so long after its start.
@@ -44,36 +49,12 @@ impl<'a> OnBus<'a> {
             session,
             wanted,
             node: None,
+            clock: ControllerClock::default(),
             keeper,
             bit_rate_bit_s,
             release_after: None,
             segments: Vec::new(),
         }
-    }
-
-    /// Stops that others gave before are over; the next one ends a job again.
-    pub fn heed_stops_from_now(&mut self) {
-        self.session.watch_stops();
-    }
-
-    /// Clears the latched fault of the controller; nothing without one.
-    ///
-    /// # Errors
-    /// Those of the controller and the link.
-    pub fn clear_fault(&mut self) -> Result<(), OperatorError> {
-        let node = self.session.find_controller(self.wanted)?;
-        self.node = Some(node);
-        let group = self.session.group().unwrap_or_default();
-        if group.state == State::Fault { self.session.clear_fault(node, group.fault_cause) } else { Ok(()) }
-    }
-
-    /// The session and the controller's node, for what is no job.
-    ///
-    /// # Errors
-    /// [`OperatorError::NoController`] if [`Operator::connect`] was not called before.
-    pub fn parts(&mut self) -> Result<(&mut Session, NodeId), OperatorError> {
-        let node = self.node()?;
-        Ok((self.session, node))
     }
 
     fn node(&self) -> Result<NodeId, OperatorError> {
@@ -210,5 +191,65 @@ impl Operator for OnBus<'_> {
 
     fn ball(&mut self) -> Option<BallSeen> {
         Some(BallSeen::of(self.session.sim()?.cell()))
+    }
+}
+
+impl Interactive for OnBus<'_> {
+    fn lead(&self) -> Duration {
+        LEAD
+    }
+
+    fn start(&mut self, name: &Trajectory) -> Result<(), OperatorError> {
+        let node = self.node()?;
+        self.clock = ControllerClock::default();
+        self.session.read_clock(node, &mut self.clock)?;
+        self.session.start_run(node, name)
+    }
+
+    fn clock_offset_us(&mut self, ours: Instant) -> Option<f64> {
+        let (there, _) = self.clock.controller_time(ours)?;
+        Some(there.as_micros() as f64 - ours.as_micros() as f64)
+    }
+
+    fn look_at_clock(&mut self) -> Result<(), OperatorError> {
+        let node = self.node()?;
+        self.session.look_at_clock(node, &mut self.clock)
+    }
+
+    fn send_target(&mut self, sequence: u8, end: &EndStates) -> Result<(), OperatorError> {
+        self.session.send_target(sequence, end)
+    }
+
+    fn refused_targets(&mut self) -> Vec<Refusal> {
+        let Some(node) = self.node else { return Vec::new() };
+        let answers = self.session.target_answers(node);
+        answers.into_iter().filter_map(|answer| answer.outcome.err()).collect()
+    }
+
+    fn run_until(&mut self, until: Instant) -> Result<bool, OperatorError> {
+        Ok(self.session.run(until, &mut |_| false)? == Ended::Interrupted)
+    }
+
+    fn release_motion(&mut self) {
+        self.session.release_motion();
+    }
+
+    fn is_interrupted(&self) -> bool {
+        self.session.is_interrupted()
+    }
+
+    fn needs_times(&self) -> bool {
+        self.session.is_simulated()
+    }
+
+    fn clear_fault(&mut self) -> Result<(), OperatorError> {
+        let node = self.session.find_controller(self.wanted)?;
+        self.node = Some(node);
+        let group = self.session.group().unwrap_or_default();
+        if group.state == State::Fault { self.session.clear_fault(node, group.fault_cause) } else { Ok(()) }
+    }
+
+    fn heed_stops_from_now(&mut self) {
+        self.session.watch_stops();
     }
 }

@@ -1,5 +1,6 @@
 //! The station behind a socket: datagrams or a stream, by the clock or in step with a simulated robot.
 
+use std::borrow::BorrowMut;
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::time::Instant as WallTime;
@@ -258,8 +259,8 @@ pub trait Host {
 }
 
 /// A robot that is served through a port: the exchange goes on as long as somebody calls [`Live::step`].
-pub struct Live<'a> {
-    port: &'a mut Port,
+pub struct Live<P> {
+    port: P,
     clock: Clock,
     exchange: Exchange,
     /// Who sent the last telegram.
@@ -270,8 +271,8 @@ pub struct Live<'a> {
     buffer: Vec<u8>,
 }
 
-impl<'a> Live<'a> {
-    pub fn new(port: &'a mut Port, time: Time) -> Self {
+impl<P: BorrowMut<Port>> Live<P> {
+    pub fn new(port: P, time: Time) -> Self {
         let wall = WallTime::now();
         let clock = Clock { time, begun: wall, telegrams: 0, ahead: Duration::ZERO, heard: wall };
         let (exchange, buffer) = (Exchange::default(), vec![0; LONGEST]);
@@ -309,7 +310,7 @@ impl<'a> Live<'a> {
             },
             None => LOOK,
         };
-        let Some(arrived) = self.port.receive(left, &mut self.buffer)? else { return Ok(()) };
+        let Some(arrived) = self.port.borrow_mut().receive(left, &mut self.buffer)? else { return Ok(()) };
         if self.clock.now() < self.listens_from(station) {
             return Ok(());
         }
@@ -332,7 +333,7 @@ impl<'a> Live<'a> {
         self.exchange.connections += u32::from(self.robot != Some(arrived.from));
         self.robot = Some(arrived.from);
         if let Some(answer) = station.handle(self.clock.now(), &arrived.documents, new_connection) {
-            self.port.answer(arrived.from, &answer)?;
+            self.port.borrow_mut().answer(arrived.from, &answer)?;
             let took = begun.elapsed().as_micros();
             if self.exchange.answer_us.len() < ANSWER_TIMES_MAX {
                 self.exchange.answer_us.push(u32::try_from(took).unwrap_or(u32::MAX));
@@ -344,7 +345,7 @@ impl<'a> Live<'a> {
     /// A program that ended just now may have answered the last telegram. A robot that misses an answer says so: no cycle of its
     /// is answered before a whole one has passed. A stream ends with the program that it belonged to.
     fn listens_from(&self, station: &Station) -> Instant {
-        let is_next_program = self.clock.time == Time::Clock && matches!(self.port, Port::Udp(_));
+        let is_next_program = self.clock.time == Time::Clock && matches!(self.port.borrow(), Port::Udp(_));
         let cycle_us = station.settings().cycle_period().as_micros();
         Instant::from_micros(if is_next_program { cycle_us + cycle_us / 2 } else { 0 })
     }

@@ -6,6 +6,8 @@
 //! | letter | what |
 //! |---|---|
 //! | `F` | one more trajectory file to run |
+//! | `N` | a segment with which the last one goes on |
+//! | `E` | a new end state for the motion that runs |
 //! | `C` | the telegram that follows comes from another socket than the ones before |
 //! | `W` | a telegram that waited behind a newer one |
 //! | `R` | the newest telegram; the station was asked for an answer |
@@ -31,6 +33,8 @@ pub enum Entry {
     File(Vec<u8>),
     /// A segment with which it goes on.
     Segment(Vec<u8>),
+    /// A new end state in flight, as on the wire (`cubecell.TargetState`).
+    Target(Vec<u8>),
     /// The next telegram comes from another socket than the ones before.
     NewConnection,
     /// A telegram that waited behind a newer one.
@@ -77,6 +81,7 @@ impl Line {
         let (letter, bytes) = match &self.entry {
             Entry::File(bytes) => ('F', Some(bytes)),
             Entry::Segment(bytes) => ('N', Some(bytes)),
+            Entry::Target(bytes) => ('E', Some(bytes)),
             Entry::NewConnection => ('C', None),
             Entry::Waited(bytes) => ('W', Some(bytes)),
             Entry::Telegram(bytes) => ('R', Some(bytes)),
@@ -116,6 +121,7 @@ impl Line {
         let entry = match (letter, bytes) {
             ("F", Some(bytes)) => Entry::File(bytes),
             ("N", Some(bytes)) => Entry::Segment(bytes),
+            ("E", Some(bytes)) => Entry::Target(bytes),
             ("C", None) => Entry::NewConnection,
             ("W", Some(bytes)) => Entry::Waited(bytes),
             ("R", Some(bytes)) => Entry::Telegram(bytes),
@@ -188,6 +194,7 @@ mod tests {
         let entries = [
             Entry::File(vec![0, 255, b'\\']),
             Entry::Segment(vec![0, 10]),
+            Entry::Target(vec![7, 0, 200]),
             Entry::NewConnection,
             Entry::Waited(bytes.clone()),
             Entry::Telegram(bytes.clone()),

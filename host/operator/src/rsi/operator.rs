@@ -4,45 +4,58 @@
 //! them at most one is due. So the way to the start of a motion begins where the robot's program begins
 //! ([`Operator::foreseen_pose`]), and is planned before the robot is there. A robot that stands elsewhere is refused by the controller.
 //!
+//! A throw lets the robot's program end; between other motions the robot is held, and who made the operator lets it go.
+//!
 //! "Armed" is a robot that stands where the motion begins, ready to be led. The station gives its controller the orders that are
 //! left with the next telegrams, so that a motion begins with a cycle.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use firmware::fault::Refusal;
 use hil_sim::krc::KrcScenario;
+use planner::motion::Motion;
 use planner::plan::Joints;
 use planner::throw::Arm;
+use protocol::cyphal::bits::Encode;
 use protocol::cyphal::cubecell::command::Trajectory;
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
+use protocol::cyphal::cubecell::target;
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant};
 
 use super::cell::{AFTER, Seen, SimulatedRobot};
 use super::cycles::{cycles, last_outputs};
-use super::live::{Exchange, Live};
+use super::live::{Exchange, Live, Port};
 use super::log::Line;
-use super::program::start_of;
+use super::program::{passes, start_of};
 use super::station::{Stage, Station};
+use crate::dialogue::online::{EndStates, message_of};
 use crate::dialogue::operator::{OperatorError, name_of, refused};
 use crate::dialogue::presence::PRESENCE;
 use crate::dialogue::registers::Numbers;
-use crate::port::{BallSeen, Operator};
+use crate::port::{BallSeen, Interactive, Operator};
 use crate::samples::Samples;
 use crate::samples::drives::Drives;
+use crate::samples::of_controller::Kept;
+use crate::servo::LEAD;
 use crate::trajectory::Encoded;
 
 /// Lines of an exchange that are kept; the oldest go first. A throw takes 6 000.
 const LINES_MAX: usize = 100_000;
+/// Longest time until a run that was ordered to begin at once shows.
+const BEGIN_MAX: Duration = Duration::from_secs(1);
+/// Time between two looks at work that goes on beside the exchange.
+const MEANWHILE: Duration = Duration::from_millis(2);
 /// Longest wait for an arm that was told to stop.
 const STOPPING: Duration = Duration::from_secs(3);
 
 /// Where the robot is.
-pub enum Place<'a> {
+pub enum Place {
     /// Inside this program, in virtual time.
     Inside(Box<SimulatedRobot>),
     /// Behind a socket.
-    Outside(Live<'a>),
+    Outside(Live<Port>),
 }
 
 /// What only a robot that is led has.
@@ -65,14 +78,17 @@ pub struct Led {
 /// A robot that is led along the motions of a job.
 pub struct LedRobot<'a> {
     station: Station,
-    place: Option<Place<'a>>,
-    described: &'a KrcScenario,
+    place: Option<Place>,
+    described: KrcScenario,
     stop: Arc<AtomicBool>,
-    log: &'a mut dyn FnMut(&[Line]),
+    log: Box<dyn FnMut(&[Line]) + 'a>,
     lines: Vec<Line>,
     /// What the controller would have reported by now, and when.
     reported: (Instant, GroupState),
     started_at: Option<Instant>,
+    kept: Option<Kept>,
+    /// Why the controller did not take end states, since the last look.
+    refused: Vec<Refusal>,
     led: Led,
 }
 
@@ -80,11 +96,11 @@ impl<'a> LedRobot<'a> {
     /// Leads the robot that `described` describes with a station for it that has no motions yet. `log` gets what goes in and out; `stop`,
     /// once it is set, ends what is under way.
     pub fn new(
-        described: &'a KrcScenario,
+        described: KrcScenario,
         station: Station,
-        place: Place<'a>,
+        place: Place,
         stop: Arc<AtomicBool>,
-        log: &'a mut dyn FnMut(&[Line]),
+        log: Box<dyn FnMut(&[Line]) + 'a>,
     ) -> Self {
         Self {
             station,
@@ -95,6 +111,8 @@ impl<'a> LedRobot<'a> {
             lines: Vec::new(),
             reported: (Instant::ZERO, GroupState::default()),
             started_at: None,
+            kept: None,
+            refused: Vec::new(),
             led: Led::default(),
         }
     }
@@ -132,8 +150,16 @@ impl<'a> LedRobot<'a> {
         let lines = self.station.take_log();
         self.keep(lines);
         let now = self.now();
-        if let Some(state) = self.station.report(now, &self.reported.1) {
+        let reported = self.station.report(now, &self.reported.1);
+        if let Some(state) = reported {
             self.reported = (now, state);
+        }
+        if let Some(kept) = &mut self.kept {
+            let controller = self.station.controller();
+            kept.collect(now, controller, reported.is_some());
+            if let Some(state) = &reported {
+                kept.hear(now, controller, state);
+            }
         }
         stepped.map_err(OperatorError::Socket)
     }
@@ -223,7 +249,27 @@ impl Operator for LedRobot<'_> {
     }
 
     fn foreseen_pose(&self) -> Option<Joints> {
-        Some(start_of(self.described))
+        let measured = self.station.measured_rad().map(|q_rad| Joints::from_slice(&q_rad));
+        Some(measured.unwrap_or_else(|| start_of(&self.described)))
+    }
+
+    fn meanwhile(&mut self, work: &mut (dyn FnMut() + Send)) -> Result<(), OperatorError> {
+        if !matches!(self.place, Some(Place::Outside(_))) {
+            work();
+            return Ok(());
+        }
+        std::thread::scope(|scope| {
+            let worker = scope.spawn(work);
+            while !worker.is_finished() {
+                self.step(self.now() + MEANWHILE)?;
+            }
+            Ok(())
+        })
+    }
+
+    fn require_passed(&self, motion: &Motion) -> Result<(), OperatorError> {
+        passes(&self.described, motion)
+            .map_err(|why| OperatorError::NotPassed { what: why.to_string(), next: why.next() })
     }
 
     fn pose(&mut self) -> Result<Vec<f64>, OperatorError> {
@@ -277,6 +323,7 @@ impl Operator for LedRobot<'_> {
     ) -> Result<(), OperatorError> {
         let now = self.now();
         self.station.proceed_from_hold(now);
+        self.started_at = None;
         let (mut last, mut started_at) = (None, None);
         let ended = self.wait(Some(limit), &mut |this| {
             let (at, state) = this.reported;
@@ -302,16 +349,18 @@ impl Operator for LedRobot<'_> {
         Ok(())
     }
 
-    /// The whole exchange is kept: what comes before a motion says where its set points begin.
-    fn keep_samples(&mut self) {}
+    /// The lines of the whole exchange are kept anyway: what comes before a motion says where its set points begin.
+    fn keep_samples(&mut self) {
+        self.kept = Some(Kept::new(self.station.controller()));
+    }
 
     fn take_samples(&mut self, _: &Arm, _: Option<Drives>) -> Option<Samples> {
-        self.leave();
         let krc = &self.described.options;
         let cycles =
             cycles(&self.lines, &self.described.config, &krc.outputs_name, krc.sensor_name.as_deref());
         let last_outputs = last_outputs(&self.lines, &krc.outputs_name);
-        Some(Samples { cycles, last_outputs, ..Samples::default() })
+        let samples = self.kept.take().map(|kept| kept.samples).unwrap_or_default();
+        Some(Samples { cycles, last_outputs, begun: self.started_at, ..samples })
     }
 
     fn ball(&mut self) -> Option<BallSeen> {
@@ -324,12 +373,6 @@ impl Operator for LedRobot<'_> {
     fn leave(&mut self) {
         let Some(place) = self.place.take() else { return };
         let mut kept = Vec::new();
-        self.led = Led {
-            started_at: self.started_at,
-            path_delay_s: self.station.path_delay_s(),
-            release_withheld_rad: self.station.release_withheld_rad(),
-            ..Led::default()
-        };
         match place {
             Place::Inside(mut robot) => {
                 let until = robot.now() + AFTER;
@@ -347,11 +390,70 @@ impl Operator for LedRobot<'_> {
                 self.led.exchange = Some(live.exchange().clone());
             }
         }
-        self.led.answers = self.station.counts().answers;
         self.keep(kept);
     }
 
     fn led(&mut self) -> Option<Led> {
-        Some(std::mem::take(&mut self.led))
+        Some(Led {
+            started_at: self.started_at,
+            path_delay_s: self.station.path_delay_s(),
+            release_withheld_rad: self.station.release_withheld_rad(),
+            answers: self.station.counts().answers,
+            ..self.led.clone()
+        })
     }
+}
+
+impl Interactive for LedRobot<'_> {
+    /// The controller changes the motion two cycles and the dead time of the axes after an end state has come.
+    fn lead(&self) -> Duration {
+        self.station.committed() + LEAD
+    }
+
+    fn start(&mut self, _: &Trajectory) -> Result<(), OperatorError> {
+        let now = self.now();
+        self.station.proceed_from_hold(now);
+        self.wait(Some(BEGIN_MAX), &mut |this| this.station.state() == State::Running)
+    }
+
+    fn clock_offset_us(&mut self, _: Instant) -> Option<f64> {
+        Some(0.0)
+    }
+
+    fn send_target(&mut self, sequence: u8, end: &EndStates) -> Result<(), OperatorError> {
+        let (now, mut bytes) = (self.now(), [0; target::EXTENT as usize]);
+        let length = message_of(sequence, end)?.to_bytes(&mut bytes).unwrap_or(0);
+        self.refused.extend(self.station.retarget(now, &bytes[..length]).err());
+        Ok(())
+    }
+
+    fn refused_targets(&mut self) -> Vec<Refusal> {
+        std::mem::take(&mut self.refused)
+    }
+
+    fn run_until(&mut self, until: Instant) -> Result<bool, OperatorError> {
+        while self.now() < until {
+            self.require_led()?;
+            if self.is_interrupted() {
+                return Ok(true);
+            }
+            self.step(until)?;
+        }
+        Ok(false)
+    }
+
+    fn is_interrupted(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    fn needs_times(&self) -> bool {
+        matches!(self.place, Some(Place::Inside(_)))
+    }
+
+    /// The robot's program has ended with the fault, and begins where it began before.
+    fn clear_fault(&mut self) -> Result<(), OperatorError> {
+        self.require_led()
+    }
+
+    fn heed_stops_from_now(&mut self) {}
 }

@@ -355,6 +355,20 @@ fn within_corrections(scenario: &KrcScenario, plan: &FollowPlan) -> Result<(), N
     plan.steps.iter().try_for_each(|step| within_correction(scenario, &Axes::from(step.command_rad)))
 }
 
+/// The set points of a motion, which lead it by the lag, stay within what the robot's program passes.
+///
+/// # Errors
+/// [`NoStation::Correction`].
+pub fn passes(scenario: &KrcScenario, motion: &Motion) -> Result<(), NoStation> {
+    let (cycle_s, lag_s) =
+        (scenario.options.cycle.as_secs_f64(), Lag::of(scenario).time_constant.as_secs_f64());
+    let cycles = (motion.duration_s() / cycle_s).ceil() as u64;
+    (0..=cycles).try_for_each(|cycle| {
+        let along = motion.at((cycle as f64 * cycle_s).min(motion.duration_s()));
+        within_correction(scenario, &(along.q + along.qd * lag_s))
+    })
+}
+
 /// A way from rest to rest moves each axis one way only between two knots, and at rest commands lead by nothing.
 fn poses_within_corrections(scenario: &KrcScenario, way: &Motion) -> Result<(), NoStation> {
     way.knots.iter().try_for_each(|knot| within_correction(scenario, &knot.q_rad))

@@ -57,6 +57,9 @@ pub fn replay(lines: &[Line], station: &mut Station) -> Replayed {
             Entry::Segment(bytes) => {
                 station.push_segment(line.at, Segment { bytes: bytes.clone(), room_us: 0 });
             }
+            Entry::Target(bytes) => {
+                let _ = station.retarget(line.at, bytes);
+            }
             Entry::Timeout => station.handle_timeout(line.at),
             Entry::Stop => station.stop(line.at),
             Entry::Gripper(open) => {

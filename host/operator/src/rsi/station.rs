@@ -7,7 +7,7 @@ use firmware::authority::{Peer, Seed};
 use firmware::fault::{Cause, Fault, Refusal};
 use firmware::group::DriveGroup;
 use firmware::groups::rsi::{AT_START_RAD, Options, Packet, Rsi, Telegram};
-use firmware::host_link::{group_message, history};
+use firmware::host_link::{group_message, history, target_of};
 use firmware::joints::PerJoint;
 use firmware::orders::{Done, Order};
 use firmware::registers;
@@ -15,8 +15,10 @@ use firmware::settings::Settings;
 use firmware::spline::Spline;
 use firmware::state::StateKind;
 use firmware::store::{FileName, RamStorage};
+use protocol::cyphal::bits::Decode;
 use protocol::cyphal::crc::Crc64;
 use protocol::cyphal::cubecell::group_state::GroupState;
+use protocol::cyphal::cubecell::target::TargetState;
 use protocol::{Duration, Instant};
 use rsi_protocol::{Ipoc, ReadError};
 
@@ -28,6 +30,8 @@ use crate::trajectory::{Encoded, Segment};
 
 /// Who gives the orders: this program.
 const SELF: Peer = Peer::new(1);
+/// Periods of set points that are fixed when an end state comes, as the controller has it.
+const COMMITTED_CYCLES: u64 = 2;
 /// How long an offer to arm and an arming hold.
 const VALID: Duration = Duration::from_secs(5);
 /// Longest freeze frame or trace, bytes: more than any controller has.
@@ -162,6 +166,27 @@ impl Station {
         if let Some(last) = self.files.back_mut() {
             last.segments.push(segment);
         }
+    }
+
+    /// The controller, for what it says of itself.
+    pub(super) const fn controller(&self) -> &Controller<RamStorage, Spline, Rsi> {
+        &self.controller
+    }
+
+    /// From now to where a motion can still change.
+    pub(super) fn committed(&self) -> Duration {
+        let profile = self.controller.group().profile(self.controller.settings());
+        profile.period * COMMITTED_CYCLES + profile.lag
+    }
+
+    /// A new end state for the motion that runs, as a `cubecell.TargetState` on the wire.
+    ///
+    /// # Errors
+    /// As the controller says; the motion before goes on.
+    pub(super) fn retarget(&mut self, now: Instant, message: &[u8]) -> Result<(), Refusal> {
+        self.note(now, Entry::Target(message.to_vec()));
+        let message = TargetState::from_bytes(message).map_err(|_| Refusal::of(Cause::BadValue))?;
+        self.controller.order(now, SELF, Order::Retarget(target_of(&message)?)).map(drop)
     }
 
     /// Where the throw is.

@@ -1,6 +1,7 @@
 //! What was measured and told during a run, in terms of joints, whatever the link: the only thing that an analysis reads.
 //!
-//! [`of_log`] makes them from the frames of a CAN bus, live or recorded; each frame is decoded once.
+//! [`of_log`] makes them from the frames of a CAN bus, live or recorded; each frame is decoded once. `of_controller` reads them from a
+//! controller in this program.
 //!
 //! # Conventions
 //!
@@ -8,6 +9,7 @@
 //! was measured, everything else the time at which it was heard.
 
 pub mod drives;
+pub(crate) mod of_controller;
 pub mod of_log;
 
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
@@ -151,6 +153,8 @@ pub struct Samples {
     pub freezes: Vec<Freeze>,
     /// The frames, where the link is a bus.
     pub bus: Option<BusLog>,
+    /// When the motion began by the time of its path, where the link knows it.
+    pub begun: Option<Instant>,
     /// The cycles of a robot that is led, and what the last answer sets its outputs to.
     pub cycles: Vec<Cycle>,
     pub last_outputs: Option<f64>,

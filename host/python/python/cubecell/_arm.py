@@ -288,11 +288,13 @@ def connect(
     controller: int | None = None,
     key_file: str | os.PathLike[str] | None = None,
     record: str | os.PathLike[str] | None = None,
+    rsi: str | os.PathLike[str] | None = None,
 ) -> Arm:
     """Connects to the arm on a bus; ``sim`` is a simulated cell that stays until the connection is closed.
 
     On every other bus a controller must be there, and ``may_move=True`` says that nobody is near: a program cannot ask. ``record``
-    keeps every frame in ``record.log`` and ``record.mcap``.
+    keeps every frame in ``record.log`` and ``record.mcap``. ``rsi:udp://HOST:PORT`` leads an industrial robot, whose program ``rsi``
+    describes, from where its program begins; the robot waits for answers until the connection is closed.
 
         >>> import cubecell
         >>> with cubecell.connect() as arm:
@@ -311,6 +313,7 @@ def connect(
         "controller": controller,
         "key_file": None if key_file is None else os.fspath(key_file),
         "record": None if record is None else os.fspath(record),
+        "rsi": None if rsi is None else os.fspath(rsi),
     }
     return Arm(_native.Arm(connection))
 

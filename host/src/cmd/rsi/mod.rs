@@ -5,9 +5,11 @@
 //! | `probe` | `doctor` and `status`: hold the robot and say what its telegrams tell |
 //! | `record` | hold the robot and write the exchange |
 //! | `replay` | run a station on a recorded exchange again |
+//! | `link` | no verb: opens the link to a robot that is led |
 //! | `identify` | measure lag and gripper of this robot |
 
 mod identify;
+pub mod link;
 mod probe;
 mod record;
 mod replay;
@@ -114,8 +116,9 @@ impl LogFile {
     ///
     /// # Errors
     /// The log is not whole.
-    pub fn finish(mut self, path: &Path) -> Result<(), ExpectedError> {
-        self.written.and_then(|()| self.file.flush()).map_err(|error| ExpectedError::output(path, &error))
+    pub fn finish(&mut self, path: &Path) -> Result<(), ExpectedError> {
+        let written = std::mem::replace(&mut self.written, Ok(()));
+        written.and_then(|()| self.file.flush()).map_err(|error| ExpectedError::output(path, &error))
     }
 }
 

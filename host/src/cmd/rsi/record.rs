@@ -31,7 +31,7 @@ pub fn record(
         .recording(LogFile::create(&log)?);
     write_description(folder, described)?;
     serve_at(spec, described, &mut station, &mut watch)?;
-    watch.take_file().map_or(Ok(()), |file| file.finish(&log))?;
+    watch.take_file().map_or(Ok(()), |mut file| file.finish(&log))?;
     let (telegrams, answers) = watch.count;
     let why = if watch.was_interrupted() { " (ended by a signal)" } else { "" };
     console::line!("{telegrams} telegrams and {answers} answers in {}{why}", log.display());

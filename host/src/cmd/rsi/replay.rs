@@ -7,7 +7,7 @@ use operator::rsi::log::{FILE_MAX_BYTES, parse};
 use operator::rsi::program::replay_station;
 use operator::rsi::replay::{Difference, Replayed, replay as run_again};
 use operator::rsi::station::Station;
-use planner::follow::plan::FollowPlan;
+use planner::record::PlanRecord;
 use toml_reader::read_text;
 
 use super::{DESCRIPTION, LOG};
@@ -31,15 +31,14 @@ fn run(folder: &Path) -> Result<(Replayed, Station), ExpectedError> {
         KrcScenario::load(&folder.join(DESCRIPTION)).map_err(|error| ExpectedError::bad_input(&error))?;
     let arm = crate::cmd::six_axes(&described.robot)?;
     let plan_file = folder.join("plan.json");
-    let plan = if plan_file.is_file() {
-        let plan = FollowPlan::read(&plan_file)
-            .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", plan_file.display())))?;
-        Some(plan)
-    } else {
-        None
+    let record = plan_file.is_file().then(|| PlanRecord::read(&plan_file)).transpose();
+    // Settings follow from the plan of a throw; the log has the motions.
+    let plan = match record.map_err(|error| ExpectedError::bad_input(&error))? {
+        Some(PlanRecord::Follow(plan)) => Some(plan),
+        _ => None,
     };
-    let mut station =
-        replay_station(&described, &arm, plan.as_ref()).map_err(|error| ExpectedError::bad_input(&error))?;
+    let mut station = replay_station(&described, &arm, plan.as_deref())
+        .map_err(|error| ExpectedError::bad_input(&error))?;
     let replayed = run_again(&lines, &mut station);
     Ok((replayed, station))
 }

@@ -21,25 +21,22 @@ use planner::plan::file::{PlanFileError, RobotId};
 use super::{Args, Done};
 use crate::cmd::ended::{failure, off_target};
 use crate::cmd::folder::Folder;
+use crate::cmd::link::not_on_can;
 use crate::cmd::meaning::Deed;
 use crate::cmd::plan::follow::{REFINEMENTS, paper_grid, throw_for};
 use crate::cmd::plan::options::FormName;
 use crate::cmd::progress::Ui;
-use crate::cmd::rsi::{LOG, LogFile, description, listen};
+use crate::cmd::rsi::LOG;
+use crate::cmd::rsi::link::{Believed, Opening, RobotLink, motion_csv};
 use crate::cmd::tracker::Measured;
 use crate::error::ExpectedError;
 use crate::exit;
-use crate::report::motion;
 use operator::dialogue::operator::OperatorError;
 use operator::interrupt::interrupt;
 use operator::job::summary::{Circumstances, summary};
 use operator::job::{Answer, JobError, OnProgress, Order, Record, Step, perform};
-use operator::rsi::cell::{Seen, SimulatedRobot};
-use operator::rsi::cycles::cycles;
-use operator::rsi::live::Live;
-use operator::rsi::log::Line;
-use operator::rsi::operator::{LedRobot, Place};
-use operator::rsi::program::{Lag, can_be_led, command_range, station_for, travel};
+use operator::rsi::cell::Seen;
+use operator::rsi::program::{Lag, command_range, station_for, travel};
 use operator::rsi::station::Station;
 use operator::trajectory::{encode, robot_crc32};
 
@@ -58,26 +55,24 @@ pub(super) struct Led {
     pub(super) plan: FollowPlan,
     /// Time of planning by the wall, s.
     pub(super) plan_s: f64,
-    /// What is believed of the robot and its program.
-    pub(super) described: KrcScenario,
+    pub(super) believed: Believed,
     /// The target as the tracker saw it.
     pub(super) tracked: Option<Measured>,
-    /// What is true of the simulated robot, if a scenario says it.
-    truth: Option<KrcScenario>,
 }
 
 /// Plans the throw or reads it, checks it and the robot's program. Nothing moves.
 pub(super) fn prepare(args: &Args, arm: Arm) -> Result<Led, ExpectedError> {
-    let (truth, described) = believed(args)?;
+    let believed = believed(args)?;
+    let described = &believed.described;
     let (target_m, tracked) = args.aim()?;
     let begun = WallTime::now();
-    let plan = plan(args, &arm, &described, target_m)?;
+    let plan = plan(args, &arm, described, target_m)?;
     let plan_s = begun.elapsed().as_secs_f64();
-    ready(&arm, &described, &plan)?;
+    ready(&arm, described, &plan)?;
     if let Some(before) = &tracked {
         args.tracker.still_there(before)?;
     }
-    Ok(Led { arm, plan, plan_s, described, tracked, truth })
+    Ok(Led { arm, plan, plan_s, believed, tracked })
 }
 
 /// A station for the robot; what its controller would refuse of the plan is refused here.
@@ -92,88 +87,53 @@ fn ready(arm: &Arm, described: &KrcScenario, plan: &FollowPlan) -> Result<Statio
 
 impl Led {
     pub(super) fn order(&self, args: &Args) -> Order<'_> {
-        let travel = travel(&self.described, &self.arm, args.approach_share, args.seed.unwrap_or(1));
+        let described = &self.believed.described;
+        let travel = travel(described, &self.arm, args.approach_share, args.seed.unwrap_or(1));
         let tolerance_m = args.tolerance.unwrap_or(BOTTLE_M);
-        Order::follow(&self.arm, &self.plan, &self.described, travel, tolerance_m)
+        Order::follow(&self.arm, &self.plan, described, travel, tolerance_m)
     }
 
     /// Throws with the robot at the bus: opens the link, does the job, closes it.
     pub(super) fn throw(&self, args: &Args, folder: &Folder, ui: &mut Ui) -> Result<Done, ExpectedError> {
-        let path = folder.file(LOG);
-        let BusSpec::Rsi(spec) = &args.bus else {
-            let mut log = LogFile::create(&path)?;
-            let mut done =
-                self.inside(args, interrupt(), &mut |step| ui.answer(step), &mut |lines| log.write(lines))?;
-            done.lost = log.finish(&path).err();
-            return Ok(done);
-        };
-        ui.consent.require(QUESTION, &interrupt())?;
-        let (mut port, time, urgent) = listen(spec, &self.described, args.json)?;
-        let mut log = LogFile::create(&path)?;
-        if !args.json {
-            console::note!("{}: waiting for the robot; start its program now", args.bus);
+        if args.bus != BusSpec::Sim {
+            ui.consent.require(QUESTION, &interrupt())?;
         }
-        let place = Place::Outside(Live::new(&mut port, time));
-        let mut done =
-            self.perform(args, (place, interrupt()), &mut |step| ui.answer(step), &mut |lines| {
-                log.write(lines);
-            })?;
-        done.lost = log.finish(&path).err();
-        done.answering = urgent.map(|urgent| urgent.granted().to_string());
-        Ok(done)
-    }
-
-    /// The robot inside this program, in virtual time.
-    fn inside(
-        &self,
-        args: &Args,
-        stop: Arc<AtomicBool>,
-        ui: OnProgress<'_>,
-        log: &mut dyn FnMut(&[Line]),
-    ) -> Result<Done, ExpectedError> {
-        let mut scenario = self.truth.clone().unwrap_or_else(|| self.described.clone());
-        scenario.robot.clone_from(&args.search.options.robot);
-        scenario.seed = args.seed.unwrap_or(scenario.seed);
-        scenario.options.hand.gripper.landing_z_m = Some(self.plan.target_m[2]);
-        let robot = SimulatedRobot::new(&scenario).map_err(|error| ExpectedError::bad_input(&error))?;
-        self.perform(args, (Place::Inside(Box::new(robot)), stop), ui, log)
+        self.perform(args, Some(&folder.file(LOG)), interrupt(), &mut |step| ui.answer(step))
     }
 
     fn perform(
         &self,
         args: &Args,
-        (place, stop): (Place<'_>, Arc<AtomicBool>),
+        log: Option<&Path>,
+        stop: Arc<AtomicBool>,
         ui: OnProgress<'_>,
-        log: &mut dyn FnMut(&[Line]),
     ) -> Result<Done, ExpectedError> {
-        let station = ready(&self.arm, &self.described, &self.plan)?;
-        let mut operator = LedRobot::new(&self.described, station, place, stop, log);
-        let record = perform(&mut operator, &self.order(args), ui);
-        let time = match &args.bus {
-            BusSpec::Rsi(spec) if spec.lockstep => "time of the robot",
-            BusSpec::Rsi(_) => "real time",
-            _ => "virtual time",
-        };
-        let (lines, heard) = (operator.lines().to_vec(), operator.station().heard());
-        let bus = args.bus.to_string();
+        let described = &self.believed.described;
+        let mut simulated = self.believed.simulated(args.seed);
+        simulated.options.hand.gripper.landing_z_m = Some(self.plan.target_m[2]);
+        let opening = Opening { bus: &args.bus, simulated, log, quiet: args.json, stop };
+        let mut link = RobotLink::open(opening, described, ready(&self.arm, described, &self.plan)?)?;
+        let record = perform(&mut link.operator, &self.order(args), ui);
+        let lost = link.finish().err();
+        let (lines, heard) = (link.operator.lines().to_vec(), link.operator.station().heard());
         let wrong = failure(&record).map(|shown| explained(&record, shown, &heard));
-        Ok(Done { record, wrong, lines, bus, time, controller: "led", ..Done::default() })
+        let (answering, time) = (link.answering(), link.time);
+        Ok(Done {
+            record,
+            wrong,
+            lost,
+            lines,
+            bus: link.name,
+            time,
+            answering,
+            controller: "led",
+            ..Done::default()
+        })
     }
 
     /// Set and actual axes by cycle, from the start of the plan.
     pub(super) fn motion_csv(&self, done: &Done) -> String {
-        let krc = &self.described.options;
-        let led = done.record.led.as_ref();
-        let table = match led.and_then(|led| led.seen.as_ref()) {
-            Some(seen) => motion::of_robot(seen),
-            None => motion::of_telegrams(&cycles(
-                &done.lines,
-                &self.described.config,
-                &krc.outputs_name,
-                krc.sensor_name.as_deref(),
-            )),
-        };
-        motion::csv(&table, led.and_then(|led| led.started_at))
+        motion_csv(&self.believed.described, done.record.led.as_ref(), &done.lines)
     }
 }
 
@@ -225,11 +185,11 @@ pub fn simulate(
     }
     require_meaning(&args)?;
     let arm = crate::cmd::six_axes(&args.search.options.robot)?;
-    let (truth, described) = believed(&args)?;
+    let believed = believed(&args)?;
     plan.require_true(Path::new(IN_MEMORY), &arm).map_err(|error| ExpectedError::bad_input(&error))?;
-    let plan = opened(&args, &arm, &described, plan)?;
-    let led = Led { arm, plan, plan_s: 0.0, described, tracked: None, truth };
-    let mut done = led.inside(&args, stop, &mut |_| Answer::Yes, &mut |_| {})?;
+    let plan = opened(&args, &arm, &believed.described, plan)?;
+    let led = Led { arm, plan, plan_s: 0.0, believed, tracked: None };
+    let mut done = led.perform(&args, None, stop, &mut |_| Answer::Yes)?;
     let order = led.order(&args);
     let wrong = done.wrong.take().or_else(|| off_target(&done.record, &order.judge));
     let about = Circumstances {
@@ -243,39 +203,15 @@ pub fn simulate(
     Ok(Simulated { summary, seen })
 }
 
-/// What is true of the simulated robot, if a scenario says it, and what is believed of it.
-fn believed(args: &Args) -> Result<(Option<KrcScenario>, KrcScenario), ExpectedError> {
-    let truth = args.scenario.as_deref().map(KrcScenario::load).transpose();
-    let truth = truth.map_err(|error| ExpectedError::bad_input(&error))?;
-    let described = described(args, truth.as_ref())?;
-    can_be_led(&described).map_err(|error| ExpectedError::bad_input(&error))?;
-    Ok((truth, described))
-}
-
-/// What is believed of robot and program: the description that was given; else that of the scenario with the usual lag and
-/// gripper, which the client cannot know; else the usual one.
-fn described(args: &Args, truth: Option<&KrcScenario>) -> Result<KrcScenario, ExpectedError> {
-    let tcp = matches!(&args.bus, BusSpec::Rsi(spec) if spec.tcp);
-    let usual = if tcp { "kr-c2-tcp" } else { "kr-c2" };
-    let mut described = description(Some(args.rsi.as_deref().unwrap_or(usual)))?;
-    if let (None, Some(truth)) = (&args.rsi, truth) {
-        let usual = described;
-        described = truth.clone();
-        described.options.lag = usual.options.lag;
-        described.options.hand.gripper = usual.options.hand.gripper;
-    }
-    described.robot = args.search.options.robot.clone();
-    Ok(described)
+fn believed(args: &Args) -> Result<Believed, ExpectedError> {
+    let robot = Some(args.search.options.robot.as_str());
+    Believed::of(&args.bus, args.rsi.as_deref(), args.scenario.as_deref(), robot)
 }
 
 /// Refuses a bus that is none of such a robot, and options that mean nothing for it.
 pub(super) fn require_meaning(args: &Args) -> Result<(), ExpectedError> {
     if !matches!(args.bus, BusSpec::Sim | BusSpec::Rsi(_)) {
-        return Err(ExpectedError::bad_input(&format!(
-            "--bus {} is a CAN bus; {} has a controller of its own and is led over RSI",
-            args.bus, args.search.options.robot
-        ))
-        .next("--bus rsi:udp://0.0.0.0:49152, or leave --bus out for the robot inside this program"));
+        return Err(not_on_can(&args.bus, &args.search.options.robot));
     }
     let form = args.search.options.form.search_of_following();
     args.given.require_meaning(&args.deeds(&[Deed::Led, Deed::Following, form]))

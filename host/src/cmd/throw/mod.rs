@@ -149,7 +149,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let (plan, tracked) = match &prepared {
         Prepared::Drives(drives) => (drives.plan.to_json(), drives.tracked.as_ref()),
         Prepared::Led(led) => {
-            write_description(&folder.path, &led.described)?;
+            write_description(&folder.path, &led.believed.described)?;
             (led.plan.to_json(), led.tracked.as_ref())
         }
     };

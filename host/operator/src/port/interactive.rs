@@ -1,0 +1,64 @@
+//! What a person or a program that leads the arm needs beside jobs.
+
+use firmware::fault::Refusal;
+use protocol::cyphal::cubecell::command::Trajectory;
+use protocol::{Duration, Instant};
+
+use super::Operator;
+use crate::dialogue::online::EndStates;
+use crate::dialogue::operator::OperatorError;
+
+/// An operator that also takes end states in flight, and goes on after a stop.
+pub trait Interactive: Operator {
+    /// From sending an end state to the soonest time at which it can be reached, with room for a host that is late.
+    fn lead(&self) -> Duration;
+
+    /// Begins the armed trajectory and returns as soon as it runs.
+    ///
+    /// # Errors
+    /// [`OperatorError::Refused`], and those of the link.
+    fn start(&mut self, name: &Trajectory) -> Result<(), OperatorError>;
+
+    /// Time of the controller less ours at a time of ours, µs; `None` before [`Interactive::start`].
+    fn clock_offset_us(&mut self, ours: Instant) -> Option<f64>;
+
+    /// Compares the clocks again; every few seconds.
+    ///
+    /// # Errors
+    /// Those of the link.
+    fn look_at_clock(&mut self) -> Result<(), OperatorError> {
+        Ok(())
+    }
+
+    /// Sends a new end state and does not wait.
+    ///
+    /// # Errors
+    /// [`OperatorError::TargetNotSaid`]: nothing was sent.
+    fn send_target(&mut self, sequence: u8, end: &EndStates) -> Result<(), OperatorError>;
+
+    /// Why end states were not taken, since the last call.
+    fn refused_targets(&mut self) -> Vec<Refusal>;
+
+    /// Lets time pass; true if the program was asked to end before.
+    ///
+    /// # Errors
+    /// As [`Operator::heed_stops`], and those of the link.
+    fn run_until(&mut self, until: Instant) -> Result<bool, OperatorError>;
+
+    /// The arm rests after [`Interactive::start`]: leaving it needs no halt.
+    fn release_motion(&mut self) {}
+
+    fn is_interrupted(&self) -> bool;
+
+    /// Time passes only while somebody waits for it: a command needs the time that it is for.
+    fn needs_times(&self) -> bool;
+
+    /// Clears the latched fault of the controller; nothing without one.
+    ///
+    /// # Errors
+    /// Those of the controller and the link.
+    fn clear_fault(&mut self) -> Result<(), OperatorError>;
+
+    /// Stops that others gave before are over; the next one ends a job again.
+    fn heed_stops_from_now(&mut self);
+}
