@@ -6,6 +6,7 @@ use std::collections::btree_map::Entry;
 use operator::job::Record;
 use planner::motion::Motion;
 use planner::plan::Joints;
+use planner::plan::file::RobotId;
 use protocol::{Duration, Instant};
 use serde_json::json;
 
@@ -15,7 +16,7 @@ use super::program_file::Part;
 use super::rows::Rows;
 use crate::error::ExpectedError;
 use crate::exit;
-use crate::report::program::{Cycle, CycleDone, JointDone, Moved, StepDone};
+use crate::report::program::{Cycle, CycleDone, JointDone, Moved, ProgramDone, StepDone};
 
 /// What was done.
 pub(super) struct Performed {
@@ -32,13 +33,13 @@ pub(super) struct Performed {
     first_error_rad: BTreeMap<usize, Joints>,
     drift_rad: Option<f64>,
     /// The first cycle, the last whole one, and the one at work.
-    pub(super) first: Cycle,
-    pub(super) last: Option<Cycle>,
+    first: Cycle,
+    last: Option<Cycle>,
     now: Cycle,
     now_begun: Instant,
     off_in_now_rad: Joints,
     drift_in_now_rad: Joints,
-    pub(super) done: Vec<CycleDone>,
+    done: Vec<CycleDone>,
 }
 
 /// A part that was done.
@@ -105,7 +106,7 @@ impl Performed {
                 *most = most.max(joint.off_rad);
             }
             let start_s = analysis.start_log_s - self.now_begun.as_secs_f64();
-            self.now.moved.push(Moved { start_s, motion: motion.clone(), joints: analysis.joints });
+            self.now.moved.push(Moved::new(start_s, motion.clone(), &analysis.joints));
         }
         let what = part.step.name();
         let off = reached.map_or(",,".to_owned(), |reached| {
@@ -128,7 +129,13 @@ impl Performed {
         row += &columns(&|joint| joint.current_a, 3);
         row += &columns(&|joint| joint.temperature_c, 0);
         let end_off_rad = reached.map(|reached| reached.end_off_rad);
-        self.now.steps.push(StepDone { number: part.number, what, duration_s, end_off_rad, joints });
+        self.now.steps.push(StepDone {
+            number: part.number,
+            what: what.into(),
+            duration_s,
+            end_off_rad,
+            joints,
+        });
         row + "\n"
     }
 
@@ -154,8 +161,8 @@ impl Performed {
         self.done.push(CycleDone {
             number: cycle.number,
             duration_s: cycle.duration_s,
-            off_rad: self.off_in_now_rad,
-            drift_rad: self.drift_in_now_rad,
+            off_rad: self.off_in_now_rad.as_slice().to_vec(),
+            drift_rad: self.drift_in_now_rad.as_slice().to_vec(),
         });
         if cycle.number == 1 {
             self.first = cycle;
@@ -174,6 +181,11 @@ impl Performed {
         if self.cycles == 0 {
             self.first = self.cycle_until(now);
         }
+    }
+
+    /// What its report is made from.
+    pub(super) fn into_done(self, name: String, robot: RobotId) -> ProgramDone {
+        ProgramDone { name, robot, first: self.first, last: self.last, cycles: self.done }
     }
 
     pub(super) fn summary(&self, wanted: u32, wrong: Option<&ExpectedError>) -> serde_json::Value {

@@ -4,8 +4,8 @@ use std::sync::atomic::Ordering;
 
 use operator::interrupt::interrupt;
 use operator::job::{Answer, Extent, Order, Progress, Record};
+use planner::plan::Joints;
 use planner::plan::file::RobotId;
-use planner::plan::{Arm, Joints};
 use planner::store::fingerprint_of;
 use protocol::Duration;
 
@@ -19,11 +19,9 @@ use super::program_record::{Done, Performed, table};
 use super::progress::Ui;
 use super::report;
 use super::rows::Rows;
-use super::rsi::LOG;
 use super::run::Args;
 use crate::error::ExpectedError;
 use crate::exit;
-use crate::report::program::ProgramReport;
 
 /// Time between two looks for a signal, a stop and an answer.
 const LOOK: Duration = Duration::from_millis(20);
@@ -65,9 +63,6 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
     let written = table.map_or(Ok(()), Rows::finish);
     let mut summary = performed.summary(args.repeat, wrong.as_ref());
     ended.seen.enter(&mut summary);
-    let kept = folder
-        .as_ref()
-        .map_or(Ok(()), |folder| keep(folder, args, (&program.robot, &arm), &performed, &summary));
     if args.moving.json {
         print_json(&summary);
     } else {
@@ -76,6 +71,10 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
             console::line!("results in {}", folder.path.display());
         }
     }
+    let robot = RobotId::of(&program.robot, &arm);
+    let kept = folder
+        .as_ref()
+        .map_or(Ok(()), |folder| report::program::keep(folder, &args.file, performed, robot, &summary));
     outcome_last(wrong, finished.and(written).and(kept), folder.as_ref().map(|folder| folder.path.as_path()))
 }
 
@@ -91,32 +90,6 @@ pub fn on_arm(
     let (program, _) = ArmProgram::read(&args.file, args.moving.on.bus.cell.robot.as_deref())?;
     let mut ui = args.moving.ui(QUESTION, true)?;
     perform(arm, &program, args, &mut ui, keep, &mut Performed::nothing(arm.robot.n()))
-}
-
-/// Leaves summary and report in the folder.
-fn keep(
-    folder: &Folder,
-    args: &Args,
-    (robot, arm): (&str, &Arm),
-    performed: &Performed,
-    summary: &serde_json::Value,
-) -> Result<(), ExpectedError> {
-    folder.write("summary.json", &format!("{summary:#}\n"))?;
-    let files = ["bus.log", LOG, "cycles.csv"].map(|name| folder.file(name));
-    let files = files.iter().filter(|file| file.is_file()).map(|file| report::checksum(file));
-    let files = files.collect::<Result<Vec<_>, _>>()?;
-    let name = args.file.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-    let report = ProgramReport {
-        name: &name,
-        arm,
-        robot: &RobotId::of(robot, arm),
-        summary,
-        first: &performed.first,
-        last: performed.last.as_ref(),
-        cycles: &performed.done,
-        files: &files,
-    };
-    folder.write("report.html", &report.html())
 }
 
 /// All cycles. What was done until an error is in `performed`.

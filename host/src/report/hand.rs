@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::chart::{Chart, Curve, Pen};
-use operator::analysis::tracking::{JointTracking, interpolate};
+use operator::analysis::tracking::interpolate;
 use planner::motion::Motion;
 use planner::throw::{Arm, Joints};
 
@@ -12,15 +12,25 @@ const PLANES: [([usize; 2], [&str; 2]); 3] =
     [([0, 1], ["x in m", "y in m"]), ([0, 2], ["x in m", "z in m"]), ([1, 2], ["y in m", "z in m"])];
 
 /// Measured joint angles: reference less the interpolated error, which is straighter than the angle.
-pub(super) fn measured(motion: &Motion, joints: &[JointTracking], t_s: f64) -> Joints {
+///
+/// `samples` are those of a joint, `error` has the time of one, s, and its error, rad.
+pub(super) fn measured<'a, S: 'a>(
+    motion: &Motion,
+    samples: impl Fn(usize) -> &'a [S],
+    error: impl Fn(&S) -> (f64, f64),
+    t_s: f64,
+) -> Joints {
     let reference = motion.at(t_s).q;
     Joints::from_fn(reference.len(), |j| {
-        let samples = &joints[j].samples;
-        let error = interpolate(samples, t_s, |s| s.t_s, |s| s.error_rad);
+        let samples = samples(j);
+        let within = interpolate(samples, t_s, |s| error(s).0, |s| error(s).1);
         // Before the first sample as far off as there, after the last one where that was.
-        let before = samples.first().filter(|first| t_s < first.t_s).map(|first| first.error_rad);
-        let last = samples.last().map_or(reference[j], |s| s.q_rad);
-        error.or(before).map_or(last, |e| reference[j] - e)
+        let before = samples.first().map(&error).filter(|first| t_s < first.0).map(|first| first.1);
+        let last = || {
+            let last = samples.last().map(&error);
+            last.map_or(reference[j], |(t_s, error_rad)| motion.at(t_s).q[j] - error_rad)
+        };
+        within.or(before).map_or_else(last, |error_rad| reference[j] - error_rad)
     })
 }
 

@@ -1,5 +1,8 @@
 //! HTML report of a program that was done again and again: hand, tracking and steps of its first and last cycle, and what changed between.
 
+use std::borrow::Cow;
+
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::chart::{Chart, Curve};
@@ -8,31 +11,59 @@ use super::hand::{HandPath, Led, measured};
 use super::page::{Answer, Page, Tone, cell};
 use super::scene;
 use operator::analysis::POSITION_BOUND_RAD;
-use operator::analysis::tracking::JointTracking;
+use operator::analysis::tracking::{JointTracking, Sample};
 use planner::motion::Motion;
 use planner::plan::file::RobotId;
 use planner::throw::{Arm, Joints};
 
-/// Points of the path of the hand, and of a curve over time.
+/// Points of the path of the hand.
 const HAND_STEPS: u32 = 1_200;
-const CURVE_POINTS: usize = 500;
 
 /// A motion of a cycle.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Moved {
     /// When it began, s since the begin of the cycle.
     pub start_s: f64,
+    #[serde(with = "as_info")]
     pub motion: Motion,
-    /// What the samples say of it, one per joint.
-    pub joints: Vec<JointTracking>,
+    /// Of each joint, time of the motion, s, and reference minus measured, rad.
+    pub errors: Vec<Vec<(f64, f64)>>,
+}
+
+impl Moved {
+    /// A motion that began `start_s` after its cycle, with what the samples say of each joint.
+    #[must_use]
+    pub fn new(start_s: f64, motion: Motion, joints: &[JointTracking]) -> Self {
+        // To the microsecond and to a tenth of a microradian.
+        let round = |value: f64, per_unit: f64| (value * per_unit).round() / per_unit;
+        let error = |s: &Sample| (round(s.t_s, 1e6), round(s.error_rad, 1e7));
+        let errors = joints.iter().map(|joint| joint.samples.iter().map(error).collect()).collect();
+        Self { start_s, motion, errors }
+    }
+}
+
+/// A motion in a file.
+mod as_info {
+    use planner::motion::Motion;
+    use planner::plan::file::MotionInfo;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub(super) fn serialize<S: Serializer>(motion: &Motion, to: S) -> Result<S::Ok, S::Error> {
+        let names = (1..=motion.start_rad().len()).map(|number| number.to_string());
+        MotionInfo::of(names, motion).serialize(to)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Motion, D::Error> {
+        MotionInfo::deserialize(from).map(|info| info.to_motion())
+    }
 }
 
 /// A step that was done.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct StepDone {
     /// In the program, from 1.
     pub number: usize,
-    pub what: &'static str,
+    pub what: Cow<'static, str>,
     pub duration_s: f64,
     /// Largest distance from its end, rad; `None` without a motion.
     pub end_off_rad: Option<f64>,
@@ -41,7 +72,7 @@ pub struct StepDone {
 }
 
 /// What a joint did in a step.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub struct JointDone {
     /// Largest distance from the motion, rad.
     pub off_rad: f64,
@@ -51,7 +82,7 @@ pub struct JointDone {
 }
 
 /// One turn through the program.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Cycle {
     /// From 1.
     pub number: u32,
@@ -61,27 +92,33 @@ pub struct Cycle {
 }
 
 /// What is kept of every cycle.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct CycleDone {
     pub number: u32,
     pub duration_s: f64,
     /// Largest distance of each joint from its motions, rad.
-    pub off_rad: Joints,
+    pub off_rad: Vec<f64>,
     /// How much the distance of each joint from the plan after a step differs from that in the first cycle, at most, rad.
-    pub drift_rad: Joints,
+    pub drift_rad: Vec<f64>,
+}
+
+/// What was done of a program, as its folder keeps it.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct ProgramDone {
+    /// Name of the program's file.
+    pub name: String,
+    pub robot: RobotId,
+    pub first: Cycle,
+    /// The last whole cycle, if it is another one.
+    pub last: Option<Cycle>,
+    pub cycles: Vec<CycleDone>,
 }
 
 /// What a report is about.
 pub struct ProgramReport<'a> {
-    /// Name of the program's file.
-    pub name: &'a str,
     pub arm: &'a Arm,
-    pub robot: &'a RobotId,
+    pub done: &'a ProgramDone,
     pub summary: &'a Value,
-    pub first: &'a Cycle,
-    /// The last whole cycle, if it is another one.
-    pub last: Option<&'a Cycle>,
-    pub cycles: &'a [CycleDone],
     /// Files behind the report: name, bytes, checksum.
     pub files: &'a [(String, u64, String)],
 }
@@ -99,26 +136,19 @@ impl Cycle {
     }
 
     fn measured(&self, t_s: f64) -> Joints {
-        self.at(t_s, |moved, t_s| measured(&moved.motion, &moved.joints, t_s))
+        self.at(t_s, |moved, t_s| measured(&moved.motion, |j| &moved.errors[j], |error| *error, t_s))
     }
 
     /// Distance of a joint from its motions over the cycle, mrad.
     fn errors(&self, j: usize) -> Vec<(f64, f64)> {
         let all = self.moved.iter().flat_map(|moved| {
             let in_plan = 0.0..=moved.motion.duration_s();
-            let samples = moved.joints.get(j).map_or(&[][..], |joint| &joint.samples);
-            let samples = samples.iter().filter(move |sample| in_plan.contains(&sample.t_s));
-            samples.map(|sample| (moved.start_s + sample.t_s, 1e3 * sample.error_rad))
+            let errors = moved.errors.get(j).map_or(&[][..], |errors| errors);
+            let errors = errors.iter().filter(move |(t_s, _)| in_plan.contains(t_s));
+            errors.map(|(t_s, error_rad)| (moved.start_s + t_s, 1e3 * error_rad))
         });
-        thinned(&all.collect::<Vec<_>>())
+        all.collect()
     }
-}
-
-/// At most [`CURVE_POINTS`]: of neighbours the one that is farthest from zero.
-fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
-    let size = points.len().div_ceil(CURVE_POINTS).max(1);
-    let farthest = |some: &[(f64, f64)]| some.iter().copied().max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
-    points.chunks(size).filter_map(farthest).collect()
 }
 
 impl ProgramReport<'_> {
@@ -149,32 +179,33 @@ impl ProgramReport<'_> {
             }
         };
         let took_s = number("duration_s").unwrap_or(0.0);
-        let title = format!("Program {}", self.name);
+        let title = format!("Program {}", self.done.name);
         let more = Some(format!("{} steps in {took_s:.1} s", count("steps_done")));
-        let mut page = head(&title, &self.robot.name, Some(self.summary), more, &answer);
-        if self.first.moved.is_empty() {
+        let mut page = head(&title, &self.done.robot.name, Some(self.summary), more, &answer);
+        if self.done.first.moved.is_empty() {
             page.note(
-                "No motion is shown: the record of the bus holds none of which enough samples were heard.",
+                "No motion is shown: the record of the link holds none of which enough samples were heard.",
             );
         } else {
             self.pictures(&mut page);
         }
         self.steps(&mut page);
         self.drift(&mut page);
-        foot(&mut page, self.robot, None, None, Some(self.summary), self.files);
+        foot(&mut page, &self.done.robot, None, None, Some(self.summary), self.files);
         page.finish()
     }
 
     /// First and last cycle with their names, the last one last.
     fn shown(&self) -> Vec<(String, &Cycle)> {
         let named = |cycle: &Cycle| format!("cycle {}", cycle.number);
-        std::iter::once(self.first).chain(self.last).map(|cycle| (named(cycle), cycle)).collect()
+        std::iter::once(&self.done.first).chain(&self.done.last).map(|cycle| (named(cycle), cycle)).collect()
     }
 
     fn pictures(&self, page: &mut Page) {
         let shown = self.shown();
-        let end_s = self.first.duration_s;
-        let planned = |t_s: f64| self.first.planned(t_s);
+        let first = &self.done.first;
+        let end_s = first.duration_s;
+        let planned = |t_s: f64| first.planned(t_s);
         let angles: Vec<_> = shown
             .iter()
             .map(|(_, cycle)| (|t_s: f64| cycle.planned(t_s), |t_s: f64| cycle.measured(t_s)))
@@ -198,7 +229,7 @@ impl ProgramReport<'_> {
             self.arm,
             None,
             &scene::SceneMotion {
-                q_at: &|t_s| self.first.measured(t_s),
+                q_at: &|t_s| first.measured(t_s),
                 to_s: end_s,
                 flight: None,
                 planned: Some(path),
@@ -208,8 +239,7 @@ impl ProgramReport<'_> {
         page.charts(&[next]);
         page.part(
             "Tracking",
-            "Reference minus measurement in the first and the last cycle, from the record of the bus. Of each few samples the one \
-             farthest from the motion is drawn.",
+            "Reference minus measurement in the first and the last cycle, from the record of the link.",
         );
         let charts: Vec<Chart> = (0..self.arm.n())
             .map(|j| {
@@ -255,7 +285,7 @@ impl ProgramReport<'_> {
                 rows.push(vec![
                     cell(name.clone()),
                     cell(step.number.to_string()),
-                    cell(step.what),
+                    cell(step.what.clone()),
                     cell(format!("{:.3}", step.duration_s)),
                     (mrad(off), tone),
                     cell(farthest.map_or("–".to_owned(), |(j, _)| self.arm.joints()[j].name.clone())),
@@ -272,7 +302,8 @@ impl ProgramReport<'_> {
     }
 
     fn drift(&self, page: &mut Page) {
-        if self.cycles.len() < 2 {
+        let cycles = &self.done.cycles;
+        if cycles.len() < 2 {
             return;
         }
         page.part(
@@ -280,11 +311,10 @@ impl ProgramReport<'_> {
             "Change since the first cycle of the distance from the plan after a step, distance from the motions, and time, the largest \
              of each cycle.",
         );
-        let per_joint = |of: &dyn Fn(&CycleDone) -> Joints| -> Vec<Curve> {
+        let per_joint = |of: fn(&CycleDone) -> &[f64]| -> Vec<Curve> {
             let curve = |j: usize| {
-                let points: Vec<_> =
-                    self.cycles.iter().map(|cycle| (f64::from(cycle.number), 1e3 * of(cycle)[j])).collect();
-                Curve::line(self.arm.joints()[j].name.clone(), j, thinned(&points))
+                let points = cycles.iter().map(|cycle| (f64::from(cycle.number), 1e3 * of(cycle)[j]));
+                Curve::line(self.arm.joints()[j].name.clone(), j, points.collect())
             };
             (0..self.arm.n()).map(curve).collect()
         };
@@ -296,12 +326,11 @@ impl ProgramReport<'_> {
             y_at_least: Some((0.0, 0.0)),
             ..Chart::default()
         };
-        let times: Vec<_> =
-            self.cycles.iter().map(|cycle| (f64::from(cycle.number), cycle.duration_s)).collect();
+        let times = cycles.iter().map(|cycle| (f64::from(cycle.number), cycle.duration_s)).collect();
         page.charts(&[
-            chart("Change since the first cycle", "mrad", per_joint(&|cycle| cycle.drift_rad)),
-            chart("Distance from the motions", "mrad", per_joint(&|cycle| cycle.off_rad)),
-            chart("Time of a cycle", "s", vec![Curve::line("", 0, thinned(&times))]),
+            chart("Change since the first cycle", "mrad", per_joint(|cycle| &cycle.drift_rad)),
+            chart("Distance from the motions", "mrad", per_joint(|cycle| &cycle.off_rad)),
+            chart("Time of a cycle", "s", vec![Curve::line("", 0, times)]),
         ]);
     }
 }

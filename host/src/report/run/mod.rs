@@ -292,7 +292,8 @@ impl RunReport<'_> {
     }
 
     fn q_at(&self, t_s: f64) -> Joints {
-        measured(&self.ran.motion, &self.analysis.joints, t_s)
+        let samples = |j: usize| &self.analysis.joints[j].samples[..];
+        measured(&self.ran.motion, samples, |sample| (sample.t_s, sample.error_rad), t_s)
     }
 
     fn space(&self) -> String {

@@ -1,5 +1,7 @@
 //! `cubectl report`
 
+pub(super) mod program;
+
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -8,7 +10,7 @@ use protocol::{Duration, Instant};
 use serde_json::Value;
 
 use super::folder::Folder;
-use super::print_json;
+use super::{print_json, rsi};
 use crate::error::ExpectedError;
 use crate::report::industrial::RobotRun;
 use crate::report::motion;
@@ -37,7 +39,8 @@ const SUMMARY_MAX_BYTES: u64 = 64 << 20;
     after_help = "Examples:\n  cubectl report throw1                       # the folder of a `cubectl throw`\n  cubectl report throw1 --json | jq .joints   # the same in numbers\n  cubectl report --plan plan.json --log throw1.log --out throw1.html\n\nThe file opens offline in any browser."
 )]
 pub struct Args {
-    /// Folder of a run: plan.json, bus.log (log.rsi of an industrial robot) and, if it is there, summary.json. The report goes there too.
+    /// Folder of a run: plan.json (program.json of a program), bus.log (log.rsi of an industrial robot) and, if it is there, summary.json.
+    /// The report goes there too.
     #[arg(required_unless_present_all = ["plan", "log"])]
     pub folder: Option<PathBuf>,
     /// Plan file, if it is not in the folder.
@@ -89,13 +92,16 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         return Err(refused
             .next("name the folder, or the files: `cubectl report --plan PLAN --log LOG --out REPORT`"));
     }
-    if let Some(folder) = args.folder.as_ref().filter(|folder| super::rsi::is_recording(folder)) {
+    let of_program = |folder: &PathBuf| folder.join(program::DONE).is_file();
+    if let Some(folder) =
+        args.folder.as_ref().filter(|folder| rsi::is_recording(folder) || of_program(folder))
+    {
         let out = args.out.clone().unwrap_or_else(|| folder.join("report.html"));
         if args.json {
             print_json(&summary_of(&folder.join("summary.json"))?);
             return Ok(());
         }
-        write_robot(folder, &out)?;
+        if of_program(folder) { program::write(folder, &out) } else { write_robot(folder, &out) }?;
         console::line!("{}", out.display());
         return Ok(());
     }
@@ -194,7 +200,7 @@ fn not_analysed(log: &Path, why: &AnalysisError) -> ExpectedError {
 /// # Errors
 /// As [`run`].
 pub(super) fn write_into(folder: &Folder, robot: &str) -> Result<(), ExpectedError> {
-    let is_led = super::rsi::is_recording(&folder.path);
+    let is_led = rsi::is_recording(&folder.path);
     let log = if is_led { MOTION } else { "bus.log" };
     let [plan, log, summary] = ["plan.json", log, "summary.json"].map(|name| folder.file(name));
     let recorded = read(&plan, &log, Some(&summary), Some(robot), BIT_RATE)?;
@@ -246,7 +252,7 @@ pub fn write_robot(folder: &Path, out: &Path) -> Result<(), ExpectedError> {
     let arm = super::six_axes(&plan.robot.source)?;
     let (rows, summary) = (rows_of(&table)?, summary_of(&summary)?);
     let limits = Limits::of(&arm, plan.limits);
-    let files = ["plan.json", super::rsi::LOG, MOTION, "summary.json"].map(|name| folder.join(name));
+    let files = ["plan.json", rsi::LOG, MOTION, "summary.json"].map(|name| folder.join(name));
     let files: Vec<_> =
         files.iter().filter(|file| file.is_file()).map(|file| checksum(file)).collect::<Result<_, _>>()?;
     let (arm, plan, limits, rows, summary) = (&arm, &plan, &limits, &rows, &summary);
