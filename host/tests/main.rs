@@ -14,6 +14,7 @@ mod every_option;
 mod home_verify;
 mod identify_report;
 mod job_rules;
+mod led_verbs;
 mod lock_step;
 mod mit_arm;
 mod move_verb;

@@ -11,7 +11,7 @@ use serde_json::Value;
 use crate::program::{cubectl, folder, text};
 
 /// A port that nobody has just now.
-fn free_port(tcp: bool) -> u16 {
+pub(crate) fn free_port(tcp: bool) -> u16 {
     if tcp {
         TcpListener::bind("127.0.0.1:0").and_then(|s| s.local_addr()).expect("a port").port()
     } else {
@@ -19,7 +19,7 @@ fn free_port(tcp: bool) -> u16 {
     }
 }
 
-fn robot(words: &[&str]) -> Child {
+pub(crate) fn robot(words: &[&str]) -> Child {
     Command::new(env!("CARGO_BIN_EXE_cubectl"))
         .args(["sim", "--robot", "kr16_2"])
         .args(words)

@@ -15,6 +15,7 @@ mod rsi_faults;
 mod rsi_files;
 mod rsi_identify;
 mod rsi_link;
+mod rsi_moves;
 mod rsi_outcome;
 mod rsi_start;
 mod rsi_stops;

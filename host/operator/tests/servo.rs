@@ -4,6 +4,7 @@
 use hil_sim::witness::Trace;
 use nalgebra::{Vector3, Vector6};
 use operator::bus::Session;
+use operator::port::{OnBus, Operator as _};
 use operator::servo::{Keeps, Next, Stream, Streamed, follow};
 use planner::plan::rng::SplitMix64;
 use planner::plan::{Arm, Joints};
@@ -66,13 +67,14 @@ fn followed(
     keeps: &Keeps,
     listed: &mut Listed,
 ) -> (Streamed, Trace, (Instant, Instant)) {
-    let node = session.find_controller(None).unwrap();
     let traced = |session: &mut Session| {
         session.sim().unwrap().world().with_participants(|all, _| all.0.0.0.take_trace()).unwrap()
     };
     session.sim().unwrap().world().with_participants(|all, _| all.0.0.0.record_trace()).unwrap();
     let from = session.now();
-    let streamed = follow(session, node, &arm(), keeps, listed).unwrap();
+    let mut operator = OnBus::new(session, None, 1_000_000);
+    operator.connect().unwrap();
+    let streamed = follow(&mut operator, &arm(), keeps, listed).unwrap();
     session.pass(Duration::from_millis(300)).unwrap();
     let to = session.now();
     (streamed, traced(session).unwrap(), (from, to))

@@ -62,8 +62,8 @@ impl Machine {
             ))
             .next("name the CAN bus of its drives")),
             (false, _) => Ok(Self { source, arm, led: None }),
-            (true, BusSpec::Sim | BusSpec::Rsi(_)) if bus.record.is_some() => {
-                Err(ExpectedError::bad_input(&"--record keeps the frames of a CAN bus")
+            (true, BusSpec::Sim) if bus.record.is_some() => {
+                Err(ExpectedError::bad_input(&"--record keeps the frames of a CAN bus; this robot has none")
                     .next("--out DIR keeps the exchange with the robot"))
             }
             (true, BusSpec::Sim | BusSpec::Rsi(_)) => {

@@ -29,6 +29,8 @@ pub(super) enum Deed {
     /// The same by a verb that draws nothing but the simulated cell.
     LiveUndrawn,
     NotRsi,
+    /// Use RSI: there are no nodes and no drives.
+    OnRsi,
     /// Plan a throw whose hand follows the flight.
     Following,
     /// The same, by the grid of the paper.
@@ -77,6 +79,7 @@ const TABLE: &[(Deed, &[&str], &str)] = &[
     (Deed::Live, &["scenario"], "is for what is simulated inside this program"),
     (Deed::LiveUndrawn, &["scenario seed"], "is for the cell inside this program"),
     (Deed::NotRsi, &["rsi"], "is for --bus rsi:..."),
+    (Deed::OnRsi, &["controller key_file beside record"], "is for a CAN bus"),
     (Deed::Following, &[DRIVES, ONE_TARGET, TO_CHANCE], "has no meaning for a throw that follows the flight"),
     (Deed::Following, &["fast"], "needs stored throws; none are kept of throws that follow the flight"),
     (Deed::PaperGrid, &["starts tilt_max_deg"], "is for --form best; the form paper searches a grid"),
@@ -132,7 +135,7 @@ pub fn require_on_bus(program: &Command, matches: &ArgMatches) -> Result<(), Exp
     let given = Given::from_arg_matches(matches).unwrap_or_default();
     let deeds = match bus {
         BusSpec::Sim => &[Deed::NotRsi][..],
-        BusSpec::Rsi(_) => &[Deed::LiveUndrawn],
+        BusSpec::Rsi(_) => &[Deed::LiveUndrawn, Deed::OnRsi],
         _ => &[Deed::LiveUndrawn, Deed::NotRsi],
     };
     given.require_meaning(deeds)

@@ -14,7 +14,7 @@ use operator::bus::sim::SimSetup;
 use operator::bus::{BusArgs, Session};
 use operator::dialogue::operator::OperatorError;
 use operator::job::{Answer, JobError, Judge, Order, Outcome, Program, perform};
-use operator::port::OnBus;
+use operator::port::{OnBus, Operator as _};
 use operator::servo::{Keeps, Next, ServoError, Stream, follow};
 use planner::motion::Knot;
 use planner::plan::Joints;
@@ -210,14 +210,15 @@ fn begin(session: &mut Session) -> Result<Joints, OperatorError> {
 }
 
 fn stream(session: &mut Session, bench: &Bench, from: Joints) -> Result<Followed, ServoError> {
-    let node = session.find_controller(None)?;
+    let mut operator = OnBus::new(session, None, 1_000_000);
+    operator.connect()?;
     let keeps = Keeps {
         share: 0.5,
         v_max_rad_s: f64::INFINITY,
         hold: Duration::from_millis(200),
         scene: Scene::default(),
     };
-    let streamed = follow(session, node, &bench.arm, &keeps, &mut Wave { from, sent: 0 })?;
+    let streamed = follow(&mut operator, &bench.arm, &keeps, &mut Wave { from, sent: 0 })?;
     let name = if streamed.restarts > 0 { "followed, begun anew" } else { "followed" };
     Ok(Followed { end_rad: Joints::from_slice(&streamed.end_rad), name })
 }

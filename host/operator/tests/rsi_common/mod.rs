@@ -70,11 +70,11 @@ pub(crate) fn performed_by(
 ) -> (Record, Stage) {
     let (arm, lag) = (arm(), true_lag(scenario));
     let stop = Arc::new(AtomicBool::new(false));
-    let mut log = |lines: &[Line]| lines.iter().for_each(|line| at(line.at, &stop));
+    let log = |lines: &[Line]| lines.iter().for_each(|line| at(line.at, &stop));
     let station = station_for(scenario, &arm, plan(), lag, &[]).expect("a station");
     let robot = SimulatedRobot::new(scenario).expect("a robot");
     let place = Place::Inside(Box::new(robot));
-    let mut operator = LedRobot::new(scenario, station, place, Arc::clone(&stop), &mut log);
+    let mut operator = LedRobot::new(scenario.clone(), station, place, Arc::clone(&stop), Box::new(log));
     let record = perform(&mut operator, &order(&arm, scenario, share), answers);
     let stage = *operator.station().stage();
     (record, stage)
