@@ -104,6 +104,35 @@ fn steps_that_a_person_saved_with_keys_are_a_program_that_the_arm_does() {
     }
 }
 
+#[test]
+fn an_industrial_robot_is_led_with_keys_and_does_what_was_saved() {
+    let folder = Folder::new("teach-led");
+    let path = folder.file("taught.toml");
+    let mut person = at_work(&[&path, "--robot", "kr16_2"]);
+    person.types("1");
+    hold(&mut person, "+", &|status| status.joints_deg[0] > 4.0);
+    person.types("s");
+    person.sees("step 1: move");
+    person.types("z");
+    hold(&mut person, "-", &|status| status.joints_deg[1].abs() < 89.0);
+    person.types("cs");
+    person.sees("step 3: move");
+    person.types("q");
+    let (code_of_it, said, _) = person.ends();
+    assert_eq!(code_of_it, 0, "{said}");
+    let steps = steps(&path);
+    assert!(degrees(&steps[0])[0] > 4.0, "{steps:?}");
+    let results = folder.file("out");
+    let output = cubectl(&["run", &path, "--json", "--out", &results]);
+    assert_eq!(code(&output), 0, "{}", err(&output));
+    let table = std::fs::read_to_string(format!("{results}/cycles.csv")).unwrap();
+    let last: Vec<f64> =
+        table.lines().last().unwrap().split(',').skip(8).take(6).map(|q| q.parse().unwrap()).collect();
+    for (measured, wanted) in last.iter().zip(degrees(&steps[2])) {
+        assert!((measured - wanted.to_radians()).abs() < 1e-4, "{last:?}");
+    }
+}
+
 /// Holds a key until the arm has moved more than `least` from one status line to the next, 0.1 s of the arm's time later.
 /// It never moves more than `most`.
 fn hold_until_fast(
