@@ -167,3 +167,22 @@ def test_an_exception_in_a_stream_and_a_stop_leave_a_standing_arm() -> None:
         stopper.join()
         assert stopped.value.exit_code == 6, stopped.value
         assert arm.state().state in ("ready", "stopped")
+
+
+def test_an_industrial_robot_moves_follows_and_streams_on_one_connection() -> None:
+    with cubecell.connect(robot="kr16_2") as arm:
+        first = arm.move(joints=np.radians([20, -80, 100, 0, 60, 0]), speed_share=0.4)
+        assert first.off_rad is not None and first.off_rad < 1e-3
+        arm.gripper.close()
+        back = arm.move(by={1: -0.2}, speed_share=0.4)
+        assert back.q_rad[0] == pytest.approx(np.radians(20) - 0.2, abs=1e-3)
+        path = np.linspace(back.q_rad, np.radians([0, -90, 90, 0, 90, 0]), 3)
+        followed = arm.run(path, speed_share=0.4)
+        assert followed.end_off_rad is not None and followed.end_off_rad < 1e-3
+        with arm.servo() as stream:
+            for _ in range(20):
+                stream.speeds([0.1, 0, 0, 0, 0, 0])
+                stream.wait(0.02)
+        state = arm.state()
+        assert state.state == "ready" and state.q_rad is not None
+        assert 0.005 < state.q_rad[0] < 0.1

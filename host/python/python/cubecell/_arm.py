@@ -294,7 +294,7 @@ def connect(
 
     On every other bus a controller must be there, and ``may_move=True`` says that nobody is near: a program cannot ask. ``record``
     keeps every frame in ``record.log`` and ``record.mcap``. ``rsi:udp://HOST:PORT`` leads an industrial robot, whose program ``rsi``
-    describes, from where its program begins; the robot waits for answers until the connection is closed.
+    describes, from where its program begins; it is answered until the connection is closed. After a stop connect again.
 
         >>> import cubecell
         >>> with cubecell.connect() as arm:
