@@ -107,7 +107,7 @@ impl Steps<'_, '_> {
         let motion = order.program.motion();
         // A robot that waits for answers is not left alone while a way is looked for.
         let foreseen =
-            self.operator.foreseen_pose().map(|from| Ok::<_, JobError>((from, self.to_start(&from)?)));
+            self.operator.foreseen_pose().map(|from| Ok::<_, JobError>((from, self.way_to_start(&from)?)));
         let foreseen = foreseen.transpose()?;
         let found = self.find_drives()?;
         if order.extent == Extent::Upload {
@@ -130,7 +130,7 @@ impl Steps<'_, '_> {
             Some(foreseen) => foreseen,
             None => {
                 let before = Joints::from_slice(&self.operator.pose()?);
-                (before, self.to_start(&before)?)
+                (before, self.way_to_start(&before)?)
             }
         };
         if order.judge.throws() {
@@ -240,7 +240,7 @@ impl Steps<'_, '_> {
     }
 
     /// The way from a pose to where the program begins; none without [`Order::travel`].
-    fn to_start(&mut self, from: &Joints) -> Result<Option<Motion>, JobError> {
+    fn way_to_start(&mut self, from: &Joints) -> Result<Option<Motion>, JobError> {
         self.way(&self.order.scene, from, &self.order.program.motion().start_rad())
     }
 

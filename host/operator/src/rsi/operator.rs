@@ -55,7 +55,7 @@ pub enum Place {
     /// Inside this program, in virtual time.
     Inside(Box<SimulatedRobot>),
     /// Behind a socket.
-    Outside(Live<Port>),
+    Outside(Box<Live<Port>>),
 }
 
 /// What only a robot that is led has.
@@ -75,13 +75,16 @@ pub struct Led {
     pub exchange: Option<Exchange>,
 }
 
+/// Gets what goes in and out of a station.
+pub type KeepLines<'a> = Box<dyn FnMut(&[Line]) + 'a>;
+
 /// A robot that is led along the motions of a job.
 pub struct LedRobot<'a> {
     station: Station,
     place: Option<Place>,
     described: KrcScenario,
     stop: Arc<AtomicBool>,
-    log: Box<dyn FnMut(&[Line]) + 'a>,
+    log: KeepLines<'a>,
     lines: Vec<Line>,
     /// What the controller would have reported by now, and when.
     reported: (Instant, GroupState),
@@ -100,7 +103,7 @@ impl<'a> LedRobot<'a> {
         station: Station,
         place: Place,
         stop: Arc<AtomicBool>,
-        log: Box<dyn FnMut(&[Line]) + 'a>,
+        log: KeepLines<'a>,
     ) -> Self {
         Self {
             station,

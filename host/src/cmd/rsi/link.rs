@@ -106,7 +106,7 @@ impl RobotLink {
                     console::note!("{bus}: waiting for the robot; start its program now");
                 }
                 let whose = if spec.lockstep { "time of the robot" } else { "real time" };
-                (Place::Outside(Live::new(port, time)), urgent, whose)
+                (Place::Outside(Box::new(Live::new(port, time))), urgent, whose)
             }
             _ => {
                 let robot =
