@@ -22,6 +22,7 @@ use operator::bus::args::CellArgs;
 use operator::bus::key_file::KeyArgs;
 use operator::dialogue::operator::OperatorError;
 use operator::job::{Answer, Extent, OnProgress, Order, Progress, Target};
+use planner::motion::Motion;
 use planner::store::fingerprint_of;
 use planner::timing::{Limits, Path, Row, along, motion_of_rows};
 use planner::way::{Goal, Travel, require_free_motion};
@@ -31,7 +32,7 @@ use protocol::cyphal::id::NodeId;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use robot_model::collision::Scene;
-use robot_model::{JointVec, Pose};
+use robot_model::{JointVec, Pose, RobotModel};
 use serde_json::json;
 
 use crate::arrays::doubles;
@@ -381,37 +382,10 @@ impl<'a> Connected<'a> {
     }
 
     fn follow(&mut self, t_s: Option<&[f64]>, q_rad: &[f64], blend_rad: f64, how: &How) -> Answered {
-        let bad = |error: &dyn Cause| ExpectedError::bad_input(error);
-        let rows: Vec<&[f64]> = q_rad.chunks_exact(self.arm.robot.n()).collect();
-        let limits = Limits::of_arm(self.arm.robot, if t_s.is_some() { 1.0 } else { how.speed_share })
-            .ok_or_else(|| bad(&"a share of the limits is above 0 and at most 1"))?;
-        for (row, number) in rows.iter().zip(1..) {
-            let outside = |j: &usize| {
-                let range = self.arm.robot.q_min()[*j]..=self.arm.robot.q_max()[*j];
-                !range.contains(&row[*j])
-            };
-            if let Some(j) = (0..row.len()).find(outside) {
-                let name = &self.arm.robot.joints()[j].name;
-                return Err(bad(&format!("point {number}: {name} at {} rad is outside its range", row[j])));
-            }
-        }
-        let motion = match t_s {
-            Some(t_s) => {
-                let rows: Vec<Row> = t_s
-                    .iter()
-                    .zip(&rows)
-                    .map(|(t_s, q_rad)| Row { t_s: *t_s, q_rad: q_rad.to_vec(), qd_rad_s: None })
-                    .collect();
-                motion_of_rows(&rows, &limits).map_err(|error| bad(&error))?
-            }
-            None => {
-                let path = Path::through(&rows, blend_rad).map_err(|error| bad(&error))?;
-                along(&path, &limits).ok_or_else(|| bad(&"no times were found: take points out"))?
-            }
-        };
-        require_free_motion(self.arm.robot, &how.scene(), &motion).map_err(|error| no_way(&error))?;
+        let (robot, mut found) = (self.arm.robot, Ok(Motion::default()));
+        self.arm.operator.meanwhile(&mut || found = motion_of(robot, t_s, q_rad, blend_rad, how))?;
         let travel = Some(Travel { share: how.speed_share.min(1.0), ..how.travel() });
-        self.move_along(&Order { scene: how.scene(), travel, ..self.arm.order(motion, Extent::Run) })
+        self.move_along(&Order { scene: how.scene(), travel, ..self.arm.order(found?, Extent::Run) })
     }
 
     fn move_along(&mut self, order: &Order<'_>) -> Answered {
@@ -426,6 +400,43 @@ impl<'a> Connected<'a> {
         })
         .to_string())
     }
+}
+
+/// The motion through rows of angles, at their times if there are any.
+fn motion_of(
+    robot: &RobotModel,
+    t_s: Option<&[f64]>,
+    q_rad: &[f64],
+    blend_rad: f64,
+    how: &How,
+) -> Result<Motion, ExpectedError> {
+    let bad = |error: &dyn Cause| ExpectedError::bad_input(error);
+    let rows: Vec<&[f64]> = q_rad.chunks_exact(robot.n()).collect();
+    let limits = Limits::of_arm(robot, if t_s.is_some() { 1.0 } else { how.speed_share })
+        .ok_or_else(|| bad(&"a share of the limits is above 0 and at most 1"))?;
+    for (row, number) in rows.iter().zip(1..) {
+        let outside = |j: &usize| !(robot.q_min()[*j]..=robot.q_max()[*j]).contains(&row[*j]);
+        if let Some(j) = (0..row.len()).find(outside) {
+            let name = &robot.joints()[j].name;
+            return Err(bad(&format!("point {number}: {name} at {} rad is outside its range", row[j])));
+        }
+    }
+    let motion = match t_s {
+        Some(t_s) => {
+            let rows: Vec<Row> = t_s
+                .iter()
+                .zip(&rows)
+                .map(|(t_s, q_rad)| Row { t_s: *t_s, q_rad: q_rad.to_vec(), qd_rad_s: None })
+                .collect();
+            motion_of_rows(&rows, &limits).map_err(|error| bad(&error))?
+        }
+        None => {
+            let path = Path::through(&rows, blend_rad).map_err(|error| bad(&error))?;
+            along(&path, &limits).ok_or_else(|| bad(&"no times were found: take points out"))?
+        }
+    };
+    require_free_motion(robot, &how.scene(), &motion).map_err(|error| no_way(&error))?;
+    Ok(motion)
 }
 
 /// The thread: joins the bus, does what is asked until nobody can ask any more, and leaves.
