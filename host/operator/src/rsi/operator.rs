@@ -233,11 +233,14 @@ impl Operator for LedRobot<'_> {
     fn pass(&mut self, span: Duration) -> Result<(), OperatorError> {
         let until = self.now() + span;
         while self.now() < until {
-            // The time of a robot that has gone does not pass.
-            if matches!(&self.place, Some(Place::Outside(live)) if live.is_silent()) || self.place.is_none() {
+            if self.place.is_none() {
                 return Ok(());
             }
             self.step(until)?;
+            // The time of a robot that has gone does not pass; one that comes is answered.
+            if matches!(&self.place, Some(Place::Outside(live)) if live.is_silent()) {
+                return Ok(());
+            }
         }
         Ok(())
     }

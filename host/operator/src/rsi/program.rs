@@ -208,11 +208,8 @@ pub fn station_for(
     if (plan_s - robot_s).abs() > 1e-6 {
         return Err(NoStation::Period { plan_ms: 1e3 * plan_s, robot_ms: 1e3 * robot_s });
     }
-    let wire = wire(scenario)?;
     within_corrections(scenario, plan)?;
-    let settings = settings_of(arm, &plan.robot.fingerprint, &timing(scenario, lag), plan.release_time_s);
-    let files = encoded(motions, &settings, &plan.robot.fingerprint)?;
-    Ok(Station::new(wire, &settings, options(scenario, lag), files))
+    built(scenario, arm, lag, plan.release_time_s, motions)
 }
 
 /// The station that holds the robot where its program starts, or leads it along motions from rest to rest.
@@ -225,8 +222,18 @@ pub fn leading(
     lag: Lag,
     motions: &[Motion],
 ) -> Result<Station, NoStation> {
+    built(scenario, arm, lag, 0.0, motions)
+}
+
+fn built(
+    scenario: &KrcScenario,
+    arm: &Arm,
+    lag: Lag,
+    release_s: f64,
+    motions: &[Motion],
+) -> Result<Station, NoStation> {
     let fingerprint = fingerprint_of(arm);
-    let settings = settings_of(arm, &fingerprint, &timing(scenario, lag), 0.0);
+    let settings = settings_of(arm, &fingerprint, &timing(scenario, lag), release_s);
     let files = encoded(motions, &settings, &fingerprint)?;
     Ok(Station::new(wire(scenario)?, &settings, options(scenario, lag), files))
 }
@@ -277,12 +284,9 @@ pub fn replay_station(
     arm: &Arm,
     plan: Option<&FollowPlan>,
 ) -> Result<Station, NoStation> {
-    let fingerprint = fingerprint_of(arm);
     let release_s = plan.map_or(0.0, |plan| plan.release_time_s);
     let lag = Lag::of(scenario);
-    let lag = plan.map_or(lag, |plan| lag.for_plan(plan));
-    let settings = settings_of(arm, &fingerprint, &timing(scenario, lag), release_s);
-    Ok(Station::new(wire(scenario)?, &settings, options(scenario, lag), Vec::new()))
+    built(scenario, arm, plan.map_or(lag, |plan| lag.for_plan(plan)), release_s, &[])
 }
 
 fn encoded(
