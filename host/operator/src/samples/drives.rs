@@ -69,7 +69,7 @@ mod tests {
     fn an_arm_of_each_family_names_the_drive_of_each_joint_and_an_industrial_robot_has_none() {
         let robots = concat!(env!("CARGO_MANIFEST_DIR"), "/../../robots/");
         for (name, first, joints) in
-            [("powercube6.toml", 1, 6), ("openarm7.toml", 1, 7), ("canopen6.toml", 1, 6)]
+            [("powercube6.toml", 1, 6), ("openarm7.toml", 1, 7), ("canopen6.toml", 3, 6)]
         {
             let drives = Drives::of(&Arm::load(&format!("{robots}{name}")).unwrap()).unwrap();
             assert_eq!((drives.address.len(), drives.address[0]), (joints, first), "{name}");
