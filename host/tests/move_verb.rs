@@ -127,3 +127,45 @@ fn places_that_the_hand_cannot_reach_are_refused_by_number_before_anything_moves
     let blended = cubectl(&["run", &table, "--home", "--blend-rad", "0.1"]);
     assert_eq!(code(&blended), 4, "{}", err(&blended));
 }
+
+#[test]
+fn run_is_judged_per_joint_by_the_tolerances_that_are_given() {
+    let folder = Folder::new("tolerances");
+    let path = folder.file("path.csv");
+    let names: Vec<String> = (1..=6).map(|k| format!("joint{k}_deg")).collect();
+    std::fs::write(&path, format!("{}\n0,-60,-80,0,30,0\n30,-70,-70,0,20,0\n", names.join(","))).unwrap();
+    let run = |words: &[&str], out: &str| {
+        let output = cubectl(&[&["run", &path, "--home", "--out", out], words].concat());
+        let text = std::fs::read_to_string(format!("{out}/summary.json")).unwrap_or_default();
+        (code(&output), serde_json::from_str::<Value>(&text).unwrap_or_default(), err(&output))
+    };
+    let (status, summary, told) = run(&[], &folder.file("usual"));
+    assert_eq!(status, 0, "{told}");
+    let joints = summary["reached"]["joints"].as_array().unwrap();
+    assert_eq!((joints.len(), &joints[0]["path_tolerance_rad"]), (6, &0.05.into()));
+    let number = |joint: &Value, key: &str| joint[key].as_f64().unwrap();
+    let off: Vec<f64> = joints.iter().map(|joint| number(joint, "off_rad")).collect();
+    assert!(off.iter().all(|off| (1e-6..5e-3).contains(off)), "{off:?}");
+
+    // The first joint may be half as far from the motion as it was.
+    let half = format!("{},1,1,1,1,1", 0.5 * off[0]);
+    let (status, summary, told) =
+        run(&["--path-tolerance-rad", &half, "--goal-time-s", "1"], &folder.file("path"));
+    assert_eq!((status, &summary["outcome"]), (8, &"not_reached".into()), "{told}");
+    assert!(
+        told.contains("not reached: joint1 was ") && told.contains(" mrad from the motion at "),
+        "{told}"
+    );
+    assert!(!told.contains("joint2"), "{told}");
+    assert_eq!(summary["reached"]["goal_time_s"], 1.0);
+    let report = std::fs::read_to_string(folder.file("path/report.html")).unwrap();
+    assert!(report.contains("Tolerances"));
+
+    let (status, summary, told) = run(&["--goal-tolerance-rad", "1e-9"], &folder.file("goal"));
+    assert_eq!((status, &summary["outcome"]), (8, &"not_reached".into()), "{told}");
+    assert!(told.contains(" stood ") && told.contains(" mrad from the end (tolerance 0.0)"), "{told}");
+
+    let (status, _, told) = run(&["--goal-tolerance-rad", "0.1,0.2"], &folder.file("wrong"));
+    assert_eq!(status, 4);
+    assert!(told.contains("2 numbers for an arm of 6 joints"), "{told}");
+}

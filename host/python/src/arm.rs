@@ -394,8 +394,8 @@ impl<'a> Connected<'a> {
         Ok(json!({
             "duration_s": motion.duration_s(),
             "q_rad": motion.stop_rad().as_slice(),
-            "off_rad": record.reached.map(|reached| reached.off_rad),
-            "end_off_rad": record.reached.map(|reached| reached.end_off_rad),
+            "off_rad": record.reached.as_ref().map(|reached| reached.off_rad),
+            "end_off_rad": record.reached.as_ref().map(|reached| reached.end_off_rad),
             "text": record.verdict.text,
         })
         .to_string())

@@ -1,6 +1,6 @@
 //! What leads to the arm of a verb: a session with a controller on a CAN bus, or an industrial robot that is led over RSI.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -8,6 +8,7 @@ use can_link::BusSpec;
 use operator::bus::Session;
 use operator::interrupt::interrupt;
 use operator::job::Record;
+use operator::live::LiveServer;
 use operator::port::{Interactive, OnBus, Operator as _};
 use operator::rsi::program::{Lag, leading, travel};
 use planner::follow::limits::AXES;
@@ -23,6 +24,7 @@ use super::report::{BIT_RATE, MOTION};
 use super::rsi::link::{Believed, Opening, RobotLink, motion_csv};
 use super::rsi::{LOG, write_description};
 use super::target::Target;
+use super::web::{WebArgs, show_end};
 use crate::error::ExpectedError;
 
 /// The arm of a verb.
@@ -101,7 +103,8 @@ pub(super) fn not_on_can(bus: &BusSpec, robot: &str) -> ExpectedError {
 
 /// See the [module](self).
 pub enum Link {
-    Bus(Box<Session>, Option<NodeId>),
+    /// The session, the controller that was asked for, and the live view.
+    Bus(Box<Session>, Option<NodeId>, Option<LiveServer>),
     Led(Box<RobotLink>),
 }
 
@@ -111,6 +114,7 @@ pub struct Ended {
     /// Whether what was recorded is whole.
     pub(super) finished: Result<(), ExpectedError>,
     robot: Option<Box<RobotLink>>,
+    page: Option<LiveServer>,
 }
 
 impl Link {
@@ -140,7 +144,7 @@ impl Link {
         stop: Arc<AtomicBool>,
     ) -> Result<Self, ExpectedError> {
         let Some(led) = &machine.led else {
-            return Ok(Self::Bus(Box::new(on.session_until(stop)?), on.controller));
+            return Ok(Self::Bus(Box::new(on.session_until(stop)?), on.controller, None));
         };
         let described = &led.described;
         let station = leading(described, &machine.arm, Lag::of(described), &[])
@@ -150,10 +154,28 @@ impl Link {
         Ok(Self::Led(Box::new(RobotLink::open(opening, described, station)?)))
     }
 
+    /// The same with the live view that `web` asks for.
+    ///
+    /// # Errors
+    /// The port cannot be had, or the link is no bus to look at.
+    pub(super) fn watched(mut self, web: &WebArgs, machine: &Machine) -> Result<Self, ExpectedError> {
+        match &mut self {
+            Self::Bus(session, _, page) => *page = web.serve(session, &machine.arm, None, interrupt())?,
+            Self::Led(_) if web.web.is_some() => {
+                return Err(ExpectedError::bad_input(
+                    "--web shows what passes on a CAN bus; this robot has none",
+                )
+                .next("leave --web out; --out DIR keeps a report"));
+            }
+            Self::Led(_) => {}
+        }
+        Ok(self)
+    }
+
     /// Does `work` with the operator of the arm.
     pub fn with<R>(&mut self, work: impl FnOnce(&mut dyn Interactive) -> R) -> R {
         match self {
-            Self::Bus(session, node) => work(&mut OnBus::new(session, *node, BIT_RATE)),
+            Self::Bus(session, node, _) => work(&mut OnBus::new(session, *node, BIT_RATE)),
             Self::Led(link) => work(&mut link.operator),
         }
     }
@@ -162,23 +184,30 @@ impl Link {
     #[must_use]
     pub fn end(self) -> Ended {
         match self {
-            Self::Bus(mut session, _) => {
+            Self::Bus(mut session, _, page) => {
                 tell_warnings(&mut session);
                 // What fails now has no say in what was done.
                 let _ = session.halt_if_moving();
                 let seen = Seen::of(&session);
-                Ended { seen, finished: session.finish().map_err(ExpectedError::from), robot: None }
+                Ended { seen, finished: session.finish().map_err(ExpectedError::from), robot: None, page }
             }
             Self::Led(mut link) => {
                 let finished = link.finish();
                 let seen = Seen::of_robot(link.name.clone(), link.time, link.answering());
-                Ended { seen, finished, robot: Some(link) }
+                Ended { seen, finished, robot: Some(link), page: None }
             }
         }
     }
 }
 
 impl Ended {
+    /// Shows on the live view what it has come to, with the report in `folder`.
+    pub(super) fn show(&self, outcome: &str, folder: Option<&Folder>) {
+        let Some(page) = &self.page else { return };
+        let report = folder.map_or_else(PathBuf::new, |folder| folder.file("report.html"));
+        show_end(page, format!("ended: {outcome}"), &report);
+    }
+
     /// Enters what is known of a robot that was led only now, and puts its motion into `folder`.
     ///
     /// # Errors

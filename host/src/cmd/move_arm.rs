@@ -86,7 +86,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if args.dry_run {
         on.bus.record = None;
     }
-    let mut link = Link::open(&on, &machine, results.folder(), moving.json || args.dry_run)?;
+    let link = Link::open(&on, &machine, results.folder(), moving.json || args.dry_run)?;
+    let mut link = link.watched(&moving.web, &machine)?;
     let done = link.with(|operator| -> Result<_, ExpectedError> {
         let mut connected = Connected::new(operator, arm, &fingerprint);
         let from = connected.begin(moving.home, &mut |step| ui.answer(step))?;

@@ -86,8 +86,8 @@ impl Performed {
     pub(super) fn take(&mut self, done: Done<'_>) -> String {
         let Done { part, begun, ended, q_rad, record } = done;
         self.steps += 1;
-        let reached = record.as_ref().and_then(|(_, record)| record.reached);
-        self.off_rad = self.off_rad.max(reached.map_or(0.0, |reached| reached.off_rad));
+        let reached = record.as_ref().and_then(|(_, record)| record.reached.clone());
+        self.off_rad = self.off_rad.max(reached.as_ref().map_or(0.0, |reached| reached.off_rad));
         let since = |at: Instant| at.saturating_since(self.begun.unwrap_or(at)).as_secs_f64();
         let (begun_s, duration_s) = (since(begun), ended.saturating_since(begun).as_secs_f64());
         self.duration = ended.saturating_since(self.begun.unwrap_or(ended));
@@ -109,7 +109,7 @@ impl Performed {
             self.now.moved.push(Moved::new(start_s, motion.clone(), &analysis.joints));
         }
         let what = part.step.name();
-        let off = reached.map_or(",,".to_owned(), |reached| {
+        let off = reached.as_ref().map_or(",,".to_owned(), |reached| {
             format!(
                 "{},{},{}",
                 fixed(reached.off_rad, 6),

@@ -42,7 +42,8 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
     let machine = Machine::of(&on)?;
     let folder = Folder::recording(args.out.as_deref(), &mut on.bus)?;
     let mut table = folder.as_ref().map(|folder| table(folder, arm.n())).transpose()?;
-    let mut link = Link::open(&on, &machine, folder.as_ref(), args.moving.json)?;
+    let link = Link::open(&on, &machine, folder.as_ref(), args.moving.json)?;
+    let mut link = link.watched(&args.moving.web, &machine)?;
     let fingerprint = fingerprint_of(&arm);
     let mut performed = Performed::nothing(arm.n());
     let outcome = link.with(|operator| {
@@ -59,7 +60,7 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
     });
     let mut ended = link.end();
     let finished = ended.keep(&machine, folder.as_ref(), None);
-    let finished = ended.finished.and(finished);
+    let finished = std::mem::replace(&mut ended.finished, Ok(())).and(finished);
     let written = table.map_or(Ok(()), Rows::finish);
     let mut summary = performed.summary(args.repeat, wrong.as_ref());
     ended.seen.enter(&mut summary);
@@ -75,6 +76,7 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
     let kept = folder
         .as_ref()
         .map_or(Ok(()), |folder| report::program::keep(folder, &args.file, performed, robot, &summary));
+    ended.show(if wrong.is_none() { "done" } else { "ended early" }, folder.as_ref());
     outcome_last(wrong, finished.and(written).and(kept), folder.as_ref().map(|folder| folder.path.as_path()))
 }
 
@@ -164,6 +166,7 @@ fn carry_out(
             // No way of its own: an arm that is not where the motion begins is refused.
             let order = Order {
                 patience: Duration::from_secs_f64(args.timeout),
+                tolerances: args.tolerance.of(arm.robot.n())?,
                 ..arm.order(motion.clone(), Extent::Run)
             };
             arm.run(&order, &mut |step| match step {

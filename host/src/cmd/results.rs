@@ -50,20 +50,24 @@ impl Results {
         let wrong = failure(&record).or_else(|| off_target(&record, &order.judge));
         let mut ended = link.end();
         let kept = ended.keep(machine, self.folder(), Some(&mut record));
-        let mut finished = ended.finished.and(kept);
+        let mut finished = std::mem::replace(&mut ended.finished, Ok(())).and(kept);
         let mut summary = ended.seen.summary(order, &record, wrong.as_ref(), &ui.progress.wall_s);
         if ui.progress.silent {
             print_json(&summary);
         } else if wrong.is_none() {
             say(&record);
         }
-        let Some(folder) = &self.0 else { return outcome_last(wrong, finished, None) };
+        let Some(folder) = &self.0 else {
+            ended.show(&record.verdict.text, None);
+            return outcome_last(wrong, finished, None);
+        };
         summary["command_line"] = command_line().into();
         let written = folder.write("summary.json", &format!("{summary:#}\n"));
         finished = finished.and(written).and_then(|()| report::write_into(folder, &machine.source));
         if wrong.is_none() && !ui.progress.silent {
             console::line!("results in {}", folder.path.display());
         }
+        ended.show(&record.verdict.text, Some(folder));
         outcome_last(wrong, finished, Some(&folder.path))
     }
 }

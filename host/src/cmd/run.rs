@@ -12,10 +12,14 @@ use super::results::Results;
 use super::target::Moving;
 use super::upload::read;
 use crate::error::ExpectedError;
-use operator::job::{Order, perform};
+use operator::job::{Order, Tolerances, perform};
+use planner::plan::Joints;
 
 /// Longest time that a run is ordered ahead, s: the controller takes 30 s, of which the order needs a little.
 const START_IN_MAX_S: f64 = 29.0;
+
+/// Longest time from the planned end of a motion until its end is judged, s.
+const GOAL_TIME_MAX_S: f64 = 60.0;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -40,9 +44,56 @@ pub struct Args {
     /// Folder for plan.json, bus.log, bus.mcap, summary.json and report.html; of a program cycles.csv instead of plan.json.
     #[arg(long, value_name = "DIR", conflicts_with = "record")]
     pub out: Option<PathBuf>,
+    /// How near to the motion.
+    #[command(flatten)]
+    pub tolerance: ToleranceArgs,
     /// Times of waypoints.
     #[command(flatten)]
     pub retime: RetimeArgs,
+}
+
+/// Options of tolerances.
+#[derive(Debug, Clone, Default, clap::Args)]
+#[command(next_help_heading = "Tolerances (as those of the JointTrajectoryController of ros2_control)")]
+pub struct ToleranceArgs {
+    /// A joint farther from its motion than this is not on it: one number for all joints, or one for each, rad [default: 0.05].
+    #[arg(long, value_name = "RAD,..", value_delimiter = ',', value_parser = super::home::positive)]
+    pub path_tolerance_rad: Vec<f64>,
+    /// A joint farther from the end of its motion than this is not there, rad [default: 0.01].
+    #[arg(long, value_name = "RAD,..", value_delimiter = ',', value_parser = super::home::positive)]
+    pub goal_tolerance_rad: Vec<f64>,
+    /// The end is judged so long after the planned end, s [default: 0.25].
+    #[arg(long, value_name = "SECONDS", value_parser = goal_time)]
+    pub goal_time_s: Option<f64>,
+}
+
+impl ToleranceArgs {
+    /// Those of an arm with so many joints.
+    pub(super) fn of(&self, joints: usize) -> Result<Tolerances, ExpectedError> {
+        let usual = Tolerances::usual(joints);
+        let each = |option: &str, given: &[f64], usual: Joints| match given {
+            [] => Ok(usual),
+            [all] => Ok(Joints::repeat(joints, *all)),
+            given if given.len() == joints => Ok(Joints::from_slice(given)),
+            given => Err(ExpectedError::bad_input(&format!(
+                "{option} has {} numbers for an arm of {joints} joints",
+                given.len()
+            ))
+            .next("give one number, or one for each joint")),
+        };
+        Ok(Tolerances {
+            path_rad: each("--path-tolerance-rad", &self.path_tolerance_rad, usual.path_rad)?,
+            goal_rad: each("--goal-tolerance-rad", &self.goal_tolerance_rad, usual.goal_rad)?,
+            goal_time: self.goal_time_s.map_or(usual.goal_time, Duration::from_secs_f64),
+        })
+    }
+}
+
+fn goal_time(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(seconds) if (0.0..=GOAL_TIME_MAX_S).contains(&seconds) => Ok(seconds),
+        _ => Err(format!("must be from 0 to {GOAL_TIME_MAX_S} s")),
+    }
 }
 
 fn start_in(text: &str) -> Result<f64, String> {
@@ -76,11 +127,13 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         homes: args.moving.home,
         start_in: args.start_in.map(Duration::from_secs_f64),
         patience: Duration::from_secs_f64(args.timeout),
+        tolerances: args.tolerance.of(source.arm.n())?,
         travel: source.travels.then(|| machine.travel(args.retime.share(), 1)),
         ..source.order()
     };
     results.write_plan(&machine, order.program.motion())?;
-    let mut link = Link::open(&on, &machine, results.folder(), args.moving.json)?;
+    let link = Link::open(&on, &machine, results.folder(), args.moving.json)?;
+    let mut link = link.watched(&args.moving.web, &machine)?;
     let record = link.with(|operator| perform(operator, &order, &mut |step| ui.answer(step)));
     results.conclude(link, &ui, (&order, record), &machine, |record| {
         let end = record.states.last().map(|(_, group)| *group).unwrap_or_default();

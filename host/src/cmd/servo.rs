@@ -118,7 +118,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let opened = |path: &PathBuf| File::open(path).map_err(|error| ExpectedError::io(path, &error));
     let file = args.file.as_ref().map(opened).transpose()?;
     let mut states = args.states.as_deref().map(States::create).transpose()?;
-    let mut link = Link::open(&moving.on, &machine, None, moving.json)?;
+    let link = Link::open(&moving.on, &machine, None, moving.json)?;
+    let mut link = link.watched(&moving.web, &machine)?;
     let fingerprint = fingerprint_of(arm);
     let streamed = link.with(|operator| {
         let mut connected = Connected::new(operator, arm, &fingerprint);
@@ -138,7 +139,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         let streamed = follow(connected.operator, arm, &keeps, &mut lines);
         streamed.map(|streamed| (streamed, lines.unread)).map_err(|error| ExpectedError::from(&error))
     });
-    let finished = link.end().finished;
+    let ended = link.end();
+    ended.show(if streamed.is_ok() { "the arm stands" } else { "ended early" }, None);
+    let finished = ended.finished;
     let written = states.map_or(Ok(()), |states| states.rows.finish());
     let (streamed, unread) = streamed?;
     say(args, &streamed, unread);

@@ -13,6 +13,7 @@ use robot_model::collision::{Obb, Scene};
 
 use super::consent::Consent;
 use super::progress::{ProgressView, Ui};
+use super::web::WebArgs;
 use crate::error::ExpectedError;
 
 /// Which controller.
@@ -84,6 +85,9 @@ pub struct Moving {
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
+    /// Live view in a browser.
+    #[command(flatten)]
+    pub web: WebArgs,
 }
 
 impl Moving {

@@ -33,7 +33,7 @@ pub mod target;
 pub mod throw;
 pub mod verdict;
 
-pub use order::{Extent, Judge, Order, Program};
+pub use order::{Extent, Judge, Order, Program, Tolerances};
 pub use perform::{Answer, OnProgress, Progress, Question, perform};
 pub use record::{BallOutcome, JobError, Landing, LandingSource, Record, Start, Step};
 pub use target::{Target, TargetError};

@@ -5,14 +5,16 @@ use protocol::Duration;
 use robot_model::collision::Scene;
 
 use super::follow::GripperKnown;
+use super::reach::{GOAL_RAD, REST_S};
 use super::throw::default_tolerance_m;
+use crate::analysis::POSITION_BOUND_RAD;
 use crate::rsi::plan::motion_of;
 use crate::rsi::program::Lag;
 use crate::trajectory::robot_crc32;
 use planner::follow::plan::FollowPlan;
 use planner::motion::Motion;
-use planner::plan::Arm;
 use planner::plan::file::PlanFile;
+use planner::plan::{Arm, Joints};
 use planner::way::Travel;
 use tuner::gains::gains_file::GainsFile;
 
@@ -85,6 +87,29 @@ impl Judge<'_> {
     }
 }
 
+/// How near the arm must stay to a motion that throws nothing, as the constraints of the `JointTrajectoryController` of ros2_control have
+/// it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tolerances {
+    /// Of each joint from its motion, at any time of it, rad.
+    pub path_rad: Joints,
+    /// Of each joint from the end of its motion, rad, [`Tolerances::goal_time`] after its planned end.
+    pub goal_rad: Joints,
+    pub goal_time: Duration,
+}
+
+impl Tolerances {
+    /// The usual ones for so many joints: the bound of the throwing paper on the way, 10 mrad at the end, after 0.25 s.
+    #[must_use]
+    pub fn usual(joints: usize) -> Self {
+        Self {
+            path_rad: Joints::repeat(joints, POSITION_BOUND_RAD),
+            goal_rad: Joints::repeat(joints, GOAL_RAD),
+            goal_time: Duration::from_secs_f64(REST_S),
+        }
+    }
+}
+
 /// What an arm is to do; made from a plan.
 #[derive(Clone, Debug)]
 pub struct Order<'a> {
@@ -105,6 +130,8 @@ pub struct Order<'a> {
     pub start_in: Option<Duration>,
     /// Longest time for the run after its planned end.
     pub patience: Duration,
+    /// Of a motion that throws nothing.
+    pub tolerances: Tolerances,
     pub extent: Extent,
     pub judge: Judge<'a>,
 }
@@ -152,6 +179,7 @@ impl<'a> Order<'a> {
             travel: None,
             start_in: None,
             patience: Self::PATIENCE,
+            tolerances: Tolerances::usual(arm.n()),
             extent: Extent::Run,
             judge,
         }

@@ -315,7 +315,8 @@ impl Steps<'_, '_> {
         self.record.frames = (self.operator.frames_kept() - frames_before) as u64;
         ended?;
         if !throws {
-            self.operator.pass(Duration::from_secs_f64(reach::REST_S))?;
+            let rests = self.order.tolerances.goal_time.max(Duration::from_secs_f64(reach::REST_S));
+            self.operator.pass(rests)?;
             self.operator.heed_stops()?;
         }
         self.end(&format!("{:.3} s", motion.duration_s()));
@@ -350,7 +351,7 @@ impl Steps<'_, '_> {
         match &order.judge {
             Judge::Throw { plan, .. } => throw::observe(*operator, order.arm, plan, record),
             Judge::Follow { .. } => follow::observe(*operator, order, record),
-            Judge::Reach => reach::observe(*operator, order.arm, order.program.motion(), record),
+            Judge::Reach => reach::observe(*operator, order, record),
         }
         self.observed = true;
     }

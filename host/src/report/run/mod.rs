@@ -76,6 +76,7 @@ impl RunReport<'_> {
             }
         };
         page.scene(self.space(), &format!("<figure class=\"card\">{}</figure>", beside.svg()));
+        self.tolerances(&mut page);
         self.tracking(&mut page);
         self.currents(&mut page);
         self.bus(&mut page);

@@ -1,5 +1,7 @@
 //! Errors against the bounds of the paper, references against measurements, currents per supply.
 
+use serde_json::Value;
+
 use super::super::chart::{Chart, Curve, Pen};
 use super::super::page::{Page, Tone, cell};
 use super::RunReport;
@@ -222,5 +224,36 @@ impl RunReport<'_> {
             &["supply", "predicted peak A", "measured peak A", "rms difference A", "limit A", "readings"],
             &rows,
         );
+    }
+}
+
+impl RunReport<'_> {
+    /// How near each joint stayed to a motion that throws nothing, beside what was allowed.
+    pub(super) fn tolerances(&self, page: &mut Page) {
+        let joints = self.in_summary("/reached/joints").and_then(Value::as_array);
+        let Some(joints) = joints.filter(|joints| !joints.is_empty()) else { return };
+        let rows: Vec<_> = joints
+            .iter()
+            .map(|joint| {
+                let number = |key: &str| joint.get(key).and_then(Value::as_f64).unwrap_or(f64::NAN);
+                let beside = |off: &str, most: &str| {
+                    let (off, most) = (number(off), number(most));
+                    let tone = if off <= most { Tone::Good } else { Tone::Bad };
+                    [(format!("{:.2}", 1e3 * off), tone), cell(format!("{:.1}", 1e3 * most))]
+                };
+                let name = joint.get("name").and_then(Value::as_str).unwrap_or("?");
+                let [off, most] = beside("off_rad", "path_tolerance_rad");
+                let [end_off, end_most] = beside("end_off_rad", "goal_tolerance_rad");
+                vec![cell(name), off, cell(format!("{:.2}", number("off_at_s"))), most, end_off, end_most]
+            })
+            .collect();
+        let goal_s = self.in_summary("/reached/goal_time_s").and_then(Value::as_f64).unwrap_or(0.0);
+        page.part(
+            "Tolerances",
+            &format!(
+                "Farthest from the motion and when, and from its end {goal_s:.2} s after the planned end, in mrad, each beside its tolerance."
+            ),
+        );
+        page.table(&["joint", "path", "at s", "tolerance", "end", "tolerance"], &rows);
     }
 }
