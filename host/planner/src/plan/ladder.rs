@@ -3,7 +3,7 @@
 //! The rungs are, strictest first: nulling with limits of the landing's shift, nulling to first order, no nulling. A search
 //! goes down until a rung has a throw. Random starts often miss the narrow basins of a strict rung: to some targets of a
 //! UR5 one start in thirty ends in one. So a rung that had no throw gets a second chance where the one below has some: from
-//! the throws of the rung below, then, without a table of stored throws, from more random starts.
+//! the throws of the rung below, then, without a table of this robot, from more random starts.
 
 use nalgebra::Vector3;
 use robot_model::RobotModel;
@@ -134,7 +134,7 @@ impl<'a> Ladder<'a> {
     fn climb(&self, at: usize, best: Best, index: &Index, budget: &Budget, watch: &Watch) -> Settled<'_, 'a> {
         let (mut at, mut best) = (at, best);
         // Whoever names a number of starts gets that many.
-        let more = (!budget.all && index.records().is_empty()).then_some(Budget {
+        let more = (!budget.all && !index.is_own()).then_some(Budget {
             starts: SECOND_CHANCE * budget.starts,
             seed: budget.seed ^ SECOND_SEED,
             ..*budget

@@ -202,7 +202,9 @@ impl Planner<'_, '_> {
     pub(super) fn has_table(&self, index: &Index) -> bool {
         let kind = kind_of(&self.problem.options);
         let for_such_targets = self.problem.aim.is_level() && self.problem.options.opening.is_none();
-        for_such_targets && index.records().iter().filter(|r| r.kind == kind).count() >= TABLE_MIN
+        index.is_own()
+            && for_such_targets
+            && index.records().iter().filter(|r| r.kind == kind).count() >= TABLE_MIN
     }
 
     /// Walks to the target from the stored throws nearest to it, whatever they are expected to cost there.
