@@ -74,6 +74,8 @@ pub struct Settled<'l, 'a> {
     pub given_up: GivenUp,
     /// The best throw.
     pub best: Best,
+    /// Whether the first tries of stored throws were not enough, or not asked for.
+    pub searched: bool,
 }
 
 impl<'a> Ladder<'a> {
@@ -112,12 +114,13 @@ impl<'a> Ladder<'a> {
         if let Some(none) = last.refused_at_once(index, budget, watch) {
             return Err(none);
         }
-        let mut at = 0;
+        let (mut at, mut searched) = (0, false);
         let best = loop {
             let planner = Planner::new(&self.rungs[at].1);
             if let Some(best) = quick.and_then(|tries| stored_alone(&planner, index, tries)) {
                 break best;
             }
+            searched = true;
             if at + 1 == self.rungs.len() {
                 break planner.search(index, budget, watch)?;
             }
@@ -127,7 +130,7 @@ impl<'a> Ladder<'a> {
                 Err(_) => at += 1,
             }
         };
-        Ok(self.climb(at, best, index, budget, watch))
+        Ok(Settled { searched, ..self.climb(at, best, index, budget, watch) })
     }
 
     /// Gives the rungs above one that has throws a second chance, the nearest first.
@@ -147,7 +150,7 @@ impl<'a> Ladder<'a> {
             at = above;
         }
         let (given_up, problem) = &self.rungs[at];
-        Settled { problem, given_up: *given_up, best }
+        Settled { problem, given_up: *given_up, best, searched: true }
     }
 }
 
