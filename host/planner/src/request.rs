@@ -126,7 +126,8 @@ impl Request<'_> {
         watch: &Watch,
     ) -> Result<(Answer, &'l Problem<'a>), Refusal> {
         let began = Instant::now();
-        let Settled { problem, given_up, best, searched } = ladder.search(index, &self.budget, watch, self.quick)?;
+        let Settled { problem, given_up, best, searched } =
+            ladder.search(index, &self.budget, watch, self.quick)?;
         Ok((Answer { given_up, best, searched, took: began.elapsed() }, problem))
     }
 }
