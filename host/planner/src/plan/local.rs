@@ -69,12 +69,13 @@ pub(crate) fn solve_from(
     // often: with the rows that were found from there it stays outside.
     let mut may_begin_again = begin == Begin::Anywhere { again: true };
     let mut multipliers = None;
-    if let Begin::Optimal { touches } = begin {
-        if touches {
-            let scan = scanner.scan(problem, start);
-            add(&mut cuts, &scan.cuts);
-            add(&mut cuts, &scan.near);
-        }
+    // Without rows for what the start is beside, the first round ends inside it, and from there the rows lead elsewhere.
+    if begin != (Begin::Optimal { touches: false }) {
+        let scan = scanner.scan(problem, start);
+        add(&mut cuts, &scan.cuts);
+        add(&mut cuts, &scan.near);
+    }
+    if let Begin::Optimal { .. } = begin {
         multipliers = sqp::multipliers_at(&ThrowTask { problem, layout, cuts: &cuts }, &x);
     }
     for _ in 0..ROUNDS_MAX {

@@ -5,7 +5,7 @@ use robot_model::JointVec;
 use super::goal::Goal;
 use super::local::{Begin, Found, solve_from};
 use super::options::Options;
-use super::posture::{mirror_signs, resting_start};
+use super::posture::{launching_start, mirror_signs, varied_start};
 use super::problem::Problem;
 use super::rng::SplitMix64;
 use super::scan::Scanner;
@@ -68,9 +68,15 @@ impl<'p, 'a> Planner<'p, 'a> {
         (record.range_m - self.range_m).hypot(record.height_m - self.problem.target.z)
     }
 
-    pub(super) fn solve_random(&self, seed: u64, index: u64) -> Option<Found> {
+    /// A local solve from random start number `index`. Every second one varies a throw of `known`, the cheapest first, if there are some.
+    pub(super) fn solve_random(&self, seed: u64, index: u64, known: &[Found]) -> Option<Found> {
         let mut rng = SplitMix64::stream(seed, index);
-        let start = resting_start(self.problem, &mut rng);
+        let known = &known[..known.len().min(VARIED)];
+        let from = known.get((rng.unit() * known.len() as f64) as usize).filter(|_| index % 4 >= 2);
+        let start = match from {
+            Some(from) => varied_start(self.problem, &from.throw, &mut rng),
+            None => launching_start(self.problem, &mut rng),
+        };
         self.solve(&start, self.anywhere(), &Settings::default(), usize::MAX)
     }
 
@@ -91,5 +97,7 @@ impl<'p, 'a> Planner<'p, 'a> {
     }
 }
 
+/// Throws that random starts vary.
+const VARIED: usize = 4;
 /// About the time of flight of a throw, in s.
 const USUAL_FLIGHT_S: f64 = 0.6;

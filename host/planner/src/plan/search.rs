@@ -18,7 +18,7 @@ impl Planner<'_, '_> {
     /// One local solve from random point number `index` of the search space.
     #[must_use]
     pub fn random_start(&self, seed: u64, index: u64) -> Option<Found> {
-        Some(self.refine(self.solve_random(seed, index)?))
+        Some(self.refine(self.solve_random(seed, index, &[])?))
     }
 
     /// One local solve from a throw for a near target.
@@ -258,8 +258,10 @@ impl Planner<'_, '_> {
         {
             let batch: Vec<u64> = ((begun as u64)..(most(&basins).min(begun + batch) as u64)).collect();
             begun += batch.len();
-            let ended =
-                each(&batch, |k| (!stopped()).then(|| counted(watch, self.solve_random(budget.seed, *k))));
+            let known = basins.found();
+            let ended = each(&batch, |k| {
+                (!stopped()).then(|| counted(watch, self.solve_random(budget.seed, *k, &known)))
+            });
             ended.into_iter().flatten().for_each(|found| basins.add_random(found));
         }
         let interrupted = stopped() && (begun < most(&basins) || basins.random() < begun);
@@ -392,7 +394,7 @@ const TABLE_MIN: usize = 200;
 /// Random starts between two looks at what they have found, without stored throws; a fixed number, so that cores do not matter.
 const BATCH: usize = 8;
 /// Factor for the starts of the budget in a search without a table, once it has found a throw.
-const MORE_STARTS: usize = 2;
+const MORE_STARTS: usize = 4;
 /// Throws that get more steps in the end, and how many.
 const FINISHED_MAX: usize = 2;
 const FINISH_STEPS: usize = 200;
