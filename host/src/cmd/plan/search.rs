@@ -29,7 +29,7 @@ pub struct SearchOptions {
     /// What may be thrown how.
     #[command(flatten)]
     pub options: PlanOptions,
-    /// Random starts after the stored ones; all of them are made [default: up to 192, or up to 384 where no throws are stored; fewer
+    /// Random starts after the stored ones; all of them are made [default: up to 192, or up to 768 where none of this robot are stored; fewer
     /// if more are unlikely to find a better throw].
     /// With a seed and no time budget the result is always the same.
     #[arg(long, help_heading = "Search")]
