@@ -79,3 +79,36 @@ fn measured_release_delays_are_in_plan_and_summary_and_bad_ones_are_refused_with
         assert!(text(&ended.stderr).contains(why), "{bad}: {}", text(&ended.stderr));
     }
 }
+
+#[test]
+fn fast_says_that_it_searched_and_how_long_where_no_stored_throw_leads() {
+    let planned = |target: &str| {
+        let ended = cubectl(&["plan", "throw", "--fast", &format!("--target={target}")]);
+        assert!(ended.status.success(), "{target}: {}", text(&ended.stderr));
+        text(&ended.stderr).lines().any(|line| {
+            line.starts_with("cubectl: no stored throw led there; a search found this one, in ")
+                && line.ends_with(" s")
+        })
+    };
+    assert!(!planned("1,1,-1"));
+    assert!(planned("3.5,0,-1"));
+}
+
+#[test]
+fn weights_that_are_all_zero_are_refused_with_those_that_work() {
+    let ended = cubectl(&["plan", "throw", "--target=1,1,-1", "--weights", "0,0,0"]);
+    assert_eq!(ended.status.code(), Some(i32::from(host::exit::BAD_INPUT)));
+    assert!(text(&ended.stderr).contains("--weights 15,20,0.01"), "{}", text(&ended.stderr));
+    // Another objective asks nothing of them.
+    let ended = cubectl(&[
+        "plan",
+        "throw",
+        "--target=1,1,-1",
+        "--weights",
+        "0,0,0",
+        "--objective",
+        "energy",
+        "--fast",
+    ]);
+    assert!(ended.status.success(), "{}", text(&ended.stderr));
+}

@@ -50,6 +50,8 @@ pub struct Answer {
     pub given_up: GivenUp,
     /// The best throw.
     pub best: Best,
+    /// Whether more was done than trying [`Request::quick`] stored throws.
+    pub searched: bool,
     /// Time of the search.
     pub took: Duration,
 }
@@ -124,8 +126,9 @@ impl Request<'_> {
         watch: &Watch,
     ) -> Result<(Answer, &'l Problem<'a>), Refusal> {
         let began = Instant::now();
-        let Settled { problem, given_up, best } = ladder.search(index, &self.budget, watch, self.quick)?;
-        Ok((Answer { given_up, best, took: began.elapsed() }, problem))
+        let Settled { problem, given_up, best, searched } =
+            ladder.search(index, &self.budget, watch, self.quick)?;
+        Ok((Answer { given_up, best, searched, took: began.elapsed() }, problem))
     }
 }
 

@@ -67,7 +67,7 @@ const ENOUGH_STORED_PLAIN: usize = 40;
 /// Random starts that have to fail where a table has no throw near the target.
 const ENOUGH_EMPTY: usize = 8;
 /// Without a table: random starts in vain, and hits of the best throw.
-const ENOUGH_ALONE: usize = 64;
+const ENOUGH_ALONE: usize = 96;
 const ENOUGH_HITS: usize = 4;
 
 impl Basins {

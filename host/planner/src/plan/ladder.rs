@@ -3,7 +3,7 @@
 //! The rungs are, strictest first: nulling with limits of the landing's shift, nulling to first order, no nulling. A search
 //! goes down until a rung has a throw. Random starts often miss the narrow basins of a strict rung: to some targets of a
 //! UR5 one start in thirty ends in one. So a rung that had no throw gets a second chance where the one below has some: from
-//! the throws of the rung below, then, without a table of stored throws, from more random starts.
+//! the throws of the rung below, then, without a table of this robot, from more random starts.
 
 use nalgebra::Vector3;
 use robot_model::RobotModel;
@@ -74,6 +74,8 @@ pub struct Settled<'l, 'a> {
     pub given_up: GivenUp,
     /// The best throw.
     pub best: Best,
+    /// Whether the first tries of stored throws were not enough, or not asked for.
+    pub searched: bool,
 }
 
 impl<'a> Ladder<'a> {
@@ -112,12 +114,13 @@ impl<'a> Ladder<'a> {
         if let Some(none) = last.refused_at_once(index, budget, watch) {
             return Err(none);
         }
-        let mut at = 0;
+        let (mut at, mut searched) = (0, false);
         let best = loop {
             let planner = Planner::new(&self.rungs[at].1);
             if let Some(best) = quick.and_then(|tries| stored_alone(&planner, index, tries)) {
                 break best;
             }
+            searched = true;
             if at + 1 == self.rungs.len() {
                 break planner.search(index, budget, watch)?;
             }
@@ -127,14 +130,14 @@ impl<'a> Ladder<'a> {
                 Err(_) => at += 1,
             }
         };
-        Ok(self.climb(at, best, index, budget, watch))
+        Ok(Settled { searched, ..self.climb(at, best, index, budget, watch) })
     }
 
     /// Gives the rungs above one that has throws a second chance, the nearest first.
     fn climb(&self, at: usize, best: Best, index: &Index, budget: &Budget, watch: &Watch) -> Settled<'_, 'a> {
         let (mut at, mut best) = (at, best);
         // Whoever names a number of starts gets that many.
-        let more = (!budget.all && index.records().is_empty()).then_some(Budget {
+        let more = (!budget.all && !index.is_own()).then_some(Budget {
             starts: SECOND_CHANCE * budget.starts,
             seed: budget.seed ^ SECOND_SEED,
             ..*budget
@@ -147,7 +150,7 @@ impl<'a> Ladder<'a> {
             at = above;
         }
         let (given_up, problem) = &self.rungs[at];
-        Settled { problem, given_up: *given_up, best }
+        Settled { problem, given_up: *given_up, best, searched: true }
     }
 }
 

@@ -31,6 +31,8 @@ pub(crate) enum Begin {
         /// Whether a start that runs into a collision begins once more with its rows.
         again: bool,
     },
+    /// As `Anywhere`, of an arm at rest: what it is beside says nothing about the motion.
+    Rest { again: bool },
     /// It is the best throw to a target near this one.
     Optimal {
         /// As [`Found::touches`].
@@ -67,14 +69,15 @@ pub(crate) fn solve_from(
     let mut iterations = 0;
     // The first round knows of no collision and may end deep inside one, from where the rows lead nowhere. The start is outside more
     // often: with the rows that were found from there it stays outside.
-    let mut may_begin_again = begin == Begin::Anywhere { again: true };
+    let mut may_begin_again = matches!(begin, Begin::Anywhere { again: true } | Begin::Rest { again: true });
     let mut multipliers = None;
-    if let Begin::Optimal { touches } = begin {
-        if touches {
-            let scan = scanner.scan(problem, start);
-            add(&mut cuts, &scan.cuts);
-            add(&mut cuts, &scan.near);
-        }
+    // Without rows for what the start is beside, the first round ends inside it, and from there the rows lead elsewhere.
+    if matches!(begin, Begin::Anywhere { .. } | Begin::Optimal { touches: true }) {
+        let scan = scanner.scan(problem, start);
+        add(&mut cuts, &scan.cuts);
+        add(&mut cuts, &scan.near);
+    }
+    if let Begin::Optimal { .. } = begin {
         multipliers = sqp::multipliers_at(&ThrowTask { problem, layout, cuts: &cuts }, &x);
     }
     for _ in 0..ROUNDS_MAX {

@@ -13,7 +13,7 @@ use super::obstruction::Obstruction;
 #[derive(Debug, Clone, Copy)]
 pub struct Budget {
     /// Random starts after the stored ones, at most. Unless `all` is set, a search without a table that has found a throw may
-    /// make twice as many.
+    /// make four times as many.
     pub starts: usize,
     /// Whether all of these starts are run, instead of as many as are likely to find a better throw.
     pub all: bool,

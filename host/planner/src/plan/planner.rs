@@ -5,7 +5,7 @@ use robot_model::JointVec;
 use super::goal::Goal;
 use super::local::{Begin, Found, solve_from};
 use super::options::Options;
-use super::posture::{mirror_signs, resting_start};
+use super::posture::{launching_start, mirror_signs, resting_start, varied_start};
 use super::problem::Problem;
 use super::rng::SplitMix64;
 use super::scan::Scanner;
@@ -68,10 +68,18 @@ impl<'p, 'a> Planner<'p, 'a> {
         (record.range_m - self.range_m).hypot(record.height_m - self.problem.target.z)
     }
 
-    pub(super) fn solve_random(&self, seed: u64, index: u64) -> Option<Found> {
+    /// A local solve from random start number `index`. Of four one launches the ball, one varies one of the cheapest throws of `known`
+    /// (it launches if there are none), and two are at rest: they end in a throw more often, and miss what is close to the arm.
+    pub(super) fn solve_random(&self, seed: u64, index: u64, known: &[Found]) -> Option<Found> {
         let mut rng = SplitMix64::stream(seed, index);
-        let start = resting_start(self.problem, &mut rng);
-        self.solve(&start, self.anywhere(), &Settings::default(), usize::MAX)
+        let known = &known[..known.len().min(VARIED)];
+        let from = known.get((rng.unit() * known.len() as f64) as usize).filter(|_| index % 4 == 3);
+        let (start, begin) = match (index % 2, from) {
+            (0, _) => (resting_start(self.problem, &mut rng), Begin::Rest { again: self.persistent }),
+            (_, Some(from)) => (varied_start(self.problem, &from.throw, &mut rng), self.anywhere()),
+            (_, None) => (launching_start(self.problem, &mut rng), self.anywhere()),
+        };
+        self.solve(&start, begin, &Settings::default(), usize::MAX)
     }
 
     /// Of a start of which nothing is known.
@@ -91,5 +99,7 @@ impl<'p, 'a> Planner<'p, 'a> {
     }
 }
 
+/// Throws that random starts vary.
+const VARIED: usize = 4;
 /// About the time of flight of a throw, in s.
 const USUAL_FLIGHT_S: f64 = 0.6;

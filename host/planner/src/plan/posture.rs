@@ -3,7 +3,7 @@
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use std::ops::RangeInclusive;
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use robot_model::{JointVec, Pose, RobotModel};
 
 use super::problem::Problem;
@@ -21,6 +21,10 @@ const START_SIDE_RAD: f64 = 0.75;
 const SQUARE_WRISTS: f64 = 0.5;
 /// Largest distance of these wrist joints from a quarter turn.
 const START_WRIST_RAD: f64 = 0.1;
+/// Damping of the least squares for the speeds of a start, in m².
+const DAMPING_M2: f64 = 1e-4;
+/// Farthest that a joint before the wrist is moved from where a throw has it, in rad.
+const VARIED_RAD: f64 = 0.6;
 /// First joint of the wrist.
 const WRIST: usize = 3;
 
@@ -33,6 +37,38 @@ pub(super) fn postures(arm: &RobotModel, x_we: &Pose) -> Vec<(usize, JointVec)> 
         Ok(solutions) => solutions.in_range().map(|s| (s.branch.index(), s.q)).collect(),
         Err(_) => arm.ik_search(x_we, NUMERIC_STARTS).into_iter().enumerate().collect(),
     }
+}
+
+/// A start in a random posture in which the ball is launched to the target, as far as the speeds of the joints allow.
+pub(super) fn launching_start(problem: &Problem<'_>, rng: &mut SplitMix64) -> Throw {
+    let start = resting_start(problem, rng);
+    let frames = problem.arm.fk(&start.q_rad);
+    let p = problem.arm.ball(&frames).pos;
+    let meeting = problem.aim.point_at(start.flight_s);
+    let Ok(launch) = problem.flight.launch(&p, &meeting, start.flight_s) else { return start };
+    // Least squares: the hand may turn as it likes.
+    let (n, jacobian) = (problem.joints(), frames.jacobian(&p));
+    let columns = (0..n).map(|k| jacobian.linear(k));
+    let square =
+        columns.fold(Matrix3::identity() * DAMPING_M2, |sum, column| sum + column * column.transpose());
+    let Some(force) = square.cholesky().map(|c| c.solve(&launch.v0)) else { return start };
+    let v = &problem.limits.v;
+    let qd_rad_s = JointVec::from_fn(n, |k| jacobian.linear(k).dot(&force).clamp(-v[k], v[k]));
+    Throw { qd_rad_s, ..start }
+}
+
+/// A start from a throw that was found: the wrist anywhere and at rest, the other joints a little beside.
+pub(super) fn varied_start(problem: &Problem<'_>, from: &Throw, rng: &mut SplitMix64) -> Throw {
+    let (l, n) = (&problem.limits, problem.joints());
+    let q_rad = JointVec::from_fn(n, |j| {
+        let away = 2.0 * rng.unit() - 1.0;
+        let (middle, half) = (0.5 * (l.q_min[j] + l.q_max[j]), 0.5 * (l.q_max[j] - l.q_min[j]));
+        let q = if j < WRIST { from.q_rad[j] + VARIED_RAD * away } else { middle + half * away };
+        q.clamp(l.q_min[j], l.q_max[j])
+    });
+    let arm_alone = |v: &JointVec| JointVec::from_fn(n, |j| if j < WRIST { v[j] } else { 0.0 });
+    let (qd_rad_s, qdd_rad_s2) = (arm_alone(&from.qd_rad_s), arm_alone(&from.qdd_rad_s2));
+    Throw { q_rad, qd_rad_s, qdd_rad_s2, ..*from }
 }
 
 /// A start at rest in a random posture, with the base turned so that the ball is roughly on the side of the target.

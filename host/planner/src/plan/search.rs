@@ -18,7 +18,7 @@ impl Planner<'_, '_> {
     /// One local solve from random point number `index` of the search space.
     #[must_use]
     pub fn random_start(&self, seed: u64, index: u64) -> Option<Found> {
-        Some(self.refine(self.solve_random(seed, index)?))
+        Some(self.refine(self.solve_random(seed, index, &[])?))
     }
 
     /// One local solve from a throw for a near target.
@@ -202,7 +202,9 @@ impl Planner<'_, '_> {
     pub(super) fn has_table(&self, index: &Index) -> bool {
         let kind = kind_of(&self.problem.options);
         let for_such_targets = self.problem.aim.is_level() && self.problem.options.opening.is_none();
-        for_such_targets && index.records().iter().filter(|r| r.kind == kind).count() >= TABLE_MIN
+        index.is_own()
+            && for_such_targets
+            && index.records().iter().filter(|r| r.kind == kind).count() >= TABLE_MIN
     }
 
     /// Walks to the target from the stored throws nearest to it, whatever they are expected to cost there.
@@ -256,8 +258,10 @@ impl Planner<'_, '_> {
         {
             let batch: Vec<u64> = ((begun as u64)..(most(&basins).min(begun + batch) as u64)).collect();
             begun += batch.len();
-            let ended =
-                each(&batch, |k| (!stopped()).then(|| counted(watch, self.solve_random(budget.seed, *k))));
+            let known = basins.found();
+            let ended = each(&batch, |k| {
+                (!stopped()).then(|| counted(watch, self.solve_random(budget.seed, *k, &known)))
+            });
             ended.into_iter().flatten().for_each(|found| basins.add_random(found));
         }
         let interrupted = stopped() && (begun < most(&basins) || basins.random() < begun);
@@ -390,7 +394,7 @@ const TABLE_MIN: usize = 200;
 /// Random starts between two looks at what they have found, without stored throws; a fixed number, so that cores do not matter.
 const BATCH: usize = 8;
 /// Factor for the starts of the budget in a search without a table, once it has found a throw.
-const MORE_STARTS: usize = 2;
+const MORE_STARTS: usize = 4;
 /// Throws that get more steps in the end, and how many.
 const FINISHED_MAX: usize = 2;
 const FINISH_STEPS: usize = 200;

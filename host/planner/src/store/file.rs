@@ -30,6 +30,13 @@ pub fn parse(bytes: &[u8], robot: u64, joints: usize) -> Option<Vec<Record>> {
         .collect()
 }
 
+/// The records of a table for any robot of `joints` joints.
+#[must_use]
+pub fn parse_any(bytes: &[u8], joints: usize) -> Option<Vec<Record>> {
+    let robot = bytes.get(12..20)?.try_into().ok()?;
+    parse(bytes, u64::from_le_bytes(robot), joints)
+}
+
 /// A whole table as bytes.
 #[must_use]
 pub fn to_bytes(robot: u64, records: &[Record]) -> Vec<u8> {

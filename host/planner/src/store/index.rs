@@ -14,6 +14,7 @@ const TELLING: usize = 6;
 #[derive(Debug, Clone, Default)]
 pub struct Index {
     records: Vec<Record>,
+    lender: Option<&'static str>,
     cells: HashMap<(i32, i32), Vec<u32>>,
 }
 
@@ -30,6 +31,24 @@ impl Index {
             index.insert(record);
         }
         index
+    }
+
+    /// From the records of another robot. They are starts and no more: what they do not reach, this robot may reach.
+    #[must_use]
+    pub fn lent(records: Vec<Record>, lender: &'static str) -> Self {
+        Self { lender: Some(lender), ..Self::new(records) }
+    }
+
+    /// The robot that the records were made for, if it is another one.
+    #[must_use]
+    pub const fn lender(&self) -> Option<&'static str> {
+        self.lender
+    }
+
+    /// Whether there are records of this very robot.
+    #[must_use]
+    pub fn is_own(&self) -> bool {
+        self.lender.is_none() && !self.records.is_empty()
     }
 
     /// Adds a record.

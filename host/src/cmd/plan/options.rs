@@ -224,11 +224,12 @@ impl PlanOptions {
         Kept { shift_limits: !self.delay_window.is_empty(), nulling: self.null_delay.is_some() }
     }
 
-    /// Throws to start from: those that come with the program.
+    /// Throws to start from: those that come with the program for this robot or a similar one.
     #[must_use]
     pub fn starts(&self, arm: &RobotModel) -> Starts {
         let index = seeds::built_in(arm);
-        let sources = vec![format!("{} built-in throws", index.records().len())];
+        let of = index.lender().map_or_else(String::new, |lender| format!(" of {lender}, a similar robot"));
+        let sources = vec![format!("{} built-in throws{of}", index.records().len())];
         Starts { index, sources }
     }
 }

@@ -29,7 +29,7 @@ pub struct SearchOptions {
     /// What may be thrown how.
     #[command(flatten)]
     pub options: PlanOptions,
-    /// Random starts after the stored ones; all of them are made [default: up to 192, or up to 384 where no throws are stored; fewer
+    /// Random starts after the stored ones; all of them are made [default: up to 192, or up to 768 where none of this robot are stored; fewer
     /// if more are unlikely to find a better throw].
     /// With a seed and no time budget the result is always the same.
     #[arg(long, help_heading = "Search")]
@@ -71,6 +71,8 @@ pub enum Watcher<'a> {
 pub(super) struct Solved {
     pub(super) plan: PlanFile,
     pub(super) note: Option<&'static str>,
+    /// Whether stored throws were asked for and did not suffice.
+    pub(super) searched: bool,
     /// Landings of disturbed throws, if any were asked for.
     pub(super) landings: Option<Landings>,
     took: Duration,
@@ -226,6 +228,10 @@ impl SearchOptions {
                 &"--objective time has no weights: leave out --weights, or leave out --objective",
             ));
         }
+        if self.objective == ObjectiveName::Effort && self.options.weights == Some([0.0; 3]) {
+            return Err(ExpectedError::bad_input(&"--weights 0,0,0: every throw costs nothing, so none is the best")
+                .next("make one of them larger than 0 (the usual ones: --weights 15,20,0.01), or name another --objective"));
+        }
         self.goal(self.noise()?, self.region()?).map(drop)
     }
 
@@ -301,7 +307,7 @@ impl SearchOptions {
         let plan = || request.plan(arm, index, &wanted, watch);
         let planned = watched(watch, &budget, watcher, plan);
         let request::Planned {
-            answer: Answer { given_up, best, took },
+            answer: Answer { given_up, best, searched, took },
             plan,
             region,
             centre,
@@ -313,6 +319,10 @@ impl SearchOptions {
         let stopped = best.interrupted && watch.stop.load(Ordering::Relaxed);
         if stopped && matches!(watcher, Watcher::Terminal) {
             console::note!("cubectl: stopped; this is the best of {} starts", best.starts);
+        }
+        let searched = fast && searched;
+        if searched && matches!(watcher, Watcher::Terminal) {
+            console::note!("cubectl: {}, in {:.2} s", NOT_FAST, took.as_secs_f64());
         }
         let landings = found.map(|found| landings(&found, &centre, region));
         let plan = plan.ok_or_else(|| {
@@ -332,7 +342,7 @@ impl SearchOptions {
                 )
             }
         })?;
-        Ok(Solved { plan, note: note(given_up), landings, took })
+        Ok(Solved { plan, note: note(given_up), searched, landings, took })
     }
 }
 
@@ -380,6 +390,8 @@ fn landings(found: &[Vector2<f64>], target: &Vector2<f64>, region: Option<Region
     }
 }
 
+/// What is said of a throw that `fast` asked stored throws for.
+pub(super) const NOT_FAST: &str = "no stored throw led there; a search found this one";
 /// Stored throws that `fast` tries.
 const FAST_TRIES: usize = 6;
 

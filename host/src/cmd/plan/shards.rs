@@ -10,7 +10,7 @@ use serde_json::json;
 
 use super::grid::Grid;
 use super::options::Starts;
-use super::search::{Draws, Landings, Progress, SearchOptions, Solved, Watcher, watched_with};
+use super::search::{Draws, Landings, NOT_FAST, Progress, SearchOptions, Solved, Watcher, watched_with};
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::reach::{self, Cell};
@@ -233,10 +233,11 @@ impl Sweep<'_> {
         );
         let head = [number as f64].into_iter().chain(target.target_m).map(|value| value.to_string());
         let (outcome, numbers, note) = match solved {
-            Ok(Solved { mut plan, note, landings, .. }) => {
+            Ok(Solved { mut plan, note, searched, landings, .. }) => {
                 plan.search.stored.clone_from(&starts.sources);
                 let outcome = if note.is_some() { "relaxed" } else { "thrown" };
-                (outcome, of_plan(&plan, landings), note.unwrap_or_default().to_owned())
+                let notes = note.into_iter().chain(searched.then_some(NOT_FAST)).collect::<Vec<_>>();
+                (outcome, of_plan(&plan, landings), notes.join("; "))
             }
             Err(e) if [exit::NO_THROW, exit::BAD_INPUT].contains(&e.code) => {
                 ("refused", none(self.arm.n()), e.what)

@@ -11,7 +11,7 @@ use super::WINDOW;
 use crate::flight::Aim;
 use crate::plan::landed::{Landed, Released};
 use crate::plan::layout::{Layout, SLOPE};
-use crate::plan::options::Form;
+use crate::plan::options::{Form, WINDOW_ROUNDING_M};
 use crate::plan::problem::Problem;
 use crate::solve::{Row, Sink};
 use crate::throw::Throw;
@@ -30,8 +30,6 @@ const THROUGH_MIN_M_S: f64 = 0.15;
 pub(super) const JITTER_S: f64 = 0.01;
 /// Rows ask for this much more than the square of it, for what drag and rounding take.
 const THROUGH_SHARE: f64 = 1.1;
-/// Windows aim a little inside, so that another integration of the flight agrees.
-const WINDOW_SHARE: f64 = 0.98;
 
 /// Sides of a window: late and early.
 const SIDES: [(usize, f64); 2] = [(0, 1.0), (1, -1.0)];
@@ -128,7 +126,7 @@ impl Delayed<'_, '_> {
                 };
                 let off = end.xy - on_time.xy;
                 let distance_m = (off.norm_squared() + SHIFT_EPS_M * SHIFT_EPS_M).sqrt();
-                let value = (window.shift_m * WINDOW_SHARE - distance_m) * SHIFT_SCALE;
+                let value = (window.shift_m - WINDOW_ROUNDING_M - distance_m) * SHIFT_SCALE;
                 if value < WINDOW {
                     sink.ineq(id, value, |g| {
                         let along = off * (-SHIFT_SCALE / distance_m);
