@@ -43,6 +43,7 @@ pub struct Exchange {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RallyEnd {
     Complete,
+    /// The last ball was not caught, or the catcher does not know that it was.
     NotCaught,
     /// No throw was found that the other arm catches.
     NoThrow,
@@ -75,7 +76,7 @@ impl RallyEnd {
 
 impl Rally {
     pub fn length(&self) -> usize {
-        self.exchanges.iter().filter(|exchange| exchange.outcome.caught).count()
+        self.exchanges.iter().filter(|exchange| exchange.outcome.known_caught()).count()
     }
 }
 
@@ -149,7 +150,7 @@ impl Partners {
             // Without a catch the arm may have moved out of the way, and the ball have fallen into its cup all the same.
             let stands = || outcome.trace.last().map_or(options.wait, |last| last.q[1]);
             q[1 - thrower] = outcome.choice.as_ref().map_or_else(stands, |choice| end_of(&choice.motion));
-            let caught = outcome.caught;
+            let caught = outcome.known_caught();
             let exchange = Exchange { thrower, transit_s, aimed, outcome };
             observe(k, &exchange);
             exchanges.push(exchange);

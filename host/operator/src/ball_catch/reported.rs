@@ -9,6 +9,8 @@ use planner::catch::task::Decline;
 
 use hil_sim::court::JointsNow;
 
+use crate::flight_estimator::BallWatch;
+
 /// The last part of a trial, in which a caught ball lies still, s.
 const LAST_S: f64 = 0.3;
 /// A ball in the cup is seen there this often in that time.
@@ -31,6 +33,7 @@ pub enum CatchOutcome {
     Unknown,
     /// No catch was tried; why.
     Declined(Decline),
+    /// No ball was seen in flight, whether one was announced or not.
     NothingThrown,
     /// The arm stopped because of a fault.
     Halted,
@@ -91,6 +94,7 @@ pub(super) fn in_cup(
 #[must_use]
 pub fn report(
     catcher: &Catcher<'_>,
+    watch: &BallWatch,
     seen: &[(f64, Vector3<f64>)],
     halted: bool,
     joints: &JointsNow,
@@ -103,6 +107,7 @@ pub fn report(
     match (in_cup(catcher, seen, joints, now_s), catcher.choice()) {
         (InCup::Still, _) => CatchOutcome::Caught,
         (InCup::Moving, _) => CatchOutcome::Unknown,
+        (InCup::No, _) if watch.saw_no_release() => CatchOutcome::NothingThrown,
         (InCup::No, Some(_)) if nothing_seen => CatchOutcome::Unknown,
         (InCup::No, Some(_)) => CatchOutcome::Missed,
         (InCup::No, None) => catcher.declined().map_or(CatchOutcome::NothingThrown, CatchOutcome::Declined),

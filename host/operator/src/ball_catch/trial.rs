@@ -138,6 +138,12 @@ pub struct Outcome {
 }
 
 impl Outcome {
+    /// The ball lies in the cup, and the catcher knows it: with less nobody can throw it on.
+    #[must_use]
+    pub fn known_caught(&self) -> bool {
+        self.caught && self.reported == CatchOutcome::Caught
+    }
+
     /// What was reported is what happened, or that it is not known.
     #[must_use]
     pub fn reported_truly(&self) -> bool {
@@ -183,7 +189,7 @@ pub struct Pair {
 }
 
 impl Pair {
-    /// Arm 0 throws, arm 1 catches.
+    /// Arm 0 throws, arm 1 catches; on a court with one arm, that is arm 1.
     ///
     /// # Errors
     /// The catcher's arm cannot hold a cup.
@@ -201,12 +207,13 @@ impl Pair {
             CatchArm::new(model.clone(), *x_wb, cup.clone(), Shares::default(), jerk)
         };
         let mut catchers = [arm(1, false)?, arm(1, true)?];
-        let thrower = arm(0, false)?;
-        // The boxes of a hand reach as far as its cup would.
-        let boxes = reach(&court.arms[0], thrower.reach_m() + cup.outer_radius_m);
-        for catcher in &mut catchers {
-            let near = within_reach(catcher, boxes.clone());
-            catcher.set_obstacles(&near);
+        if !court.alone {
+            // The boxes of a hand reach as far as its cup would.
+            let boxes = reach(&court.arms[0], arm(0, false)?.reach_m() + cup.outer_radius_m);
+            for catcher in &mut catchers {
+                let near = within_reach(catcher, boxes.clone());
+                catcher.set_obstacles(&near);
+            }
         }
         Ok(Self { catchers, court })
     }
@@ -220,7 +227,7 @@ impl Pair {
     #[must_use]
     pub fn catcher_for(&self, aimed: &Aimed, options: &TrialOptions) -> CatchArm {
         let mut arm = self.catcher(options.jerk).clone();
-        if options.cooperative {
+        if options.cooperative && !self.court.alone {
             let boxes = within_reach(&arm, swept(&self.court.arms[0], &aimed.throw));
             arm.set_obstacles(&boxes);
         }
@@ -325,7 +332,11 @@ impl Pair {
             let now_s = now.as_secs_f64();
             let joints = executor.advance(now_s);
             court_joints = joints;
-            if by_hand && now_s >= planned_s && now_s < planned_s + STEP.as_secs_f64() {
+            if by_hand
+                && thrower.release_s().is_some()
+                && now_s >= planned_s
+                && now_s < planned_s + STEP.as_secs_f64()
+            {
                 let (p_m, v_m_s) = (aimed.p_m, aimed.v_m_s);
                 court.throw_in(LooseBall { p_m, v_m_s, spin_rad_s: Vector3::zeros() });
             }
@@ -338,7 +349,7 @@ impl Pair {
             for (watch, joints) in watches.iter_mut().zip(&both) {
                 watch.see(now_s, joints);
             }
-            if step % TOUCH_EVERY == 0 && !arms_touched {
+            if step % TOUCH_EVERY == 0 && !arms_touched && !self.court.alone {
                 arms_touched = self.arms_touch(&both[0].q, &arm.boxes(&joints.q));
             }
             while let Some(bytes) = court.poll_datagram() {
@@ -357,7 +368,8 @@ impl Pair {
                 trace.push(Moment { t_s: now_s, q, ball_m: court.ball().0 });
             }
         }
-        let reported = report(&run.catcher, &run.seen, executor.halted(), &court_joints, now.as_secs_f64());
+        let reported =
+            report(&run.catcher, &run.watch, &run.seen, executor.halted(), &court_joints, now.as_secs_f64());
         let events: Vec<(f64, CourtEvent)> =
             court.events().iter().map(|(at, event)| (at.as_secs_f64(), event.clone())).collect();
         let crossing = events.iter().find_map(|(_, event)| match event {

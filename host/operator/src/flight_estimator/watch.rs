@@ -21,6 +21,8 @@ const MISSES_MAX: usize = 3;
 /// Frames that are kept while there is no flight, and samples at most in a batch.
 const FRAMES_MAX: usize = 24;
 const SAMPLES_MAX: usize = 160;
+/// So many frames after the planned release without the ball: it was not released.
+const UNSEEN_MIN: usize = 24;
 /// A flight that was not seen for this long is over, s.
 const LOST_AFTER_S: f64 = 1.0;
 /// Times of a forecast.
@@ -50,6 +52,8 @@ pub struct BallWatch {
     flight: Option<Flight>,
     misses: usize,
     age_s: f64,
+    /// Frames after the planned release before the ball was seen first; `None` once it was.
+    unseen: Option<usize>,
     /// Markers and frames that were seen and not used.
     pub left_out: usize,
 }
@@ -59,7 +63,8 @@ impl BallWatch {
     #[must_use]
     pub fn new(options: WatchOptions) -> Self {
         let age_s = 0.015;
-        Self { options, frames: Vec::new(), samples: Vec::new(), flight: None, misses: 0, age_s, left_out: 0 }
+        let (frames, samples) = (Vec::new(), Vec::new());
+        Self { options, frames, samples, flight: None, misses: 0, age_s, unseen: Some(0), left_out: 0 }
     }
 
     /// Takes a frame; true if the flight has changed.
@@ -71,6 +76,8 @@ impl BallWatch {
             self.samples.clear();
             self.flight = None;
         }
+        let release_s = self.options.prior.as_ref().map_or(f64::INFINITY, |prior| prior.t_s);
+        self.unseen = self.unseen.map(|frames| frames + usize::from(frame.t_s > release_s));
         if frame.markers.is_empty() {
             return false;
         }
@@ -81,6 +88,7 @@ impl BallWatch {
             changed = self.begin(frame);
         }
         if changed {
+            self.unseen = None;
             self.settle();
         }
         changed && self.flight.is_some()
@@ -231,6 +239,12 @@ impl BallWatch {
     pub fn flight(&self) -> Option<Flight> {
         let planned = || self.options.prior.as_ref().map(|prior| Flight::of_prior(prior, &self.options.air));
         self.flight.clone().or_else(planned)
+    }
+
+    /// The plan announced a ball, the tracker looked, and no ball flew.
+    #[must_use]
+    pub fn saw_no_release(&self) -> bool {
+        self.unseen.is_some_and(|frames| frames >= UNSEEN_MIN)
     }
 
     /// Samples of the flight so far.
