@@ -203,6 +203,13 @@ impl Court {
         }
     }
 
+    /// The ball is gripped there, in the end-effector frame, instead of where the robot file has it, m.
+    pub fn grip_at(&mut self, at_e_m: Vector3<f64>) {
+        if let BallPlace::Held { at_e_m: held, .. } = &mut self.place {
+            *held = at_e_m;
+        }
+    }
+
     /// The ball leaves its hand at `at`, within a later step.
     pub fn release_at(&mut self, at: Instant) {
         if let BallPlace::Held { arm, .. } = self.place {

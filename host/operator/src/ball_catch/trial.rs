@@ -21,7 +21,7 @@ use super::executor::{Executor, LaggingArm, Order, Refused};
 use super::limits::{Executed, LimitWatch};
 use super::obstacles::{reach, swept, touch, within_reach};
 pub use super::reported::CatchOutcome;
-use super::reported::{InCup, in_cup, report};
+use super::reported::{InCup, in_cup, place_in_cup, report};
 use super::thrower::{Scatter, ThrowFault, Thrower};
 use crate::flight_estimator::fit::Air;
 use crate::flight_estimator::{BallWatch, MarkerStream, WatchOptions};
@@ -71,6 +71,8 @@ pub struct TrialOptions {
     /// Jerk limits are kept too.
     pub jerk: bool,
     pub scatter: Scatter,
+    /// Where the ball is gripped beside the place from which the throw is planned, in the thrower's end-effector frame, m.
+    pub grip_off_m: Vector3<f64>,
     /// Drag that the catcher believes in, as a factor on the ball's; and its standard deviation as a share.
     pub drag: (f64, f64),
     /// Where the catcher waits, rad.
@@ -95,6 +97,7 @@ impl Default for TrialOptions {
             blind: false,
             jerk: false,
             scatter: Scatter::default(),
+            grip_off_m: Vector3::zeros(),
             drag: (1.0, 0.1),
             wait: Joints::from(WAIT_HOLD_DEG.map(f64::to_radians)),
             trouble: Vec::new(),
@@ -134,6 +137,8 @@ pub struct Outcome {
     pub seen_s: f64,
     /// Distance of the ball from the cup's axis at the catch, by the last forecast, m.
     pub off_m: Option<f64>,
+    /// Where a ball that rests in the cup lies, and where its markers say that it lies, in the end-effector frame, m.
+    pub lies_e_m: Option<[Vector3<f64>; 2]>,
     pub trace: Vec<Moment>,
 }
 
@@ -216,6 +221,14 @@ impl Pair {
             }
         }
         Ok(Self { catchers, court })
+    }
+
+    /// The same pair with the ball gripped at this place of the thrower's end-effector frame (m) for a throw.
+    #[must_use]
+    pub fn gripped_at(mut self, at_e_m: Vector3<f64>) -> Self {
+        let arm = &mut self.court.arms[0];
+        arm.model = arm.model.clone().with_release_at(at_e_m);
+        self
     }
 
     #[must_use]
@@ -313,6 +326,7 @@ impl Pair {
         let court = self.court_with(options, planned_s, seed);
         let rest = JointsNow { q: options.wait, qd: Joints::zeros(6) };
         let mut court = Court::new(court, 0, [thrower.joints(0.0), rest]);
+        court.grip_at(throwing.gripper().x_eb.pos + options.grip_off_m);
         if let Some(release_s) = thrower.release_s().filter(|_| !by_hand) {
             court.release_at(Instant::ZERO + Duration::from_secs_f64(release_s));
         }
@@ -377,8 +391,13 @@ impl Pair {
             _ => None,
         });
         let samples = run.watch.samples();
+        let x_we = *arm.x_wb() * arm.model().ee_at(&court_joints.q);
+        let at_e_m = |p_w: Vector3<f64>| x_we.inverse_transform_point(&p_w);
+        let seen_m = place_in_cup(&run.catcher, &run.seen, &court_joints, now.as_secs_f64());
+        let rests = court.resting_in() == Some(1);
+        let lies_e_m = seen_m.filter(|_| rests).map(|seen_m| [court.ball().0, seen_m].map(at_e_m));
         Outcome {
-            caught: court.resting_in() == Some(1),
+            caught: rests,
             reported,
             crossing,
             events,
@@ -391,6 +410,7 @@ impl Pair {
             arms_touched,
             seen_s: samples.last().map_or(0.0, |last| last.t_s - samples[0].t_s),
             off_m: run.catcher.log().iter().rev().map(|logged| logged.off_m).find(|off_m| off_m.is_finite()),
+            lies_e_m,
             trace,
         }
     }
