@@ -18,6 +18,14 @@ fn a_ball_thrown_to_the_arm_is_caught_and_reported_as_json_and_as_a_page() {
     assert_eq!(told["caught"], true);
     assert!(told["crossing"]["miss_m"].as_f64().unwrap() < 0.04);
     assert!(!told["decisions"].as_array().unwrap().is_empty());
+    // The ball waits where it begins: nothing carries it there in a leap.
+    let path = told["trace"]["ball_m"].as_array().unwrap();
+    let place = |at: &serde_json::Value| [0, 1, 2].map(|k| at[k].as_f64().unwrap());
+    let step = |pair: &[serde_json::Value]| {
+        let (a, b) = (place(&pair[0]), place(&pair[1]));
+        (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
+    };
+    assert!(path.windows(2).map(step).fold(0.0, f64::max) < 0.06, "8 ms at 7 m/s");
     let page = std::fs::read_to_string(&file).unwrap();
     assert!(page.contains("Catching a ball") && page.contains("Decisions"));
     std::fs::remove_file(file).unwrap();

@@ -3,9 +3,11 @@
 use nalgebra::Vector3;
 use operator::ball_catch::trial::{CatchOutcome, Moment, Outcome, Pair};
 use planner::catch::Joints;
+use planner::catch::arm::CUP_BODY;
 use planner::catch::online::Decision;
 use planner::catch::task::Mode;
 use robot_model::Pose;
+use robot_model::collision::BodyBox;
 
 use super::chart::{Chart, Curve, Pen};
 use super::page::{Answer, Page, Tone, cell};
@@ -259,6 +261,27 @@ fn joints(outcome: &Outcome) -> Chart {
     }
 }
 
+/// The boxes of a body as they are drawn: of the cup its bottom and four walls, so that it is open.
+fn opened(pair: &Pair, body: &BodyBox) -> Vec<BodyBox> {
+    let half_m = body.half_m;
+    let thin_m = 0.5 * pair.court.cup.shape.wall_m;
+    if body.name != CUP_BODY {
+        return vec![body.clone()];
+    }
+    let part = |at: Vector3<f64>, half_m: Vector3<f64>| {
+        let x_lb = body.x_lb * Pose::translation(at.x, at.y, at.z);
+        BodyBox { name: body.name.clone(), link: body.link, x_lb, half_m }
+    };
+    let bottom = part(Vector3::z() * (thin_m - half_m.z), Vector3::new(half_m.x, half_m.y, thin_m));
+    let walls = [1.0, -1.0].into_iter().flat_map(|side| {
+        [
+            part(Vector3::x() * (side * (half_m.x - thin_m)), Vector3::new(thin_m, half_m.y, half_m.z)),
+            part(Vector3::y() * (side * (half_m.y - thin_m)), Vector3::new(half_m.x, thin_m, half_m.z)),
+        ]
+    });
+    std::iter::once(bottom).chain(walls).collect()
+}
+
 /// Data of the picture in space: both arms as one machine of twelve links.
 fn space(pair: &Pair, outcome: &Outcome, jerk: bool) -> String {
     let catcher = pair.catcher(jerk);
@@ -286,7 +309,7 @@ fn space(pair: &Pair, outcome: &Outcome, jerk: bool) -> String {
     }
     let mut boxes = Vec::new();
     for (arm, (model, x_wb)) in models.iter().zip(&places).skip(first).enumerate() {
-        for b in model.collision().boxes() {
+        for b in model.collision().boxes().iter().flat_map(|b| opened(pair, b)) {
             // Bases stand in the world; links of the second arm come after those of the first.
             let (link, x) = if b.link == 0 { (0, *x_wb * b.x_lb) } else { (b.link + 6 * arm, b.x_lb) };
             boxes.push(scene::body(link, &x, &b.half_m));

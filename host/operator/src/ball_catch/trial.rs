@@ -1,6 +1,6 @@
 //! One throw, from the run-up to the ball at rest.
 
-use hil_sim::court::{ArmPlace, Court, CourtEvent, CourtOptions, Crossing, JointsNow};
+use hil_sim::court::{ArmPlace, BallPlace, Court, CourtEvent, CourtOptions, Crossing, JointsNow};
 use hil_sim::mechanics::LooseBall;
 use hil_sim::rng::Rng;
 use hil_sim::tracker::{TrackerFault, TrackerFaultKind};
@@ -379,7 +379,10 @@ impl Pair {
             }
             if step % TRACE_EVERY == 0 {
                 let q = both.map(|joints| joints.q);
-                trace.push(Moment { t_s: now_s, q, ball_m: court.ball().0 });
+                // A ball that no arm throws waits where it begins.
+                let waits = by_hand && matches!(court.place(), BallPlace::Held { .. });
+                let ball_m = if waits { aimed.p_m } else { court.ball().0 };
+                trace.push(Moment { t_s: now_s, q, ball_m });
             }
         }
         let reported =

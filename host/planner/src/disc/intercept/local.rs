@@ -30,7 +30,7 @@ pub struct Effort {
 
 impl Effort {
     /// Before a refusal.
-    pub const PLAN: Self = Self { starts: 128, changes: 150, seed: 1 };
+    pub const PLAN: Self = Self { starts: 256, changes: 200, seed: 1 };
     /// While the disc flies: the places of the grid alone.
     pub const NOT_AT_ALL: Self = Self { starts: 0, changes: 0, seed: 1 };
 }
