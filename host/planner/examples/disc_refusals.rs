@@ -51,7 +51,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let starts = number(words.next(), Effort::PLAN.starts)?;
     let changes = number(words.next(), Effort::PLAN.changes)?;
     let settings = Settings { between: Effort { starts, changes, seed: 1 }, ..Settings::default() };
-    let slow = Settings { between: Effort { starts: 512, changes: 500, seed: !seed }, ..settings };
+    let slow = Settings { between: Effort { starts: 720, changes: 600, seed: !seed }, ..settings };
     let mut rng = SplitMix64::new(seed);
     let throws: Vec<Throw> = (0..discs).map(|_| throw(&mut rng)).collect();
     // Time of a plan (ms); caught and accepted, if it is not refused; the refusal is wrong, if it is.

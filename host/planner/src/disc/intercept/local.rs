@@ -30,7 +30,7 @@ pub struct Effort {
 
 impl Effort {
     /// Before a refusal.
-    pub const PLAN: Self = Self { starts: 256, changes: 200, seed: 1 };
+    pub const PLAN: Self = Self { starts: 720, changes: 100, seed: 1 };
     /// While the disc flies: the places of the grid alone.
     pub const NOT_AT_ALL: Self = Self { starts: 0, changes: 0, seed: 1 };
 }
@@ -211,7 +211,7 @@ impl<'a> Search<'a> {
         Plan { choice, reach: self.reach(place), motion, relative_m_s, used, looked_at: 0 }
     }
 
-    /// The postures that miss by least, of each kind and time one.
+    /// The postures that miss by least, of each kind, way in and time one.
     fn starts(&self, count: usize) -> Vec<Place> {
         if count == 0 {
             return Vec::new();
@@ -220,7 +220,7 @@ impl<'a> Search<'a> {
         let q_now = Joints::from_fn(|j, _| now[j].q);
         let farthest = arm.size.reach_m() + arm.size.hand_m + arm.size.touch_m();
         let steps = ((path.end_s() - settings.now_s) / START_STEP_S).max(0.0) as u32;
-        let mut all: Vec<(f64, Place)> = Vec::new();
+        let mut all: Vec<(f64, usize, Place)> = Vec::new();
         for t_s in (1..=steps).map(|k| settings.now_s + START_STEP_S * f64::from(k)) {
             let disc = path.at(t_s);
             if (disc.p_m.z - arm.size.base_m).hypot(disc.p_m.xy().norm()) > farthest {
@@ -232,7 +232,8 @@ impl<'a> Search<'a> {
                 }
                 let Some(follow) = Follow::new(&hand_rates(arm, &disc.p_m, &q)) else { continue };
                 let wanted = arm.hand_axes(&q).tr_mul(&disc.v_m_s);
-                for (along, across) in [(1.0, 0.0), (1.0, wanted.z), (0.0, 1.5_f64.copysign(wanted.z))] {
+                let entries = [(1.0, 0.0), (1.0, wanted.z), (0.0, 1.5_f64.copysign(wanted.z))];
+                for (entry, (along, across)) in entries.into_iter().enumerate() {
                     let v = follow.speeds(wanted.x + along, wanted.y, wanted.z - across, 0.0);
                     let most = Joints::from_fn(|j, _| self.limits[j].v);
                     let v = v.zip_map(&most, |v, most| v.clamp(-most, most));
@@ -243,26 +244,27 @@ impl<'a> Search<'a> {
                     let late_s = (0..4)
                         .map(|j| (q[j] - q_now[j]).abs() / self.limits[j].v - (t_s - settings.now_s))
                         .fold(0.0, f64::max);
-                    all.push((self.posture_misses(&place) + 10.0 * late_s, place));
+                    all.push((self.posture_misses(&place) + 10.0 * late_s, entry, place));
                 }
             }
         }
         all.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut kept: Vec<Place> = Vec::new();
-        for (_, place) in all {
+        let mut kept: Vec<(usize, Place)> = Vec::new();
+        for (_, entry, place) in all {
             let kind = |c: &Choice| (c.outwards, c.over_back, c.elbow_negative, c.lateral_m.to_bits());
-            let alike = |other: &Place| {
-                kind(&other.choice) == kind(&place.choice)
+            let alike = |(its_entry, other): &(usize, Place)| {
+                *its_entry == entry
+                    && kind(&other.choice) == kind(&place.choice)
                     && (other.choice.t_s - place.choice.t_s).abs() < ALIKE_S
             };
             if !kept.iter().any(alike) {
-                kept.push(place);
+                kept.push((entry, place));
             }
             if kept.len() == count {
                 break;
             }
         }
-        kept
+        kept.into_iter().map(|(_, place)| place).collect()
     }
 }
 
