@@ -299,15 +299,15 @@ pub fn run(
             done(&row(&name, &pair, &throws, &trial, &[], options.seed));
         }
     }
-    for (name, trial) in priors() {
-        if !options.wants(&name) {
-            continue;
-        }
+    let wanted: Vec<_> = priors().filter(|(name, _)| options.wants(name)).collect();
+    if !wanted.is_empty() {
         let pair = Pair::new(at_distance(court, 2.5))?;
         let window = Window { flight_s: (0.55, 0.9), ..Window::default() };
         let throws = draw_throws(&pair, &window, options.throws, options.seed);
         let throws = throws.ok_or(NoStudy::OutOfReach { distance_m: 2.5 })?;
-        done(&row(&name, &pair, &throws, &|_| trial.clone(), &[], options.seed));
+        for (name, trial) in wanted {
+            done(&row(&name, &pair, &throws, &|_| trial.clone(), &[], options.seed));
+        }
     }
     let estimator =
         if options.wants("estimator") { estimator(options.throws, options.seed) } else { Vec::new() };
@@ -396,9 +396,10 @@ fn goals() -> [(Window, Vec<(&'static str, TrialOptions)>); 2] {
 impl Study {
     /// The tables besides the rows, as text.
     pub fn as_text(&self) -> String {
-        let mut out =
-            "estimate at 0.6 s: drag, seen ms, rms mm, bound mm, mean squared error over covariance [band]\n"
-                .to_owned();
+        let mut out = String::new();
+        if !self.estimator.is_empty() {
+            out += "estimate at 0.6 s: drag, seen ms, rms mm, bound mm, mean squared error over covariance [band]\n";
+        }
         for row in &self.estimator {
             let (nees, low, high) = row.nees;
             out += &format!(

@@ -35,6 +35,8 @@ impl Effort {
     pub const NOT_AT_ALL: Self = Self { starts: 0, changes: 0, seed: 1 };
 }
 
+/// The search ends when fewer than so many starts are left: they would have led to a catch before.
+const FOLLOWED_MIN: usize = 8;
 /// Changes that are tried for a correction.
 const CORRECTION_CHANGES: usize = 60;
 /// Starts are looked for this far apart in time, s.
@@ -279,7 +281,7 @@ pub fn search(arm: &DiscArm, path: &Path, now: &[At; 4], settings: &Settings) ->
     let mut all: Vec<Descent> =
         search.starts(effort.starts).into_iter().map(|start| search.descent(start)).collect();
     let mut changes = effort.changes;
-    while !all.is_empty() {
+    while all.len() >= FOLLOWED_MIN {
         for at in &mut all {
             search.descend(at, changes, &mut rng);
             if let Some(motion) = at.motion.take() {

@@ -27,7 +27,8 @@ pub(super) fn way_is_free(
 }
 
 /// How long before the end of the dwell the disc last touches something or is not between the fingers, by a coarse disc and segments
-/// for the links, s; `None` if it comes between the fingers and stays there for the dwell without touching anything.
+/// for the links, s: up to a step more where few of its points touch. `None` if it comes between the fingers and stays there for the
+/// dwell without touching anything.
 pub(super) fn touches_before(
     arm: &DiscArm,
     path: &Path,
@@ -71,27 +72,26 @@ pub(super) fn touches_before(
         let side = if normal.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
         let e1 = (side - normal * side.dot(&normal)).normalize();
         let e2 = normal.cross(&e1);
+        let (mut points, mut touching) = (0, 0);
         for ring in [1.0, 0.8, 0.55, 0.3, 0.0] {
             let count = if ring > 0.9 { 48 } else { 24 };
             for k in 0..count {
                 let (s, c) = (f64::from(k) * std::f64::consts::TAU / f64::from(count)).sin_cos();
                 let p = seen + (e1 * c + e2 * s) * (radius * ring);
+                points += 1;
                 let in_finger = p.x > 0.0 && p.x < arm.size.gripper_m + settings.margin_m && p.z.abs() < wide;
-                if in_finger && p.y.abs() > gap && p.y.abs() < outer {
-                    return Some(last - t);
-                }
                 let world = chain[3] + axes * p;
                 let link = LINK_RADIUS_M + HALF_HEIGHT_M;
                 let in_hand = p.x < settings.margin_m && to_segment(&world, &chain[2], &chain[3]) < link;
-                for i in 0..2 {
-                    if in_hand || to_segment(&world, &chain[i], &chain[i + 1]) < link {
-                        return Some(last - t);
-                    }
-                }
-                if world.z < arm.size.base_m + 0.06 && world.xy().norm() < 0.12 {
-                    return Some(last - t);
-                }
+                let touches = in_finger && p.y.abs() > gap && p.y.abs() < outer
+                    || in_hand
+                    || (0..2).any(|i| to_segment(&world, &chain[i], &chain[i + 1]) < link)
+                    || world.z < arm.size.base_m + 0.06 && world.xy().norm() < 0.12;
+                touching += u32::from(touches);
             }
+        }
+        if touching > 0 {
+            return Some(last - t + WAY_STEP_S * (1.0 - f64::from(touching) / f64::from(points)));
         }
     }
     None
