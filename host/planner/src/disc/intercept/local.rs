@@ -37,6 +37,8 @@ impl Effort {
 
 /// The search ends when fewer than so many starts are left: they would have led to a catch before.
 const FOLLOWED_MIN: usize = 8;
+/// More than the dwell of the rule on each side, as the check of the way in has it, s.
+const DWELL_MORE_S: f64 = 0.002;
 /// Changes that are tried for a correction.
 const CORRECTION_CHANGES: usize = 60;
 /// Starts are looked for this far apart in time, s.
@@ -89,7 +91,7 @@ impl<'a> Search<'a> {
     }
 
     fn reach(&self, place: &Place) -> Reach {
-        let half_dwell_s = 0.5 * (self.settings.rule.dwell_s + 0.01);
+        let half_dwell_s = 0.5 * self.settings.rule.dwell_s + DWELL_MORE_S;
         Reach { t_s: place.choice.t_s, q: place.q, v: place.v, half_dwell_s, lead_s: place.choice.lead_s }
     }
 
@@ -98,7 +100,7 @@ impl<'a> Search<'a> {
         let Self { arm, settings, .. } = *self;
         let rule = &settings.rule;
         let t_s = place.choice.t_s;
-        let half_dwell_s = 0.5 * rule.dwell_s + 0.004;
+        let half_dwell_s = 0.5 * rule.dwell_s + DWELL_MORE_S;
         let over = |x: f64, unit: f64| x.max(0.0) / unit;
         let mut sum = over(settings.now_s + 0.02 - t_s, 0.05) + over(t_s + 0.05 - self.path.end_s(), 0.05);
         for j in 0..4 {
