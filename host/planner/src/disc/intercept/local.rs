@@ -39,8 +39,6 @@ impl Effort {
 const FOLLOWED_MIN: usize = 8;
 /// More than the dwell of the rule on each side, as the check of the way in has it, s.
 const DWELL_MORE_S: f64 = 0.002;
-/// Changes that are tried for a correction.
-const CORRECTION_CHANGES: usize = 60;
 /// Starts are looked for this far apart in time, s.
 const START_STEP_S: f64 = 0.01;
 /// Starts that differ by less in time and are alike otherwise lead to the same catch, s.
@@ -295,19 +293,4 @@ pub fn search(arm: &DiscArm, path: &Path, now: &[At; 4], settings: &Settings) ->
         changes *= 4;
     }
     Err(Decline::NoWayIn)
-}
-
-/// The catch of a plan for a path that is known better.
-pub(super) fn corrected(
-    arm: &DiscArm,
-    path: &Path,
-    now: &[At; 4],
-    plan: &Plan,
-    settings: &Settings,
-) -> Option<Plan> {
-    let search = Search::new(arm, path, now, settings);
-    let mut at = search.descent(Place { choice: plan.choice, q: plan.reach.q, v: plan.reach.v });
-    let mut rng = SplitMix64::stream(settings.between.seed, 0x6469_7363);
-    search.descend(&mut at, CORRECTION_CHANGES, &mut rng);
-    Some(search.plan(&at.place, at.motion?))
 }

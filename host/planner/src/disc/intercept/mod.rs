@@ -264,11 +264,7 @@ pub fn refine(
     // At the same time if that is possible, else a little earlier or later.
     let shifts = [0.0, 0.005, -0.005, 0.01, -0.01, 0.02, -0.02];
     let times = shifts.map(|shift| plan.choice.t_s + shift);
-    times
-        .iter()
-        .find_map(|t_s| refine_at(arm, path, now, plan, settings, *t_s))
-        .or_else(|| local::corrected(arm, path, now, plan, settings))
-        .ok_or(Decline::Touches)
+    times.iter().find_map(|t_s| refine_at(arm, path, now, plan, settings, *t_s)).ok_or(Decline::Touches)
 }
 
 fn refine_at(
