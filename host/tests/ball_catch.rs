@@ -18,6 +18,14 @@ fn a_ball_thrown_to_the_arm_is_caught_and_reported_as_json_and_as_a_page() {
     assert_eq!(told["caught"], true);
     assert!(told["crossing"]["miss_m"].as_f64().unwrap() < 0.04);
     assert!(!told["decisions"].as_array().unwrap().is_empty());
+    // The ball waits where it begins: nothing carries it there in a leap.
+    let path = told["trace"]["ball_m"].as_array().unwrap();
+    let place = |at: &serde_json::Value| [0, 1, 2].map(|k| at[k].as_f64().unwrap());
+    let step = |pair: &[serde_json::Value]| {
+        let (a, b) = (place(&pair[0]), place(&pair[1]));
+        (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
+    };
+    assert!(path.windows(2).map(step).fold(0.0, f64::max) < 0.06, "8 ms at 7 m/s");
     let page = std::fs::read_to_string(&file).unwrap();
     assert!(page.contains("Catching a ball") && page.contains("Decisions"));
     std::fs::remove_file(file).unwrap();
@@ -29,6 +37,51 @@ fn a_ball_out_of_reach_is_declined_with_the_reason_and_a_next_step() {
     assert_eq!(ended.status.code(), Some(i32::from(host::exit::NO_THROW)));
     let told = String::from_utf8_lossy(&ended.stderr).into_owned();
     assert!(told.contains("within the arm's reach") && told.contains("next:"), "{told}");
+}
+
+/// Balls that an arm catches that knows them earlier: with eyes only the time is too short, and a posture there is.
+#[test]
+fn a_ball_that_is_seen_too_late_is_not_refused_for_want_of_a_posture() {
+    for ball in [
+        "1.738,0.155,0.273,-2.930,0.382,2.595",
+        "2.004,-0.041,0.376,-3.206,1.001,2.354",
+        "1.920,-0.062,0.080,-2.879,0.102,4.276",
+    ] {
+        let known = cubectl(&format!("catch --ball {ball} --cooperative"));
+        assert!(known.status.success(), "{ball}: {known:?}");
+        let ended = cubectl(&format!("catch --ball {ball}"));
+        let reason = String::from_utf8_lossy(&ended.stderr).into_owned();
+        assert_eq!(ended.status.code(), Some(i32::from(host::exit::NO_THROW)), "{ball}: {reason}");
+        assert!(reason.contains("time left is too short"), "{ball}: {reason}");
+    }
+}
+
+/// From behind the place where the other arm of the built-in court stands.
+#[test]
+fn no_other_arm_stands_in_the_way_unless_a_court_was_asked_for_and_then_it_is_named() {
+    let words = "catch --ball 3.3,0,0.2,-3.6,0,3.0 --json";
+    let hits = |json: &[u8]| {
+        let told: serde_json::Value = serde_json::from_slice(json).unwrap();
+        let events = told["events"].as_array().unwrap().clone();
+        assert!(!told["trace"]["ball_m"].as_array().unwrap().is_empty());
+        assert_eq!(told["trace"]["q_rad"][0].as_array().unwrap().len(), 6);
+        events.iter().filter(|event| event["arm"] == "thrower").count()
+    };
+    assert_eq!(hits(&cubectl(words).stdout), 0);
+    let court = concat!(env!("CARGO_MANIFEST_DIR"), "/../hil-sim/src/court/two_arms.toml");
+    assert!(hits(&cubectl(&format!("{words} --court {court}")).stdout) > 0);
+    let text = cubectl(&format!("catch --ball 3.3,0,0.2,-3.6,0,3.0 --court {court}"));
+    let text = String::from_utf8_lossy(&text.stdout).into_owned();
+    assert!(text.contains("the ball hit the other arm"), "{text}");
+}
+
+#[test]
+fn a_ball_that_is_never_released_ends_as_not_released() {
+    for cooperative in ["", " --cooperative"] {
+        let ended =
+            cubectl(&format!("catch --ball 2.0,0.1,0.2,-2.3,-0.1,3.4 --trouble not-released{cooperative}"));
+        assert_eq!(ended.status.code(), Some(i32::from(host::exit::NOT_RELEASED)), "{ended:?}");
+    }
 }
 
 #[test]

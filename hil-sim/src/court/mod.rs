@@ -64,6 +64,16 @@ pub struct CupOptions {
     pub surface: Surface,
 }
 
+impl CourtOptions {
+    /// One arm and a ball that comes from elsewhere: the second arm of the court, without the first.
+    #[must_use]
+    pub fn without_thrower(mut self) -> Self {
+        self.arms[0] = self.arms[1].clone();
+        self.alone = true;
+        self
+    }
+}
+
 impl CupOptions {
     /// Where the centre of a ball lies at rest on the bottom, in the end-effector frame, m.
     pub fn rest_e_m(&self, ball_radius_m: f64) -> Vector3<f64> {
@@ -75,6 +85,8 @@ impl CupOptions {
 #[derive(Clone, Debug)]
 pub struct CourtOptions {
     pub arms: [ArmPlace; 2],
+    /// The first arm is not there: a ball that comes from elsewhere passes its place.
+    pub alone: bool,
     pub ball: BallOptions,
     /// Both hands.
     pub cup: CupOptions,
@@ -191,6 +203,13 @@ impl Court {
         }
     }
 
+    /// The ball is gripped there, in the end-effector frame, instead of where the robot file has it, m.
+    pub fn grip_at(&mut self, at_e_m: Vector3<f64>) {
+        if let BallPlace::Held { at_e_m: held, .. } = &mut self.place {
+            *held = at_e_m;
+        }
+    }
+
     /// The ball leaves its hand at `at`, within a later step.
     pub fn release_at(&mut self, at: Instant) {
         if let BallPlace::Held { arm, .. } = self.place {
@@ -300,7 +319,9 @@ impl Court {
             w += axis;
         }
         let replaced = |name: &String| self.options.cup.replaces.contains(name);
-        let boxes = model.collision().boxes().iter().enumerate().filter(|(_, b)| !replaced(&b.name));
+        let absent = arm == 0 && self.options.alone;
+        let boxes = model.collision().boxes().iter().enumerate();
+        let boxes = boxes.filter(|(_, b)| !absent && !replaced(&b.name));
         let boxes = boxes.map(|(number, b)| {
             let x_bl = match b.link.checked_sub(1) {
                 None => b.x_lb,

@@ -62,7 +62,7 @@ impl CourtOptions {
             tracker.faults.push(tracker_fault(&table, &[])?);
         }
         root.finish()?;
-        Ok(Self { arms, ball, cup, ground, tracker, seed })
+        Ok(Self { arms, alone: false, ball, cup, ground, tracker, seed })
     }
 }
 

@@ -124,4 +124,11 @@ fn a_rally_goes_to_and_fro() {
     let rally = partners.play(4, &options, 2, |_, _| {});
     assert_eq!((rally.end, rally.length()), (RallyEnd::Complete, 4));
     assert_eq!(rally.exchanges.iter().map(|e| e.thrower).collect::<Vec<_>>(), [0, 1, 0, 1]);
+    // The ball lies at the wall of the cup. It is thrown from there, and the tracker knows the place.
+    for pair in rally.exchanges.windows(2) {
+        let [lies_m, seen_m] = pair[0].outcome.lies_e_m.unwrap();
+        assert_eq!(pair[1].gripped_e_m, [lies_m, seen_m]);
+        assert!((lies_m - seen_m).norm() < 0.002, "{lies_m} {seen_m}");
+    }
+    assert!(rally.exchanges[1..].iter().any(|e| e.gripped_e_m[0].xy().norm() > 0.03));
 }

@@ -23,8 +23,21 @@ fn wrong_input_is_refused_with_its_code() {
 
 #[test]
 fn a_ball_that_is_not_released_ends_the_rally_and_is_reported() {
-    let ended = cubelab("rally --throws 2 --eyes-only --trouble not-released");
-    assert_eq!(ended.status.code(), Some(i32::from(host::exit::NOT_RELEASED)), "{ended:?}");
+    for words in
+        ["--eyes-only --trouble not-released", "--trouble not-released", "--trouble thrower-stops:0.1"]
+    {
+        let ended = cubelab(&format!("rally --throws 2 {words}"));
+        assert_eq!(ended.status.code(), Some(i32::from(host::exit::NOT_RELEASED)), "{words}: {ended:?}");
+        let printed = String::from_utf8_lossy(&ended.stdout).into_owned();
+        assert!(printed.contains("0 catches in a row") && printed.contains("nothing thrown"), "{printed}");
+    }
+}
+
+/// The tracker is dead from 0.1 s after the release on: the ball lies in the cup, and nobody knows it.
+#[test]
+fn a_catch_that_nobody_knows_of_does_not_count_and_ends_the_rally() {
+    let ended = cubelab("rally --throws 2 --trouble tracker-dead:0.1");
+    assert_eq!(ended.status.code(), Some(i32::from(host::exit::MISSED)), "{ended:?}");
     let printed = String::from_utf8_lossy(&ended.stdout).into_owned();
-    assert!(printed.contains("0 catches in a row") && printed.contains("nothing thrown"), "{printed}");
+    assert!(printed.contains("0 catches in a row") && printed.contains("not known"), "{printed}");
 }

@@ -193,7 +193,7 @@ fn path_with_more_points_than_the_controller_holds_is_followed_by_either_operato
             .map(|cell| Joints::from_fn(6, |joint| cell.plant().link_q_rad(joint)));
         for ((record, stood_rad), stands_rad) in records.iter().zip(stands_rad) {
             assert!(record.ended.is_none(), "{:?}", record.ended);
-            let reached = record.reached.unwrap();
+            let reached = record.reached.as_ref().unwrap();
             assert!(reached.samples > 50_000 && (1e-5..2e-3).contains(&reached.off_rad), "{reached:?}");
             // The path ends where it began; so does the arm of the simulated world.
             assert!((stands_rad - *stood_rad).amax() < 1e-3, "{stands_rad:?}");

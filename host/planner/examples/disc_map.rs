@@ -1,5 +1,5 @@
 //! From which starts a disc is caught: by the rule of paper 001 without joint limits, and by the planner within the limits
-//! of the robot file. Every catch is judged by the witness.
+//! of the robot file, at the places of its grid alone. Every catch is judged by the witness.
 //!
 //!     cargo run -p planner --release --example disc_map [FILE.svg]
 //!
@@ -12,6 +12,7 @@ use std::process::ExitCode;
 use nalgebra::Vector3;
 use planner::disc::arm::{DiscArm, READY_RAD};
 use planner::disc::flight::Path;
+use planner::disc::intercept::local::Effort;
 use planner::disc::intercept::{self, Decline, Settings};
 use planner::disc::motion::At;
 use planner::disc::paper::{self, Reading, Throw};
@@ -99,7 +100,12 @@ fn witnessed(arm: &DiscArm, plan: &intercept::Plan, path: &Path) -> Verdict {
 fn planned(arm: &DiscArm, throw: &Throw, limit_scale: f64) -> Outcome {
     let path = Path::parabola(throw, 1.5);
     let rest = READY_RAD.map(|q| At { q, ..At::default() });
-    match intercept::plan(arm, &path, &rest, &Settings { limit_scale, ..Settings::default() }) {
+    match intercept::plan(
+        arm,
+        &path,
+        &rest,
+        &Settings { limit_scale, between: Effort::NOT_AT_ALL, ..Settings::default() },
+    ) {
         Ok(plan) => {
             let verdict = witnessed(arm, &plan, &path);
             let limits = limit_scale > 1.0 || verdict.within_limits(arm);

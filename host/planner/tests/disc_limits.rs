@@ -206,8 +206,21 @@ impl Draw {
     }
 }
 
+/// Refused by a grid of places and speeds: 89 ms too late, 69 ms too late, 1.16 times the joint speeds, touches.
 #[test]
-fn no_planned_catch_is_refuted_by_the_witness_and_three_of_four_throws_are_caught() {
+fn discs_between_the_places_of_the_grid_are_caught() {
+    for (start, velocity) in [
+        ([0.53361, -2.45832, 0.58302], [-0.83938, 6.65809, 1.92688]),
+        ([0.94932, 0.53286, 1.03649], [-3.41580, -0.12904, 1.13907]),
+        ([-1.22633, -0.80185, 0.11142], [2.04448, 1.17349, 3.96760]),
+        ([-2.13548, 0.36969, 0.55264], [3.66971, -0.57854, 2.46912]),
+    ] {
+        must_catch(Throw { start_m: Vector3::from(start), velocity_m_s: Vector3::from(velocity) });
+    }
+}
+
+#[test]
+fn no_planned_catch_is_refuted_by_the_witness_and_most_throws_are_caught() {
     let seed = 17;
     let mut draw = Draw(SplitMix64::new(seed));
     let throws = 16;
@@ -221,7 +234,7 @@ fn no_planned_catch_is_refuted_by_the_witness_and_three_of_four_throws_are_caugh
         }
     }
     println!("seed {seed}: {count} of {throws} caught");
-    assert!((11..=15).contains(&count), "seed {seed}: {count} of {throws}");
+    assert!(count >= 14, "seed {seed}: {count} of {throws}");
 }
 
 /// A disc in air with wind and tilt, seen at 120 Hz with 2 mm and 1°, 15 ms late. Returns what the catcher did.

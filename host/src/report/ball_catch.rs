@@ -3,9 +3,11 @@
 use nalgebra::Vector3;
 use operator::ball_catch::trial::{CatchOutcome, Moment, Outcome, Pair};
 use planner::catch::Joints;
+use planner::catch::arm::CUP_BODY;
 use planner::catch::online::Decision;
 use planner::catch::task::Mode;
 use robot_model::Pose;
+use robot_model::collision::BodyBox;
 
 use super::chart::{Chart, Curve, Pen};
 use super::page::{Answer, Page, Tone, cell};
@@ -53,10 +55,11 @@ pub fn mode_text(mode: Mode) -> &'static str {
 #[must_use]
 pub fn subtitle(pair: &Pair, outcome: &Outcome) -> String {
     let court = &pair.court;
-    let apart = (court.arms[1].x_wb.pos - court.arms[0].x_wb.pos).norm();
+    let apart_m = (court.arms[1].x_wb.pos - court.arms[0].x_wb.pos).norm();
+    let others = if court.alone { String::new() } else { format!(" · arms {apart_m:.1} m apart") };
     let hand = outcome.choice.as_ref().map_or("no catch", |choice| mode_text(choice.mode));
     format!(
-        "{} · arms {apart:.1} m apart · tracker {:.0} Hz, {:.1} mm, {:.0} ms · hand: {hand}",
+        "{}{others} · tracker {:.0} Hz, {:.1} mm, {:.0} ms · hand: {hand}",
         court.arms[1].model.name(),
         1.0 / court.tracker.period.as_secs_f64(),
         court.tracker.noise_mm,
@@ -258,6 +261,27 @@ fn joints(outcome: &Outcome) -> Chart {
     }
 }
 
+/// The boxes of a body as they are drawn: of the cup its bottom and four walls, so that it is open.
+fn opened(pair: &Pair, body: &BodyBox) -> Vec<BodyBox> {
+    let half_m = body.half_m;
+    let thin_m = 0.5 * pair.court.cup.shape.wall_m;
+    if body.name != CUP_BODY {
+        return vec![body.clone()];
+    }
+    let part = |at: Vector3<f64>, half_m: Vector3<f64>| {
+        let x_lb = body.x_lb * Pose::translation(at.x, at.y, at.z);
+        BodyBox { name: body.name.clone(), link: body.link, x_lb, half_m }
+    };
+    let bottom = part(Vector3::z() * (thin_m - half_m.z), Vector3::new(half_m.x, half_m.y, thin_m));
+    let walls = [1.0, -1.0].into_iter().flat_map(|side| {
+        [
+            part(Vector3::x() * (side * (half_m.x - thin_m)), Vector3::new(thin_m, half_m.y, half_m.z)),
+            part(Vector3::y() * (side * (half_m.y - thin_m)), Vector3::new(half_m.x, thin_m, half_m.z)),
+        ]
+    });
+    std::iter::once(bottom).chain(walls).collect()
+}
+
 /// Data of the picture in space: both arms as one machine of twelve links.
 fn space(pair: &Pair, outcome: &Outcome, jerk: bool) -> String {
     let catcher = pair.catcher(jerk);
@@ -267,9 +291,11 @@ fn space(pair: &Pair, outcome: &Outcome, jerk: bool) -> String {
     let end_s = outcome.choice.as_ref().map_or(outcome.planned_s.1, |choice| choice.t_s) + 0.5;
     let shown = flown(outcome).filter(|m| m.t_s < end_s);
     let (mut steps, mut top) = (Vec::new(), 0.8_f64);
+    // An arm that is not there is not drawn.
+    let first = usize::from(pair.court.alone);
     for moment in shown.step_by(2) {
         let mut links = Vec::new();
-        for ((model, x_wb), q) in models.iter().zip(&places).zip(&moment.q) {
+        for ((model, x_wb), q) in models.iter().zip(&places).zip(&moment.q).skip(first) {
             let placed: Vec<Pose> = model.fk(q).x_w.iter().map(|x| *x_wb * *x).collect();
             top = placed.iter().map(|x| x.pos.z + HAND_M).fold(top.max(moment.ball_m.z), f64::max);
             links.extend(placed.iter().map(scene::link));
@@ -282,8 +308,8 @@ fn space(pair: &Pair, outcome: &Outcome, jerk: bool) -> String {
         ));
     }
     let mut boxes = Vec::new();
-    for (arm, (model, x_wb)) in models.iter().zip(&places).enumerate() {
-        for b in model.collision().boxes() {
+    for (arm, (model, x_wb)) in models.iter().zip(&places).skip(first).enumerate() {
+        for b in model.collision().boxes().iter().flat_map(|b| opened(pair, b)) {
             // Bases stand in the world; links of the second arm come after those of the first.
             let (link, x) = if b.link == 0 { (0, *x_wb * b.x_lb) } else { (b.link + 6 * arm, b.x_lb) };
             boxes.push(scene::body(link, &x, &b.half_m));
@@ -294,15 +320,16 @@ fn space(pair: &Pair, outcome: &Outcome, jerk: bool) -> String {
     let cup = mouths(pair, outcome, jerk);
     let target = outcome.choice.as_ref().map_or_else(|| catcher.shoulder_m(), |choice| choice.p_m);
     let caught_s = end_s - 0.5 - release_s;
-    // Both feet, so that the picture shows the whole of each arm.
+    // The feet, so that the picture shows the whole of each arm.
     let corner = |x_m: f64, y_m: f64| Vector3::new(x_m, y_m, models[0].world().floor_z_m);
     let corners = [corner(0.25, 0.25), corner(0.25, -0.25), corner(-0.25, 0.25), corner(-0.25, -0.25)];
     let feet: Vec<Vector3<f64>> =
         places.iter().flat_map(|x_wb| corners.map(|p| x_wb.transform_point(&p))).collect();
     format!(
-        "{{\"floor\":{},\"top\":{top:.3},\"radius\":{},\"last\":12,\"release\":0,\"first\":{caught_s:.4},\"names\":[\"catch\",\"release\"],\"target\":{},\"hand\":{},\"planned\":null,\"flight\":{},\"ellipse\":null,\"bounds\":{},\"boxes\":[{}],\"steps\":[{}]}}",
+        "{{\"floor\":{},\"top\":{top:.3},\"radius\":{},\"last\":{},\"release\":0,\"first\":{caught_s:.4},\"names\":[\"catch\",\"release\"],\"target\":{},\"hand\":{},\"planned\":null,\"flight\":{},\"ellipse\":null,\"bounds\":{},\"boxes\":[{}],\"steps\":[{}]}}",
         models[0].world().floor_z_m,
         pair.court.ball.radius_m,
+        6 * (2 - first),
         scene::point(&target),
         scene::list(&cup),
         scene::list(&flight),

@@ -115,10 +115,12 @@ fn exchange_text(k: usize, exchange: &Exchange) -> String {
     let crossing = outcome.crossing.map_or_else(String::new, |c| {
         format!(", {:.1} mm off, {:.2} m/s against the hand", c.miss_m * 1e3, c.speed_m_s)
     });
+    let [x, y, _] = exchange.gripped_e_m[0].into();
     format!(
-        "{:2}: arm {} throws, flight {:.2} s: {}{crossing}",
+        "{:2}: arm {} throws from {:.0} mm beside the axis of its cup, flight {:.2} s: {}{crossing}",
         k + 1,
         exchange.thrower + 1,
+        f64::hypot(x, y) * 1e3,
         exchange.aimed.flight_s,
         reported_text(outcome.reported)
     )
@@ -129,7 +131,8 @@ fn rally_json(rally: &Rally) -> Value {
         "length": rally.length(),
         "complete": rally.end == RallyEnd::Complete,
         "exchanges": rally.exchanges.iter().map(|e| json!({
-            "thrower": e.thrower + 1, "flight_s": e.aimed.flight_s, "transit_s": e.transit_s, "outcome": as_json(&e.outcome),
+            "thrower": e.thrower + 1, "flight_s": e.aimed.flight_s, "transit_s": e.transit_s,
+            "gripped_e_m": e.gripped_e_m[0].as_slice(), "planned_gripped_e_m": e.gripped_e_m[1].as_slice(), "outcome": as_json(&e.outcome),
         })).collect::<Vec<_>>(),
     })
 }

@@ -1,6 +1,8 @@
 //! Throw, catch, throw back.
 //!
-//! Both hands are cups of two jaws. The ball that lies in a cup is gripped there; the jaws swing open to both sides for a throw.
+//! Both hands are cups of two jaws. A ball that has come to rest in a cup is gripped where it lies, most of the time at the wall; the jaws
+//! swing open to both sides for a throw. The next throw is planned from the place where the tracker saw the ball lie, and the ball is
+//! thrown from where it lies.
 //! Before each throw the arms go from where the last catch left them to the run-up and to the waiting pose.
 
 use hil_sim::court::CourtOptions;
@@ -35,6 +37,8 @@ pub struct Exchange {
     /// How long both arms took to get ready, s.
     pub transit_s: f64,
     pub aimed: Aimed,
+    /// From where the ball was thrown, in the thrower's end-effector frame: in truth, and by the plan, m.
+    pub gripped_e_m: [Vector3<f64>; 2],
     /// What came of it.
     pub outcome: Outcome,
 }
@@ -43,6 +47,7 @@ pub struct Exchange {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RallyEnd {
     Complete,
+    /// The last ball was not caught, or the catcher does not know that it was.
     NotCaught,
     /// No throw was found that the other arm catches.
     NoThrow,
@@ -75,7 +80,7 @@ impl RallyEnd {
 
 impl Rally {
     pub fn length(&self) -> usize {
-        self.exchanges.iter().filter(|exchange| exchange.outcome.caught).count()
+        self.exchanges.iter().filter(|exchange| exchange.outcome.known_caught()).count()
     }
 }
 
@@ -87,21 +92,23 @@ pub struct Partners {
     /// For each arm as the catcher of `pairs[k]`: a wall between the arms, which no transit crosses. Both arms move at once.
     walls: [Scene; 2],
     window: Window,
+    /// Where the first ball is gripped, in the end-effector frame, m.
+    first_e_m: Vector3<f64>,
 }
 
 impl Partners {
-    /// The arms of a court. A ball is gripped where it comes to rest in the cup, and thrown from there.
+    /// The arms of a court. The first ball is gripped in the middle of the bottom of the cup.
     pub fn new(mut court: CourtOptions) -> Result<Self, NotACatcher> {
-        let rest_e_m = court.cup.rest_e_m(court.ball.radius_m);
+        let first_e_m = court.cup.rest_e_m(court.ball.radius_m);
         for arm in &mut court.arms {
-            arm.model = arm.model.clone().with_release_at(rest_e_m).with_hand(&court.cup.replaces, []);
+            arm.model = arm.model.clone().with_release_at(first_e_m).with_hand(&court.cup.replaces, []);
         }
         let mut back = court.clone();
         back.arms.swap(0, 1);
         let window = Window { flight_s: (0.6, 0.9), ..Window::default() };
         let pairs = [Pair::new(court)?, Pair::new(back)?];
         let walls = [wall(&pairs[0]), wall(&pairs[1])];
-        Ok(Self { pairs, walls, window })
+        Ok(Self { pairs, walls, window, first_e_m })
     }
 
     /// The pair in which arm `thrower` throws.
@@ -119,10 +126,13 @@ impl Partners {
         mut observe: impl FnMut(usize, &Exchange),
     ) -> Rally {
         let mut q = [options.wait; 2];
+        let mut gripped_e_m = [self.first_e_m; 2];
         let mut exchanges = Vec::new();
         for k in 0..throws {
             let thrower = k % 2;
-            let pair = &self.pairs[thrower];
+            let [true_e_m, planned_e_m] = gripped_e_m;
+            let pair = &self.pairs[thrower].clone().gripped_at(planned_e_m);
+            let options = &TrialOptions { grip_off_m: true_e_m - planned_e_m, ..options.clone() };
             let seed = seed.wrapping_mul(1_000_003).wrapping_add(k as u64);
             // The catcher's side of the other pair is the arm that throws now.
             let arms = [self.pairs[1 - thrower].catcher(options.jerk), pair.catcher(options.jerk)];
@@ -149,13 +159,15 @@ impl Partners {
             // Without a catch the arm may have moved out of the way, and the ball have fallen into its cup all the same.
             let stands = || outcome.trace.last().map_or(options.wait, |last| last.q[1]);
             q[1 - thrower] = outcome.choice.as_ref().map_or_else(stands, |choice| end_of(&choice.motion));
-            let caught = outcome.caught;
-            let exchange = Exchange { thrower, transit_s, aimed, outcome };
+            let caught = outcome.known_caught();
+            let lies_e_m = outcome.lies_e_m;
+            let exchange = Exchange { thrower, transit_s, aimed, gripped_e_m, outcome };
             observe(k, &exchange);
             exchanges.push(exchange);
-            if !caught {
+            let Some(lies_e_m) = lies_e_m.filter(|_| caught) else {
                 return Rally { exchanges, end: RallyEnd::NotCaught };
-            }
+            };
+            gripped_e_m = lies_e_m;
         }
         Rally { exchanges, end: RallyEnd::Complete }
     }

@@ -444,7 +444,7 @@ fn catch(
         }
         until_s = until_s.max(run.catcher.motion().end_s() + AFTER_S);
     }
-    let reported = report(&run.catcher, &run.seen, arm.halted(), &joints, arm.now_s());
+    let reported = report(&run.catcher, &run.watch, &run.seen, arm.halted(), &joints, arm.now_s());
     let answered = arm.answered;
     let (session, node, clock) = arm.parts();
     let off_s = clock.controller_time(session.now()).map_or(f64::NAN, |(_, off)| off.as_secs_f64());

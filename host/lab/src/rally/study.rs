@@ -3,6 +3,7 @@
 use std::time::Instant as Clock;
 
 use hil_sim::court::CourtOptions;
+use nalgebra::Vector3;
 use operator::ball_catch::limits::Executed;
 use operator::ball_catch::thrower::Scatter;
 use operator::ball_catch::trial::{
@@ -236,8 +237,18 @@ pub enum NoStudy {
 #[derive(Debug, Clone, Serialize)]
 pub struct Study {
     pub estimator: Vec<EstimatorRow>,
-    /// Catches in a row of each rally, at most as many as throws were asked for.
-    pub rallies: Vec<usize>,
+    /// Rallies by distance.
+    pub rallies: Vec<Rallies>,
+}
+
+/// Rallies of arms so far apart.
+#[derive(Debug, Clone, Serialize)]
+pub struct Rallies {
+    pub distance_m: f64,
+    /// Catches in a row of each rally, at most [`RALLY_THROWS`].
+    pub lengths: Vec<usize>,
+    /// Throws that were caught, of all.
+    pub caught: Share,
 }
 
 /// Throws for which a waiting pose is found.
@@ -288,20 +299,44 @@ pub fn run(
             done(&row(&name, &pair, &throws, &trial, &[], options.seed));
         }
     }
+    let wanted: Vec<_> = priors().filter(|(name, _)| options.wants(name)).collect();
+    if !wanted.is_empty() {
+        let pair = Pair::new(at_distance(court, 2.5))?;
+        let window = Window { flight_s: (0.55, 0.9), ..Window::default() };
+        let throws = draw_throws(&pair, &window, options.throws, options.seed);
+        let throws = throws.ok_or(NoStudy::OutOfReach { distance_m: 2.5 })?;
+        for (name, trial) in wanted {
+            done(&row(&name, &pair, &throws, &|_| trial.clone(), &[], options.seed));
+        }
+    }
     let estimator =
         if options.wants("estimator") { estimator(options.throws, options.seed) } else { Vec::new() };
-    let rallies = if options.wants("rally") { rallies(court, options)? } else { Vec::new() };
+    let rallies = rallies(court, options)?;
     Ok(Study { estimator, rallies })
 }
 
-fn rallies(court: &CourtOptions, options: &StudyOptions) -> Result<Vec<usize>, NotACatcher> {
-    let partners = Partners::new(court.clone())?;
+fn rallies(court: &CourtOptions, options: &StudyOptions) -> Result<Vec<Rallies>, NotACatcher> {
     let trial = TrialOptions { cooperative: true, ..TrialOptions::default() };
-    let lengths = (0..options.throws.div_ceil(THROWS_PER_RALLY))
-        .into_par_iter()
-        .map(|k| partners.play(RALLY_THROWS, &trial, options.seed + k as u64, |_, _| {}).length())
-        .collect();
-    Ok(lengths)
+    let of_distance = |distance_m: f64| {
+        let partners = Partners::new(at_distance(court, distance_m))?;
+        let played: Vec<(usize, usize)> = (0..options.throws.div_ceil(THROWS_PER_RALLY))
+            .into_par_iter()
+            .map(|k| {
+                let rally = partners.play(RALLY_THROWS, &trial, options.seed + k as u64, |_, _| {});
+                (rally.length(), rally.exchanges.len())
+            })
+            .collect();
+        let mut caught = Share::default();
+        for (length, throws) in &played {
+            caught.hits += length;
+            caught.of += throws;
+        }
+        let lengths = played.into_iter().map(|(length, _)| length).collect();
+        Ok(Rallies { distance_m, lengths, caught })
+    };
+    let distances = [2.0, 2.5].into_iter();
+    let wanted = distances.filter(|distance_m| options.wants(&format!("D {distance_m} m, rally")));
+    wanted.map(of_distance).collect()
 }
 
 /// The same court with the arms this far apart.
@@ -322,6 +357,21 @@ fn trial(allowed: Allowed, cooperative: bool, share: f64, jerk: bool) -> TrialOp
         wait: Joints::from(wait.map(f64::to_radians)),
         ..TrialOptions::default()
     }
+}
+
+/// A ball that is gripped beside where the plan has it, across the axis of the cup, with the plan and without.
+fn priors() -> impl Iterator<Item = (String, TrialOptions)> {
+    let grid =
+        [0.0, 20.0, 40.0, 60.0].into_iter().flat_map(|off_mm| [1, 3, 5].map(|percent| (off_mm, percent)));
+    grid.flat_map(|(off_mm, percent)| {
+        [true, false].map(|cooperative| {
+            let grip_off_m = Vector3::new(off_mm * 1e-3, 0.0, 0.0);
+            let trial = trial(Allowed::Either, cooperative, 0.01 * f64::from(percent), false);
+            let with = if cooperative { "with" } else { "without" };
+            let name = format!("prior: {off_mm:.0} mm off, {percent} %, {with} the plan");
+            (name, TrialOptions { grip_off_m, ..trial })
+        })
+    })
 }
 
 fn goals() -> [(Window, Vec<(&'static str, TrialOptions)>); 2] {
@@ -346,9 +396,10 @@ fn goals() -> [(Window, Vec<(&'static str, TrialOptions)>); 2] {
 impl Study {
     /// The tables besides the rows, as text.
     pub fn as_text(&self) -> String {
-        let mut out =
-            "estimate at 0.6 s: drag, seen ms, rms mm, bound mm, mean squared error over covariance [band]\n"
-                .to_owned();
+        let mut out = String::new();
+        if !self.estimator.is_empty() {
+            out += "estimate at 0.6 s: drag, seen ms, rms mm, bound mm, mean squared error over covariance [band]\n";
+        }
         for row in &self.estimator {
             let (nees, low, high) = row.nees;
             out += &format!(
@@ -356,15 +407,20 @@ impl Study {
                 row.drag, row.seen_ms, row.rms_mm, row.bound_mm
             );
         }
-        if self.rallies.is_empty() {
-            return out;
+        for Rallies { distance_m, lengths, caught } in &self.rallies {
+            let mean = lengths.iter().sum::<usize>() as f64 / lengths.len() as f64;
+            let full = lengths.iter().filter(|length| **length == RALLY_THROWS).count();
+            let (low, high) = caught.wilson();
+            out += &format!(
+                "D {distance_m} m, rallies of at most {RALLY_THROWS} throws: {} of {} caught, {:.1} % [{:.1}, {:.1}]; mean length {mean:.1} over {}, {full} complete\n",
+                caught.hits,
+                caught.of,
+                caught.value() * 100.0,
+                low * 100.0,
+                high * 100.0,
+                lengths.len()
+            );
         }
-        let mean = self.rallies.iter().sum::<usize>() as f64 / self.rallies.len() as f64;
-        let full = self.rallies.iter().filter(|length| **length == RALLY_THROWS).count();
-        out += &format!(
-            "rallies of at most {RALLY_THROWS} throws: mean length {mean:.1} over {}; {full} complete\n",
-            self.rallies.len()
-        );
         out
     }
 }

@@ -9,6 +9,8 @@ use planner::catch::task::Decline;
 
 use hil_sim::court::JointsNow;
 
+use crate::flight_estimator::BallWatch;
+
 /// The last part of a trial, in which a caught ball lies still, s.
 const LAST_S: f64 = 0.3;
 /// A ball in the cup is seen there this often in that time.
@@ -31,6 +33,7 @@ pub enum CatchOutcome {
     Unknown,
     /// No catch was tried; why.
     Declined(Decline),
+    /// No ball was seen in flight, whether one was announced or not.
     NothingThrown,
     /// The arm stopped because of a fault.
     Halted,
@@ -65,13 +68,13 @@ fn last_seen(catcher: &Catcher<'_>, seen: &[(f64, Vector3<f64>)], now_s: f64) ->
     seen.iter().filter(|(t_s, _)| *t_s > from_s).copied().collect()
 }
 
-/// Whether the ball is seen in the cup. It may fall into a cup that waits.
-pub(super) fn in_cup(
+/// The newest markers in the cup. A ball may fall into a cup that waits.
+fn inside(
     catcher: &Catcher<'_>,
     seen: &[(f64, Vector3<f64>)],
     joints: &JointsNow,
     now_s: f64,
-) -> InCup {
+) -> Vec<Vector3<f64>> {
     let arm: &CatchArm = catcher.arm();
     let (mouth, axis, _) = arm.mouth(&joints.q, &joints.qd);
     let middle = mouth - axis * (0.5 * arm.cup().length_m);
@@ -80,17 +83,37 @@ pub(super) fn in_cup(
     // A ball that has fallen out is in the cup no longer, however long it was there.
     let newest_s = last.iter().map(|(t_s, _)| *t_s).fold(f64::NEG_INFINITY, f64::max);
     let gone = inside.iter().all(|(t_s, _)| *t_s < newest_s - GONE_S);
-    if inside.len() < SEEN_MIN || gone {
-        return InCup::No;
-    }
-    let mean = inside.iter().map(|(_, p)| p).sum::<Vector3<f64>>() / inside.len() as f64;
-    if inside.iter().all(|(_, p)| (p - mean).norm() < STILL_M) { InCup::Still } else { InCup::Moving }
+    if gone || inside.len() < SEEN_MIN { Vec::new() } else { inside.into_iter().map(|(_, p)| *p).collect() }
+}
+
+/// Mean of the newest markers in the cup, m.
+pub(super) fn place_in_cup(
+    catcher: &Catcher<'_>,
+    seen: &[(f64, Vector3<f64>)],
+    joints: &JointsNow,
+    now_s: f64,
+) -> Option<Vector3<f64>> {
+    let inside = inside(catcher, seen, joints, now_s);
+    (!inside.is_empty()).then(|| inside.iter().sum::<Vector3<f64>>() / inside.len() as f64)
+}
+
+/// Whether the ball is seen in the cup.
+pub(super) fn in_cup(
+    catcher: &Catcher<'_>,
+    seen: &[(f64, Vector3<f64>)],
+    joints: &JointsNow,
+    now_s: f64,
+) -> InCup {
+    let inside = inside(catcher, seen, joints, now_s);
+    let Some(mean) = place_in_cup(catcher, seen, joints, now_s) else { return InCup::No };
+    if inside.iter().all(|p| (p - mean).norm() < STILL_M) { InCup::Still } else { InCup::Moving }
 }
 
 /// The report at the time `now_s`; `seen` are all markers with their times (s) and places (m), in order of arrival.
 #[must_use]
 pub fn report(
     catcher: &Catcher<'_>,
+    watch: &BallWatch,
     seen: &[(f64, Vector3<f64>)],
     halted: bool,
     joints: &JointsNow,
@@ -103,6 +126,7 @@ pub fn report(
     match (in_cup(catcher, seen, joints, now_s), catcher.choice()) {
         (InCup::Still, _) => CatchOutcome::Caught,
         (InCup::Moving, _) => CatchOutcome::Unknown,
+        (InCup::No, _) if watch.saw_no_release() => CatchOutcome::NothingThrown,
         (InCup::No, Some(_)) if nothing_seen => CatchOutcome::Unknown,
         (InCup::No, Some(_)) => CatchOutcome::Missed,
         (InCup::No, None) => catcher.declined().map_or(CatchOutcome::NothingThrown, CatchOutcome::Declined),

@@ -1,6 +1,6 @@
 //! One throw, from the run-up to the ball at rest.
 
-use hil_sim::court::{ArmPlace, Court, CourtEvent, CourtOptions, Crossing, JointsNow};
+use hil_sim::court::{ArmPlace, BallPlace, Court, CourtEvent, CourtOptions, Crossing, JointsNow};
 use hil_sim::mechanics::LooseBall;
 use hil_sim::rng::Rng;
 use hil_sim::tracker::{TrackerFault, TrackerFaultKind};
@@ -21,7 +21,7 @@ use super::executor::{Executor, LaggingArm, Order, Refused};
 use super::limits::{Executed, LimitWatch};
 use super::obstacles::{reach, swept, touch, within_reach};
 pub use super::reported::CatchOutcome;
-use super::reported::{InCup, in_cup, report};
+use super::reported::{InCup, in_cup, place_in_cup, report};
 use super::thrower::{Scatter, ThrowFault, Thrower};
 use crate::flight_estimator::fit::Air;
 use crate::flight_estimator::{BallWatch, MarkerStream, WatchOptions};
@@ -71,6 +71,8 @@ pub struct TrialOptions {
     /// Jerk limits are kept too.
     pub jerk: bool,
     pub scatter: Scatter,
+    /// Where the ball is gripped beside the place from which the throw is planned, in the thrower's end-effector frame, m.
+    pub grip_off_m: Vector3<f64>,
     /// Drag that the catcher believes in, as a factor on the ball's; and its standard deviation as a share.
     pub drag: (f64, f64),
     /// Where the catcher waits, rad.
@@ -95,6 +97,7 @@ impl Default for TrialOptions {
             blind: false,
             jerk: false,
             scatter: Scatter::default(),
+            grip_off_m: Vector3::zeros(),
             drag: (1.0, 0.1),
             wait: Joints::from(WAIT_HOLD_DEG.map(f64::to_radians)),
             trouble: Vec::new(),
@@ -134,10 +137,18 @@ pub struct Outcome {
     pub seen_s: f64,
     /// Distance of the ball from the cup's axis at the catch, by the last forecast, m.
     pub off_m: Option<f64>,
+    /// Where a ball that rests in the cup lies, and where its markers say that it lies, in the end-effector frame, m.
+    pub lies_e_m: Option<[Vector3<f64>; 2]>,
     pub trace: Vec<Moment>,
 }
 
 impl Outcome {
+    /// The ball lies in the cup, and the catcher knows it: with less nobody can throw it on.
+    #[must_use]
+    pub fn known_caught(&self) -> bool {
+        self.caught && self.reported == CatchOutcome::Caught
+    }
+
     /// What was reported is what happened, or that it is not known.
     #[must_use]
     pub fn reported_truly(&self) -> bool {
@@ -183,7 +194,7 @@ pub struct Pair {
 }
 
 impl Pair {
-    /// Arm 0 throws, arm 1 catches.
+    /// Arm 0 throws, arm 1 catches; on a court with one arm, that is arm 1.
     ///
     /// # Errors
     /// The catcher's arm cannot hold a cup.
@@ -201,14 +212,23 @@ impl Pair {
             CatchArm::new(model.clone(), *x_wb, cup.clone(), Shares::default(), jerk)
         };
         let mut catchers = [arm(1, false)?, arm(1, true)?];
-        let thrower = arm(0, false)?;
-        // The boxes of a hand reach as far as its cup would.
-        let boxes = reach(&court.arms[0], thrower.reach_m() + cup.outer_radius_m);
-        for catcher in &mut catchers {
-            let near = within_reach(catcher, boxes.clone());
-            catcher.set_obstacles(&near);
+        if !court.alone {
+            // The boxes of a hand reach as far as its cup would.
+            let boxes = reach(&court.arms[0], arm(0, false)?.reach_m() + cup.outer_radius_m);
+            for catcher in &mut catchers {
+                let near = within_reach(catcher, boxes.clone());
+                catcher.set_obstacles(&near);
+            }
         }
         Ok(Self { catchers, court })
+    }
+
+    /// The same pair with the ball gripped at this place of the thrower's end-effector frame (m) for a throw.
+    #[must_use]
+    pub fn gripped_at(mut self, at_e_m: Vector3<f64>) -> Self {
+        let arm = &mut self.court.arms[0];
+        arm.model = arm.model.clone().with_release_at(at_e_m);
+        self
     }
 
     #[must_use]
@@ -220,7 +240,7 @@ impl Pair {
     #[must_use]
     pub fn catcher_for(&self, aimed: &Aimed, options: &TrialOptions) -> CatchArm {
         let mut arm = self.catcher(options.jerk).clone();
-        if options.cooperative {
+        if options.cooperative && !self.court.alone {
             let boxes = within_reach(&arm, swept(&self.court.arms[0], &aimed.throw));
             arm.set_obstacles(&boxes);
         }
@@ -306,6 +326,7 @@ impl Pair {
         let court = self.court_with(options, planned_s, seed);
         let rest = JointsNow { q: options.wait, qd: Joints::zeros(6) };
         let mut court = Court::new(court, 0, [thrower.joints(0.0), rest]);
+        court.grip_at(throwing.gripper().x_eb.pos + options.grip_off_m);
         if let Some(release_s) = thrower.release_s().filter(|_| !by_hand) {
             court.release_at(Instant::ZERO + Duration::from_secs_f64(release_s));
         }
@@ -325,7 +346,11 @@ impl Pair {
             let now_s = now.as_secs_f64();
             let joints = executor.advance(now_s);
             court_joints = joints;
-            if by_hand && now_s >= planned_s && now_s < planned_s + STEP.as_secs_f64() {
+            if by_hand
+                && thrower.release_s().is_some()
+                && now_s >= planned_s
+                && now_s < planned_s + STEP.as_secs_f64()
+            {
                 let (p_m, v_m_s) = (aimed.p_m, aimed.v_m_s);
                 court.throw_in(LooseBall { p_m, v_m_s, spin_rad_s: Vector3::zeros() });
             }
@@ -338,7 +363,7 @@ impl Pair {
             for (watch, joints) in watches.iter_mut().zip(&both) {
                 watch.see(now_s, joints);
             }
-            if step % TOUCH_EVERY == 0 && !arms_touched {
+            if step % TOUCH_EVERY == 0 && !arms_touched && !self.court.alone {
                 arms_touched = self.arms_touch(&both[0].q, &arm.boxes(&joints.q));
             }
             while let Some(bytes) = court.poll_datagram() {
@@ -354,10 +379,14 @@ impl Pair {
             }
             if step % TRACE_EVERY == 0 {
                 let q = both.map(|joints| joints.q);
-                trace.push(Moment { t_s: now_s, q, ball_m: court.ball().0 });
+                // A ball that no arm throws waits where it begins.
+                let waits = by_hand && matches!(court.place(), BallPlace::Held { .. });
+                let ball_m = if waits { aimed.p_m } else { court.ball().0 };
+                trace.push(Moment { t_s: now_s, q, ball_m });
             }
         }
-        let reported = report(&run.catcher, &run.seen, executor.halted(), &court_joints, now.as_secs_f64());
+        let reported =
+            report(&run.catcher, &run.watch, &run.seen, executor.halted(), &court_joints, now.as_secs_f64());
         let events: Vec<(f64, CourtEvent)> =
             court.events().iter().map(|(at, event)| (at.as_secs_f64(), event.clone())).collect();
         let crossing = events.iter().find_map(|(_, event)| match event {
@@ -365,8 +394,13 @@ impl Pair {
             _ => None,
         });
         let samples = run.watch.samples();
+        let x_we = *arm.x_wb() * arm.model().ee_at(&court_joints.q);
+        let at_e_m = |p_w: Vector3<f64>| x_we.inverse_transform_point(&p_w);
+        let seen_m = place_in_cup(&run.catcher, &run.seen, &court_joints, now.as_secs_f64());
+        let rests = court.resting_in() == Some(1);
+        let lies_e_m = seen_m.filter(|_| rests).map(|seen_m| [court.ball().0, seen_m].map(at_e_m));
         Outcome {
-            caught: court.resting_in() == Some(1),
+            caught: rests,
             reported,
             crossing,
             events,
@@ -379,6 +413,7 @@ impl Pair {
             arms_touched,
             seen_s: samples.last().map_or(0.0, |last| last.t_s - samples[0].t_s),
             off_m: run.catcher.log().iter().rev().map(|logged| logged.off_m).find(|off_m| off_m.is_finite()),
+            lies_e_m,
             trace,
         }
     }

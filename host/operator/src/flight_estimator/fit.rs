@@ -77,6 +77,8 @@ pub struct Flight {
     gravity_m_s2: f64,
     /// Sum of squared residuals of the samples over the variance of one, and their number.
     pub chi2: (f64, usize),
+    /// The same with what was believed before: its squared distance from the solution over its variance added.
+    pub chi2_with_belief: f64,
 }
 
 fn step(at: &Flown, b: f64, g: f64, h: f64) -> Flown {
@@ -148,6 +150,7 @@ impl Flight {
             covariance,
             gravity_m_s2: air.gravity_m_s2,
             chi2: (0.0, 0),
+            chi2_with_belief: 0.0,
         }
     }
 
@@ -180,6 +183,7 @@ impl Flight {
             let mut information = information0;
             let mut gradient = information0 * (mean - x);
             let mut chi2 = 0.0;
+            let belief = (x - mean).dot(&(information0 * (x - mean)));
             let mut at = start(&x);
             let mut t_s = t0_s;
             for sample in samples {
@@ -203,6 +207,7 @@ impl Flight {
                     covariance: factor.inverse(),
                     gravity_m_s2: air.gravity_m_s2,
                     chi2: ((chi2 - moved.dot(&gradient)).max(0.0), samples.len()),
+                    chi2_with_belief: (chi2 + belief - moved.dot(&gradient)).max(0.0),
                 });
             }
         }

@@ -12,6 +12,8 @@ use super::stream::MarkerFrame;
 
 /// Chi-square of three degrees of freedom that 1 in 1000 exceeds.
 const GATE: f64 = 16.3;
+/// Chi-square of six degrees of freedom (place and velocity) that 1 in 1000 exceeds.
+const PRIOR_GATE: f64 = 22.46;
 /// Normal quantile of the same level.
 const GATE_SIGMAS: f64 = 3.09;
 /// Balls begin between these speeds, m/s.
@@ -21,6 +23,8 @@ const MISSES_MAX: usize = 3;
 /// Frames that are kept while there is no flight, and samples at most in a batch.
 const FRAMES_MAX: usize = 24;
 const SAMPLES_MAX: usize = 160;
+/// So many frames after the planned release without the ball: it was not released.
+const UNSEEN_MIN: usize = 24;
 /// A flight that was not seen for this long is over, s.
 const LOST_AFTER_S: f64 = 1.0;
 /// Times of a forecast.
@@ -50,6 +54,8 @@ pub struct BallWatch {
     flight: Option<Flight>,
     misses: usize,
     age_s: f64,
+    /// Frames after the planned release before the ball was seen first; `None` once it was.
+    unseen: Option<usize>,
     /// Markers and frames that were seen and not used.
     pub left_out: usize,
 }
@@ -59,7 +65,8 @@ impl BallWatch {
     #[must_use]
     pub fn new(options: WatchOptions) -> Self {
         let age_s = 0.015;
-        Self { options, frames: Vec::new(), samples: Vec::new(), flight: None, misses: 0, age_s, left_out: 0 }
+        let (frames, samples) = (Vec::new(), Vec::new());
+        Self { options, frames, samples, flight: None, misses: 0, age_s, unseen: Some(0), left_out: 0 }
     }
 
     /// Takes a frame; true if the flight has changed.
@@ -71,16 +78,21 @@ impl BallWatch {
             self.samples.clear();
             self.flight = None;
         }
+        let release_s = self.options.prior.as_ref().map_or(f64::INFINITY, |prior| prior.t_s);
+        self.unseen = self.unseen.map(|frames| frames + usize::from(frame.t_s > release_s));
         if frame.markers.is_empty() {
             return false;
         }
         self.remember(frame);
         let mut changed = !self.samples.is_empty() && self.go_on(frame);
         self.misses = if changed { 0 } else { self.misses + 1 };
-        if !changed && (self.samples.is_empty() || self.misses >= MISSES_MAX) {
+        // What contradicts a plan that few samples back may be a ball that does not follow it.
+        let by_plan = self.options.prior.is_some() && self.samples.len() < self.options.first_samples;
+        if !changed && (self.samples.is_empty() || self.misses >= MISSES_MAX || by_plan) {
             changed = self.begin(frame);
         }
         if changed {
+            self.unseen = None;
             self.settle();
         }
         changed && self.flight.is_some()
@@ -94,18 +106,26 @@ impl BallWatch {
         }
     }
 
-    /// Seeks a chain that ends in the newest frame.
+    /// Seeks a ball that flies, or one where the plan says that it is.
     fn begin(&mut self, frame: &MarkerFrame) -> bool {
-        let prior = self.options.prior.as_ref().map(|prior| Flight::of_prior(prior, &self.options.air));
-        if let Some(flight) = prior {
-            // The plan tells where to look.
-            if let Some(sample) = self.nearest(&flight, frame) {
-                self.samples = vec![sample];
-                return true;
-            }
-            self.left_out += frame.markers.len();
-            return false;
+        let release_s = self.options.prior.as_ref().map(|prior| prior.t_s);
+        if let Some(chain) = self.newest_chain()
+            && release_s.is_none_or(|release_s| chain[0].t_s > release_s)
+        {
+            self.samples = chain;
+            return true;
         }
+        let Some(prior) = &self.options.prior else { return false };
+        if let Some(sample) = self.nearest(&Flight::of_prior(prior, &self.options.air), frame) {
+            self.samples = vec![sample];
+            return true;
+        }
+        self.left_out += frame.markers.len();
+        false
+    }
+
+    /// The chain that ends in the newest frame and fits best.
+    fn newest_chain(&self) -> Option<Vec<Sample>> {
         let mut best: Option<(f64, Vec<Sample>)> = None;
         let newest = self.frames.len() - 1;
         let needed = self.options.first_samples.max(4);
@@ -120,9 +140,7 @@ impl BallWatch {
                 }
             }
         }
-        let Some((_, chain)) = best else { return false };
-        self.samples = chain;
-        true
+        best.map(|(_, chain)| chain)
     }
 
     /// Backwards from two markers: in each older frame the one nearest to the parabola through those found so far.
@@ -194,8 +212,25 @@ impl BallWatch {
         (off < GATE).then_some(Sample { t_s: frame.t_s, p_m: *near })
     }
 
+    /// A plan that the samples contradict is not believed any more: the fit with it is worse than the one without by more than chance
+    /// makes it.
+    fn test_prior(&mut self) {
+        let WatchOptions { sigma_m, air, first_samples, .. } = &self.options;
+        let n = self.samples.len();
+        if self.options.prior.is_none() || n < *first_samples {
+            return;
+        }
+        let fit = |prior| Flight::fit(&self.samples, *sigma_m, air, prior);
+        let Some(alone) = fit(None) else { return };
+        let with = fit(self.options.prior.as_ref()).map_or(f64::INFINITY, |with| with.chi2_with_belief);
+        if alone.chi2.0 < quantile(3 * n - 6) && with - alone.chi2_with_belief > PRIOR_GATE {
+            self.options.prior = None;
+        }
+    }
+
     /// Fits; what the batch contradicts goes.
     fn settle(&mut self) {
+        self.test_prior();
         let prior = self.options.prior.clone();
         loop {
             let fit = Flight::fit(&self.samples, self.options.sigma_m, &self.options.air, prior.as_ref());
@@ -231,6 +266,12 @@ impl BallWatch {
     pub fn flight(&self) -> Option<Flight> {
         let planned = || self.options.prior.as_ref().map(|prior| Flight::of_prior(prior, &self.options.air));
         self.flight.clone().or_else(planned)
+    }
+
+    /// The plan announced a ball, the tracker looked, and no ball flew.
+    #[must_use]
+    pub fn saw_no_release(&self) -> bool {
+        self.unseen.is_some_and(|frames| frames >= UNSEEN_MIN)
     }
 
     /// Samples of the flight so far.
@@ -273,6 +314,7 @@ fn quantile(k: usize) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::{SMatrix, SVector};
     use planner::plan::rng::SplitMix64;
 
     use super::*;
@@ -358,6 +400,40 @@ mod tests {
         }
         let apart = watch.flight().unwrap().at(0.6).0 - swapped.flight().unwrap().at(0.6).0;
         assert!(apart.norm() < 1e-6, "{apart}");
+    }
+
+    /// The plan is wrong by 60 mm and 0.3 m/s, or right: the ball is followed from the first samples on, and foreseen as well as without.
+    #[test]
+    fn a_plan_that_the_ball_does_not_follow_is_given_up_and_one_that_it_follows_helps() {
+        let spread =
+            |p: f64, v: f64| SMatrix::from_diagonal(&SVector::from([p, p, p, v, v, v]).map(|s| s * s));
+        let mut sums = [[0.0; 2]; 2];
+        for (which, (off_m, off_m_s)) in [(0.06, 0.3), (0.0, 0.0)].into_iter().enumerate() {
+            let mut rng = SplitMix64::new(5);
+            for _ in 0..60 {
+                let off = Vector3::new(0.0, off_m, 0.0);
+                let v_m_s = Vector3::new(3.0, 0.0, 2.5) + Vector3::new(0.0, 0.0, off_m_s);
+                let prior =
+                    FlightPrior { t_s: 0.0, p_m: ball(0.0) + off, v_m_s, covariance: spread(0.005, 0.05) };
+                let mut watches = [
+                    BallWatch::new(WatchOptions { prior: Some(prior), ..options() }),
+                    BallWatch::new(options()),
+                ];
+                for k in 1..=8 {
+                    let t = f64::from(k) / 120.0;
+                    let seen = frame(t, vec![noisy(&mut rng, ball(t))]);
+                    for watch in &mut watches {
+                        watch.observe(&seen);
+                    }
+                }
+                for (sum, watch) in sums[which].iter_mut().zip(&watches) {
+                    *sum += (watch.flight().unwrap().at(0.6).0 - ball(0.6)).norm_squared();
+                }
+            }
+        }
+        let [wrong, right] = sums.map(|[with, without]| (with / without).sqrt());
+        assert!((wrong - 1.0).abs() < 0.02, "{wrong}");
+        assert!(right < 0.8, "{right}");
     }
 
     #[test]

@@ -52,6 +52,8 @@ pub enum NotACatcher {
     NoDrives,
 }
 
+/// Name of the cup among the boxes of the arm.
+pub const CUP_BODY: &str = "cup";
 /// Margin to the ends of the joint ranges, rad.
 const RANGE_MARGIN_RAD: f64 = 0.01;
 
@@ -100,7 +102,7 @@ impl CatchArm {
         let (first, correction) = (limits(shares.first), limits(shares.correction));
         let half = 0.5 * cup.length_m;
         let shell = (
-            "cup".to_owned(),
+            CUP_BODY.to_owned(),
             Pose::translation(0.0, 0.0, cup.mouth_m - half),
             Vector3::new(cup.outer_radius_m, cup.outer_radius_m, half),
         );

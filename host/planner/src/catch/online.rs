@@ -219,8 +219,9 @@ impl<'a> Catcher<'a> {
 
     /// Why there is no catch; `None` if there is one, or nothing was foreseen yet.
     ///
-    /// A ball that has passed is out of reach, of whatever kind it was: the last reason counts that a search with postures to judge
-    /// gave; without one, the last that is not [`Decline::OutOfReach`].
+    /// A ball that has passed is out of reach, of whatever kind it was, and no posture points at it: the last reason counts that a
+    /// search with postures to judge gave; without one, the last that is neither of these two; then the last that is not
+    /// [`Decline::OutOfReach`].
     #[must_use]
     pub fn declined(&self) -> Option<Decline> {
         if self.choice.is_some() {
@@ -234,9 +235,11 @@ impl<'a> Catcher<'a> {
                 _ => None,
             })
         };
+        let passed = [Decline::OutOfReach, Decline::NoPosture];
         let with_postures = reasons().find(|(_, postures)| *postures);
+        let before = || reasons().find(|(why, _)| !passed.contains(why));
         let in_reach = || reasons().find(|(why, _)| *why != Decline::OutOfReach);
-        with_postures.or_else(in_reach).or_else(|| reasons().next()).map(|(why, _)| why)
+        with_postures.or_else(before).or_else(in_reach).or_else(|| reasons().next()).map(|(why, _)| why)
     }
 }
 

@@ -22,10 +22,10 @@ use super::Joints;
 use super::arm::CatchArm;
 use super::candidates::{Candidate, Search, directions};
 use super::edge::share_in_reach;
-use super::forecast::Forecast;
+use super::forecast::{Forecast, Foreseen, across};
 use super::law::{Limits, Pieces};
 use super::motion::{CatchMotion, Fault, check, stopped};
-use super::slot::{Slot, slots};
+use super::slot::{slots, stride};
 use super::task::{Count, Decline, Mode, Settings, Start};
 
 /// Whole motions that are checked for one decision: bounds its time.
@@ -72,17 +72,17 @@ pub fn search(
     let limits = arm.limits(start.under_way.is_some());
     let slots = slots(arm, settings, start, forecast, limits);
     let mut search = Search::new(arm, settings, start);
-    if slots.is_empty() {
-        return (Err(Decline::OutOfReach), search.count);
-    }
     let rings = directions(settings.cone_rad);
+    if slots.is_empty() {
+        return (Err(why_none(arm, &rings, forecast, &search.count)), search.count);
+    }
     slots.iter().for_each(|slot| search.look(slot, &rings));
     if start.under_way.is_none() {
         search.look_nearby(forecast, limits);
     }
     let Search { best, mut count, .. } = search;
     if best.is_empty() {
-        return (Err(why_none(arm, &slots, &count)), count);
+        return (Err(why_none(arm, &rings, forecast, &count)), count);
     }
     if best[0].probability < settings.probability_min {
         return (Err(Decline::TooUncertain), count);
@@ -125,7 +125,7 @@ pub fn search(
     (Err(why), count)
 }
 
-fn why_none(arm: &CatchArm, slots: &[Slot<'_>], count: &Count) -> Decline {
+fn why_none(arm: &CatchArm, rings: &[[f64; 3]], forecast: &Forecast, count: &Count) -> Decline {
     if count.cup_down > 0 {
         return Decline::CupDown;
     }
@@ -138,15 +138,30 @@ fn why_none(arm: &CatchArm, slots: &[Slot<'_>], count: &Count) -> Decline {
     if count.fast > 0 {
         return Decline::TooFast;
     }
-    // No posture in the windows: is there one in the ranges?
-    let (low, high) = (arm.model.q_min(), arm.model.q_max());
-    let mut any = false;
-    for slot in slots {
-        let p_b = arm.x_wb.inverse_transform_point(&slot.ball.p_m);
-        let axis_b = arm.x_wb.rot.tr_mul(&-slot.u);
-        arm.model.ik_axis(&arm.tool, &p_b, &axis_b, (&low, &high), |_, _| any = true);
+    // No posture that the joints reach in time: is there one in the ranges, for an arm that knew earlier?
+    let shoulder = arm.shoulder_m();
+    let near: Vec<&Foreseen> =
+        forecast.points.iter().filter(|ball| (ball.p_m - shoulder).norm() < arm.reach_m()).collect();
+    if near.is_empty() {
+        return Decline::OutOfReach;
     }
-    if any { Decline::TooLate } else { Decline::NoPosture }
+    let range = (arm.model.q_min(), arm.model.q_max());
+    let in_ranges = |ball: &Foreseen| {
+        let p_b = arm.x_wb.inverse_transform_point(&ball.p_m);
+        let u = ball.v_m_s.normalize();
+        let (a, b) = across(&u);
+        rings.iter().any(|[x, y, z]| {
+            let axis_b = arm.x_wb.rot.tr_mul(&(a * *x + b * *y - u * *z));
+            let mut any = false;
+            arm.model.ik_axis(&arm.tool, &p_b, &axis_b, (&range.0, &range.1), |_, _| any = true);
+            any
+        })
+    };
+    if near.iter().step_by(stride(near.len())).any(|ball| in_ranges(ball)) {
+        Decline::TooLate
+    } else {
+        Decline::NoPosture
+    }
 }
 
 fn motion_of(arm: &CatchArm, limits: &[Limits; 6], start: &Start<'_>, candidate: &Candidate) -> CatchMotion {

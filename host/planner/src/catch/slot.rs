@@ -37,6 +37,11 @@ pub(super) struct Slot<'a> {
     pub(super) high: Joints,
 }
 
+/// Each how many times of so many is looked at.
+pub(super) fn stride(times: usize) -> usize {
+    times.div_ceil(TIMES_MAX).max(1)
+}
+
 pub(super) fn slots<'a>(
     arm: &CatchArm,
     settings: &Settings,
@@ -52,7 +57,7 @@ pub(super) fn slots<'a>(
             && ball.v_m_s.norm() > 0.1
     };
     let all: Vec<&Foreseen> = forecast.points.iter().filter(|ball| near(ball)).collect();
-    let stride = all.len().div_ceil(TIMES_MAX).max(1);
+    let stride = stride(all.len());
     let mut balls: Vec<Foreseen> = all.into_iter().step_by(stride).copied().collect();
     if let Some((t_s, ..)) = start.under_way {
         // The time under way and its neighbours, so that corrections stay small.

@@ -6,6 +6,7 @@
 use super::Joints;
 use super::arm::DiscArm;
 use super::estimate::{Estimate, Model, View};
+use super::intercept::local::Effort;
 use super::intercept::{self, Decline, Plan, Settings};
 use super::motion::{At, DiscMotion};
 
@@ -71,7 +72,8 @@ impl<'a> Catcher<'a> {
         if self.views.len() < self.timing.first_views {
             return;
         }
-        let settings = Settings { now_s: arrived_s + self.timing.actuation_s, ..self.settings };
+        let now_s = arrived_s + self.timing.actuation_s;
+        let settings = Settings { now_s, between: Effort::NOT_AT_ALL, ..self.settings };
         let Some(estimate) = Estimate::refit(&self.model, &self.views, self.estimate.as_ref()) else {
             return;
         };

@@ -42,6 +42,9 @@ pub(super) fn trial(args: &Args, ball: &[f64; 6]) -> Result<Trial, ExpectedError
     let mut options = args.catching.trial();
     options.cooperative = args.cooperative;
     let mut court = args.catching.court()?;
+    if args.catching.court.is_none() {
+        court = court.without_thrower();
+    }
     place_robot(&mut court, args.robot.as_deref().unwrap_or("powercube6"))?;
     let [x, y, z, vx, vy, vz] = *ball;
     let (p, v) = (Vector3::new(x, y, z), Vector3::new(vx, vy, vz));
@@ -70,6 +73,9 @@ fn place_robot(court: &mut CourtOptions, robot: &str) -> Result<(), ExpectedErro
             model.n()
         ))
         .next("`--robot powercube6`, or `--disc` for a disc"));
+    }
+    if court.alone {
+        court.arms[0].model = model.clone();
     }
     court.arms[1].model = model;
     Ok(())

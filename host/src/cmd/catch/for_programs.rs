@@ -1,11 +1,10 @@
 //! `cubectl catch` for programs: words of the command line in, the result with its motions out; nothing is printed.
 
-use hil_sim::court::CourtEvent;
 use nalgebra::Matrix4;
+use operator::ball_catch::trial::Moment;
 use planner::catch::Joints;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
-use super::ball::Trial;
 use super::{Args, ball, disc, outcome};
 use crate::cmd::words;
 use crate::error::ExpectedError;
@@ -14,8 +13,8 @@ use crate::exit;
 /// Steps of a table at most.
 const ROWS_MAX: f64 = 100_000.0;
 
-/// What `cubectl catch --ball --json` tells, and more: how the program ends, where the arm stands, what the court saw, and tables of
-/// the trial and of the last motion, in steps of `step_s` from its start to its end. Times count from the release.
+/// What `cubectl catch --ball --json` tells, and more: how the program ends, where the arm stands, the path of its cup, and a table
+/// of the last motion, in steps of `step_s` from its start to its end. Times count from the release.
 ///
 /// # Errors
 /// A word is refused (exit code 2 of the program), or input is refused. A ball that is not caught is no error.
@@ -34,9 +33,9 @@ pub fn ball(words: &[String], step_s: f64) -> Result<Value, ExpectedError> {
     result["text"] = json!(end.map_or_else(|| "caught".to_owned(), |error| error.to_string()));
     result["x_wb"] = json!(rows(&x_wb));
     result["within_limits"] = json!(outcome.within_limits(args.catching.jerk));
-    result["events"] =
-        outcome.events.iter().map(|(at_s, event)| event_json(at_s - release_s, event)).collect();
-    result["trace"] = trace(&trial, args.catching.jerk);
+    let arm = trial.pair.catcher(args.catching.jerk);
+    let mouth_m = |moment: &Moment| json!(arm.mouth(&moment.q[1], &Joints::zeros(6)).0.as_slice());
+    result["trace"]["mouth_m"] = outcome.trace.iter().map(mouth_m).collect();
     result["motion"] = outcome.choice.as_ref().map_or(Value::Null, |choice| {
         let motion = &choice.motion;
         let states = steps(motion.start_s, motion.end_s(), step_s).map(|t_s| {
@@ -113,43 +112,6 @@ fn table<const N: usize>(states: impl Iterator<Item = (f64, [[f64; N]; 3])>) -> 
     }
     let [q, qd, qdd] = columns;
     json!({"t_s": t_s, "q_rad": q, "qd_rad_s": qd, "qdd_rad_s2": qdd})
-}
-
-/// Where ball, arms and the mouth of the cup were, in the world of the court.
-fn trace(trial: &Trial, jerk: bool) -> Value {
-    let (arm, outcome) = (trial.pair.catcher(jerk), &trial.outcome);
-    let column = |of: &dyn Fn(&operator::ball_catch::trial::Moment) -> Value| -> Value {
-        outcome.trace.iter().map(of).collect()
-    };
-    json!({
-        "t_s": column(&|moment| json!(moment.t_s - outcome.planned_s.0)),
-        "ball_m": column(&|moment| json!(moment.ball_m.as_slice())),
-        "mouth_m": column(&|moment| json!(arm.mouth(&moment.q[1], &Joints::zeros(6)).0.as_slice())),
-        "q_rad": column(&|moment| json!(moment.q[1][..])),
-    })
-}
-
-fn event_json(after_release_s: f64, event: &CourtEvent) -> Value {
-    let (what, arm, more) = match event {
-        CourtEvent::Released { arm } => ("released", Some(arm), None),
-        CourtEvent::Crossed { arm, .. } => ("crossed the mouth of the cup", Some(arm), None),
-        CourtEvent::HitCup { arm, speed_m_s } => {
-            ("hit the cup", Some(arm), Some(("speed_m_s", json!(speed_m_s))))
-        }
-        CourtEvent::HitLink { arm, part, .. } => ("hit a link", Some(arm), Some(("part", json!(part)))),
-        CourtEvent::HitFloor => ("hit the floor", None, None),
-        CourtEvent::Rests { arm } => ("rests in the cup", Some(arm), None),
-        CourtEvent::FellOut { arm } => ("fell out of the cup", Some(arm), None),
-    };
-    let mut result = Map::new();
-    result.insert("after_release_s".to_owned(), json!(after_release_s));
-    result.insert("event".to_owned(), json!(what));
-    let arm = arm.map(|arm| if *arm == 0 { "thrower" } else { "catcher" });
-    result.insert("arm".to_owned(), json!(arm));
-    if let Some((name, value)) = more {
-        result.insert(name.to_owned(), value);
-    }
-    Value::Object(result)
 }
 
 fn rows(matrix: &Matrix4<f64>) -> Vec<Vec<f64>> {

@@ -1,24 +1,21 @@
 //! How a catch of a ball ended: exit code, text and JSON.
 
-use operator::ball_catch::trial::{CatchOutcome, Outcome};
+use hil_sim::court::CourtEvent;
+use operator::ball_catch::trial::{CatchOutcome, Moment, Outcome};
 use planner::catch::online::Decision;
 use planner::catch::task::Mode;
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::ball_catch::decision_word;
 
-/// How a trial in the simulated court ends: its ball decides, not what the catcher reports of it.
+/// How a trial in the simulated court ends.
 ///
 /// # Errors
-/// The ball is not in the cup, or the arm was stopped by a fault.
+/// The ball is not in the cup, or the catcher does not report that it is.
 pub fn ended(outcome: &Outcome) -> Result<(), ExpectedError> {
-    match outcome.reported {
-        halted @ CatchOutcome::Halted => Err(why_not_caught(halted)),
-        _ if outcome.caught => Ok(()),
-        other => Err(why_not_caught(other)),
-    }
+    if outcome.known_caught() { Ok(()) } else { Err(why_not_caught(outcome.reported)) }
 }
 
 /// Why a ball was not caught, with the exit code.
@@ -34,7 +31,7 @@ pub fn why_not_caught(reported: CatchOutcome) -> ExpectedError {
         ),
         CatchOutcome::NothingThrown => (
             exit::NOT_RELEASED,
-            "no ball was seen in flight; the arm stayed where it was".to_owned(),
+            "no ball was released: the tracker saw none in flight".to_owned(),
             "look at the thrower and the tracker",
         ),
         CatchOutcome::Halted => (exit::STOPPED, "the catcher's arm stopped because of a fault".to_owned(), "`cubectl doctor`"),
@@ -85,6 +82,13 @@ pub fn as_text(outcome: &Outcome) -> String {
             crossing.speed_m_s
         );
     }
+    let by_other_arm = outcome.events.iter().find_map(|(_, event)| match event {
+        CourtEvent::HitLink { arm: 0, part, .. } => Some(part),
+        _ => None,
+    });
+    if let Some(part) = by_other_arm {
+        out += &format!("  the ball hit the other arm of the court ({part})\n");
+    }
     let corrected = outcome.log.iter().filter(|l| l.decision == Decision::Corrected).count();
     let judged: usize = outcome.log.iter().map(|l| l.count.judged).sum();
     out += &format!(
@@ -115,6 +119,41 @@ pub fn as_json(outcome: &Outcome) -> Value {
             "thrower": outcome.executed[0], "catcher": outcome.executed[1], "arms_touched": outcome.arms_touched,
             "planned": {"speed": outcome.used[0], "acceleration": outcome.used[1], "jerk": outcome.used[2]},
         },
+        "events": outcome.events.iter().map(|(at_s, event)| event_json(at_s - outcome.planned_s.0, event)).collect::<Vec<_>>(),
+        "trace": trace(outcome),
         "refusals": outcome.refusals.iter().map(ToString::to_string).collect::<Vec<_>>(),
     })
+}
+
+/// Where ball and catcher were, in the world of the court, as executed.
+fn trace(outcome: &Outcome) -> Value {
+    let column = |of: &dyn Fn(&Moment) -> Value| -> Value { outcome.trace.iter().map(of).collect() };
+    json!({
+        "t_s": column(&|moment| json!(moment.t_s - outcome.planned_s.0)),
+        "ball_m": column(&|moment| json!(moment.ball_m.as_slice())),
+        "q_rad": column(&|moment| json!(moment.q[1][..])),
+    })
+}
+
+fn event_json(after_release_s: f64, event: &CourtEvent) -> Value {
+    let (what, arm, more) = match event {
+        CourtEvent::Released { arm } => ("released", Some(arm), None),
+        CourtEvent::Crossed { arm, .. } => ("crossed the mouth of the cup", Some(arm), None),
+        CourtEvent::HitCup { arm, speed_m_s } => {
+            ("hit the cup", Some(arm), Some(("speed_m_s", json!(speed_m_s))))
+        }
+        CourtEvent::HitLink { arm, part, .. } => ("hit a link", Some(arm), Some(("part", json!(part)))),
+        CourtEvent::HitFloor => ("hit the floor", None, None),
+        CourtEvent::Rests { arm } => ("rests in the cup", Some(arm), None),
+        CourtEvent::FellOut { arm } => ("fell out of the cup", Some(arm), None),
+    };
+    let mut result = Map::new();
+    result.insert("after_release_s".to_owned(), json!(after_release_s));
+    result.insert("event".to_owned(), json!(what));
+    let arm = arm.map(|arm| if *arm == 0 { "thrower" } else { "catcher" });
+    result.insert("arm".to_owned(), json!(arm));
+    if let Some((name, value)) = more {
+        result.insert(name.to_owned(), value);
+    }
+    Value::Object(result)
 }

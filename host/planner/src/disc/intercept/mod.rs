@@ -3,11 +3,12 @@
 //! Candidates: time on the path × way of the hand (outwards, or back over the base) × offset across × depth × reach over
 //! front or back × elbow × how much of the disc's velocity the hand takes over. Each is checked in the order of cost:
 //! pose in reach and range, relative motion slow enough for the gripper, motion within the limits, way of the disc into
-//! the gripper free. The first that passes all is the plan; otherwise the plan is declined with the check that stopped the
-//! most promising one.
+//! the gripper free. The first that passes all is the plan; otherwise places between those of the grid are searched (`local.rs`), and if
+//! none is a catch, the plan is declined with the check that stopped the most promising one.
 //!
 //! The check of the way in (`way.rs`) uses a coarse disc and a margin. [`super::witness`] judges by other code.
 
+pub mod local;
 mod way;
 
 use nalgebra::{Matrix3, Matrix4, Vector3};
@@ -36,6 +37,8 @@ pub struct Settings {
     pub rule: Rule,
     /// Factor on speed, acceleration and jerk limits: 1 is the robot file's.
     pub limit_scale: f64,
+    /// The search between the places of the grid, if the grid has no catch.
+    pub between: local::Effort,
 }
 
 impl Default for Settings {
@@ -48,6 +51,7 @@ impl Default for Settings {
             gripper: Gripper::default(),
             rule: Rule::default(),
             limit_scale: 1.0,
+            between: local::Effort::PLAN,
         }
     }
 }
@@ -232,6 +236,9 @@ pub fn plan(arm: &DiscArm, path: &Path, now: &[At; 4], settings: &Settings) -> R
                 return Ok(Plan { choice, reach, motion, relative_m_s: candidate.relative, used, looked_at });
             }
         }
+    }
+    if let Ok(plan) = local::search(arm, path, now, settings) {
+        return Ok(Plan { looked_at, ..plan });
     }
     if tally.in_range && !tally.slow_enough {
         // How fast the joints would have to be.

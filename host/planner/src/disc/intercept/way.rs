@@ -12,8 +12,10 @@ use crate::disc::witness::HALF_HEIGHT_M;
 /// Radius about the middle line of a link that the disc keeps out of, m: half the diagonal of the boxes, and some.
 const LINK_RADIUS_M: f64 = 0.035;
 
-/// Whether the disc comes between the fingers and stays there for the dwell without touching anything, by a coarse disc
-/// and segments for the links.
+/// Steps in which the way is looked at, s.
+pub(super) const WAY_STEP_S: f64 = 0.002;
+
+/// Whether the disc comes between the fingers and stays there for the dwell without touching anything.
 pub(super) fn way_is_free(
     arm: &DiscArm,
     path: &Path,
@@ -21,6 +23,19 @@ pub(super) fn way_is_free(
     t_s: f64,
     settings: &Settings,
 ) -> bool {
+    touches_before(arm, path, motion, t_s, settings).is_none()
+}
+
+/// How long before the end of the dwell the disc last touches something or is not between the fingers, by a coarse disc and segments
+/// for the links, s: up to a step more where few of its points touch. `None` if it comes between the fingers and stays there for the
+/// dwell without touching anything.
+pub(super) fn touches_before(
+    arm: &DiscArm,
+    path: &Path,
+    motion: &DiscMotion,
+    t_s: f64,
+    settings: &Settings,
+) -> Option<f64> {
     let radius = arm.size.disc_radius_m;
     let gripper = &settings.gripper;
     let half_dwell = 0.5 * settings.rule.dwell_s + 0.002;
@@ -29,9 +44,9 @@ pub(super) fn way_is_free(
     let outer = gripper.outer_m + HALF_HEIGHT_M + settings.margin_m;
     let first = settings.now_s;
     let last = t_s + half_dwell;
-    let steps = ((last - first) / 0.002).ceil() as u32;
+    let steps = ((last - first) / WAY_STEP_S).ceil() as u32;
     for k in 0..=steps {
-        let t = last - f64::from(k) * 0.002;
+        let t = last - f64::from(k) * WAY_STEP_S;
         let disc = path.at(t);
         let q = motion.q(t);
         let chain = arm.chain(&q);
@@ -45,7 +60,7 @@ pub(super) fn way_is_free(
                 && seen.z.abs() <= settings.rule.lateral_max_m
                 && seen.x - half_chord >= settings.margin_m;
             if !ok {
-                return false;
+                return Some(last - t);
             }
         }
         // Too far from the hand and from the arm to touch anything?
@@ -57,30 +72,29 @@ pub(super) fn way_is_free(
         let side = if normal.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
         let e1 = (side - normal * side.dot(&normal)).normalize();
         let e2 = normal.cross(&e1);
+        let (mut points, mut touching) = (0, 0);
         for ring in [1.0, 0.8, 0.55, 0.3, 0.0] {
             let count = if ring > 0.9 { 48 } else { 24 };
             for k in 0..count {
                 let (s, c) = (f64::from(k) * std::f64::consts::TAU / f64::from(count)).sin_cos();
                 let p = seen + (e1 * c + e2 * s) * (radius * ring);
+                points += 1;
                 let in_finger = p.x > 0.0 && p.x < arm.size.gripper_m + settings.margin_m && p.z.abs() < wide;
-                if in_finger && p.y.abs() > gap && p.y.abs() < outer {
-                    return false;
-                }
                 let world = chain[3] + axes * p;
                 let link = LINK_RADIUS_M + HALF_HEIGHT_M;
                 let in_hand = p.x < settings.margin_m && to_segment(&world, &chain[2], &chain[3]) < link;
-                for i in 0..2 {
-                    if in_hand || to_segment(&world, &chain[i], &chain[i + 1]) < link {
-                        return false;
-                    }
-                }
-                if world.z < arm.size.base_m + 0.06 && world.xy().norm() < 0.12 {
-                    return false;
-                }
+                let touches = in_finger && p.y.abs() > gap && p.y.abs() < outer
+                    || in_hand
+                    || (0..2).any(|i| to_segment(&world, &chain[i], &chain[i + 1]) < link)
+                    || world.z < arm.size.base_m + 0.06 && world.xy().norm() < 0.12;
+                touching += u32::from(touches);
             }
         }
+        if touching > 0 {
+            return Some(last - t + WAY_STEP_S * (1.0 - f64::from(touching) / f64::from(points)));
+        }
     }
-    true
+    None
 }
 
 fn to_segment(p: &Vector3<f64>, a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
