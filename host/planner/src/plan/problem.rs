@@ -84,6 +84,8 @@ pub struct Problem<'a> {
     pub(crate) shoulder: Vector3<f64>,
     pub(crate) bounds: Bounds,
     pub(crate) limits: Limits,
+    /// Share of the limits of the landing's shift that a throw may use.
+    pub(crate) window_share: f64,
 }
 
 /// Limits as the solver uses them: rates scaled by the share a plan may use.
@@ -166,7 +168,8 @@ impl<'a> Problem<'a> {
             *max -= margin;
         }
         let holding = arm.holding_ball().map(Box::new);
-        let problem = Self { arm, holding, target, aim, options, flight, shoulder, bounds, limits };
+        let problem =
+            Self { arm, holding, target, aim, options, flight, shoulder, bounds, limits, window_share: 1.0 };
         if problem.options.finger_release && arm.fingers().is_none() {
             return Err(ProblemError::FingersUnknown { robot: arm.name().to_owned() });
         }

@@ -126,7 +126,8 @@ impl Delayed<'_, '_> {
                 };
                 let off = end.xy - on_time.xy;
                 let distance_m = (off.norm_squared() + SHIFT_EPS_M * SHIFT_EPS_M).sqrt();
-                let value = (window.shift_m - WINDOW_ROUNDING_M - distance_m) * SHIFT_SCALE;
+                let value =
+                    (window.shift_m * problem.window_share - WINDOW_ROUNDING_M - distance_m) * SHIFT_SCALE;
                 if value < WINDOW {
                     sink.ineq(id, value, |g| {
                         let along = off * (-SHIFT_SCALE / distance_m);
