@@ -139,7 +139,15 @@ fn the_exit_code_of_a_catch_is_that_of_the_ball() {
             "--json",
         ]);
         let told: serde_json::Value = serde_json::from_str(&out(&ended)).unwrap();
-        assert_eq!(code(&ended) == 0, told["caught"] == true, "seed {seed}: {}", err(&ended));
+        // Whoever uses the ball next must know that it is there.
+        let known = told["caught"] == true && told["reported"] == "caught";
+        assert_eq!(code(&ended) == 0, known, "seed {seed}: {}", err(&ended));
+        assert_eq!(
+            err(&ended).contains("the ball was not caught"),
+            told["caught"] == false,
+            "{}",
+            err(&ended)
+        );
     }
 }
 

@@ -281,6 +281,7 @@ fn begin(
     }
     let bytes = standing_within(settings, envelope, pose, STANDING_US).ok_or(ServoError::Plan)?;
     let name = operator.upload(&bytes.into(), &mut |_, _| {})?;
+    operator.read_clock()?;
     operator.arm(&name)?;
     operator.start(&name)?;
     let now = operator.now();

@@ -19,7 +19,15 @@ pub trait Interactive: Operator {
     /// [`OperatorError::Refused`], and those of the link.
     fn start(&mut self, name: &Trajectory) -> Result<(), OperatorError>;
 
-    /// Time of the controller less ours at a time of ours, µs; `None` before [`Interactive::start`].
+    /// Compares the clocks anew, before [`Interactive::start`].
+    ///
+    /// # Errors
+    /// Those of the link.
+    fn read_clock(&mut self) -> Result<(), OperatorError> {
+        Ok(())
+    }
+
+    /// Time of the controller less ours at a time of ours, µs; `None` before [`Interactive::read_clock`].
     fn clock_offset_us(&mut self, ours: Instant) -> Option<f64>;
 
     /// Compares the clocks again; every few seconds.

@@ -201,9 +201,13 @@ impl Interactive for OnBus<'_> {
 
     fn start(&mut self, name: &Trajectory) -> Result<(), OperatorError> {
         let node = self.node()?;
-        self.clock = ControllerClock::default();
-        self.session.read_clock(node, &mut self.clock)?;
         self.session.start_run(node, name)
+    }
+
+    fn read_clock(&mut self) -> Result<(), OperatorError> {
+        let node = self.node()?;
+        self.clock = ControllerClock::default();
+        self.session.read_clock(node, &mut self.clock)
     }
 
     fn clock_offset_us(&mut self, ours: Instant) -> Option<f64> {

@@ -15,7 +15,15 @@ use crate::report::ball_catch::decision_word;
 /// # Errors
 /// The ball is not in the cup, or the catcher does not report that it is.
 pub fn ended(outcome: &Outcome) -> Result<(), ExpectedError> {
-    if outcome.known_caught() { Ok(()) } else { Err(why_not_caught(outcome.reported)) }
+    if outcome.known_caught() {
+        return Ok(());
+    }
+    let error = why_not_caught(outcome.reported);
+    if outcome.caught && outcome.reported == CatchOutcome::Missed {
+        let what = "the simulated ball lies in the cup, but the catcher reports that it was missed";
+        return Err(ExpectedError::new(error.code, what).next("look at the tracker and its room"));
+    }
+    Err(error)
 }
 
 /// Why a ball was not caught, with the exit code.
