@@ -51,14 +51,15 @@ impl JointReached {
         let mrad = |rad: f64| 1e3 * rad;
         let mut broken = Vec::new();
         // Written so that NaN is not allowed.
-        if !(self.off_rad <= self.path_tolerance_rad) {
+        let is_within = |off_rad: f64, most_rad: f64| off_rad <= most_rad;
+        if !is_within(self.off_rad, self.path_tolerance_rad) {
             let (off, at_s, most) = (mrad(self.off_rad), self.off_at_s, mrad(self.path_tolerance_rad));
             broken.push(format!(
                 "{} was {off:.1} mrad from the motion at {at_s:.2} s (tolerance {most:.1})",
                 self.name
             ));
         }
-        if !(self.end_off_rad <= self.goal_tolerance_rad) {
+        if !is_within(self.end_off_rad, self.goal_tolerance_rad) {
             let (off, most) = (mrad(self.end_off_rad), mrad(self.goal_tolerance_rad));
             broken.push(format!("{} stood {off:.1} mrad from the end (tolerance {most:.1})", self.name));
         }
