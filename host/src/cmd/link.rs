@@ -132,10 +132,10 @@ impl Link {
         Self::open_until(on, machine, log.as_deref(), quiet, interrupt())
     }
 
-    /// As [`Link::open`], with the file of the exchange; what is under way ends once `stop` is set. For programs that have handlers of signals of their own.
+    /// As `open`, with the file of the exchange; what is under way ends once `stop` is set. For programs that have handlers of signals of their own.
     ///
     /// # Errors
-    /// As [`Link::open`].
+    /// As `open`.
     pub fn open_until(
         on: &Target,
         machine: &Machine,
