@@ -245,7 +245,7 @@ pub struct Study {
 #[derive(Debug, Clone, Serialize)]
 pub struct Rallies {
     pub distance_m: f64,
-    /// Catches in a row of each rally, at most [`RALLY_THROWS`].
+    /// Catches in a row of each rally, at most `RALLY_THROWS`.
     pub lengths: Vec<usize>,
     /// Throws that were caught, of all.
     pub caught: Share,
