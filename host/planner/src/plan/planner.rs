@@ -107,8 +107,8 @@ impl<'p, 'a> Planner<'p, 'a> {
     }
 }
 
-/// Random starts first use this share of the limits of the landing's shift, then all of it. Measured: to (1.5, 1, -1) 28 and 31 of 60
-/// starts end in a throw, and 13 and 9 if they use all of it from the beginning.
+/// Random starts first use this share of the limits of the landing's shift, then all of it. How many end in a throw changes erratically
+/// with it, for a reason that is not known: to (1.5, 1, -1) 28 of 60 with this share, 13 with all of it (docs/measured/search-quality.md).
 const INSIDE_SHARE: f64 = 0.98;
 /// Throws that random starts vary.
 const VARIED: usize = 4;
