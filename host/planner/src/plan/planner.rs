@@ -68,16 +68,21 @@ impl<'p, 'a> Planner<'p, 'a> {
         (record.range_m - self.range_m).hypot(record.height_m - self.problem.target.z)
     }
 
-    /// A local solve from random start number `index`. Of four one launches the ball, one varies one of the cheapest throws of `known`
-    /// (it launches if there are none), and two are at rest: they end in a throw more often, and miss what is close to the arm.
-    pub(super) fn solve_random(&self, seed: u64, index: u64, known: &[Found]) -> Option<Found> {
+    /// A local solve from random start number `index`: an arm at rest. Where the throws found so far are `known`, there is no table, and
+    /// every second start moves: it launches the ball, or varies one of the cheapest throws.
+    pub(super) fn solve_random(&self, seed: u64, index: u64, known: Option<&[Found]>) -> Option<Found> {
         let mut rng = SplitMix64::stream(seed, index);
-        let known = &known[..known.len().min(VARIED)];
-        let from = known.get((rng.unit() * known.len() as f64) as usize).filter(|_| index % 4 == 3);
-        let (start, begin) = match (index % 2, from) {
-            (0, _) => (resting_start(self.problem, &mut rng), Begin::Rest { again: self.persistent }),
-            (_, Some(from)) => (varied_start(self.problem, &from.throw, &mut rng), self.anywhere()),
-            (_, None) => (launching_start(self.problem, &mut rng), self.anywhere()),
+        let (start, begin) = match known.filter(|_| index % 2 == 1) {
+            None => (resting_start(self.problem, &mut rng), Begin::Rest { again: self.persistent }),
+            Some(known) => {
+                let known = &known[..known.len().min(VARIED)];
+                let from = known.get((rng.unit() * known.len() as f64) as usize).filter(|_| index % 4 == 3);
+                let start = match from {
+                    Some(from) => varied_start(self.problem, &from.throw, &mut rng),
+                    None => launching_start(self.problem, &mut rng),
+                };
+                (start, self.anywhere())
+            }
         };
         let whole = self.effort.as_ref().unwrap_or(self.problem);
         let mut inside = whole.clone();

@@ -18,7 +18,7 @@ impl Planner<'_, '_> {
     /// One local solve from random point number `index` of the search space.
     #[must_use]
     pub fn random_start(&self, seed: u64, index: u64) -> Option<Found> {
-        Some(self.refine(self.solve_random(seed, index, &[])?))
+        Some(self.refine(self.solve_random(seed, index, None)?))
     }
 
     /// One local solve from a throw for a near target.
@@ -258,9 +258,9 @@ impl Planner<'_, '_> {
         {
             let batch: Vec<u64> = ((begun as u64)..(most(&basins).min(begun + batch) as u64)).collect();
             begun += batch.len();
-            let known = basins.found();
+            let known = (surroundings == Surroundings::Unknown).then(|| basins.found());
             let ended = each(&batch, |k| {
-                (!stopped()).then(|| counted(watch, self.solve_random(budget.seed, *k, &known)))
+                (!stopped()).then(|| counted(watch, self.solve_random(budget.seed, *k, known.as_deref())))
             });
             ended.into_iter().flatten().for_each(|found| basins.add_random(found));
         }
