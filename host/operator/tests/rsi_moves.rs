@@ -259,17 +259,22 @@ impl Stream for Circle {
     fn ticked(&mut self, _: f64, _: &Servo<'_>, _: Option<&Limited>) {}
 }
 
-#[test]
-fn stream_leads_the_true_axes_within_their_speeds_and_ends_at_rest() {
-    let (arm, stop) = (arm(), Arc::new(AtomicBool::new(false)));
-    let mut robot = led(&described(), &arm, &stop, Instant::FAR_FUTURE);
+/// The robot waits to be led; what keeps a stream in bounds.
+fn ready(robot: &mut LedRobot<'_>) -> Keeps {
     robot.wait_for(Duration::from_secs(20), &|state| state == State::Ready).unwrap();
-    let keeps = Keeps {
+    Keeps {
         share: 0.3,
         v_max_rad_s: f64::INFINITY,
         hold: Duration::from_millis(200),
         scene: Scene::default(),
-    };
+    }
+}
+
+#[test]
+fn stream_leads_the_true_axes_within_their_speeds_and_ends_at_rest() {
+    let (arm, stop) = (arm(), Arc::new(AtomicBool::new(false)));
+    let mut robot = led(&described(), &arm, &stop, Instant::FAR_FUTURE);
+    let keeps = ready(&mut robot);
     for end_s in [4.0, 3.0] {
         let mut circle = Circle { next: 0, refused: 0, end_s };
         let streamed = follow(&mut robot, &arm, &keeps, &mut circle).expect("followed");
@@ -294,13 +299,7 @@ fn stream_leads_the_true_axes_within_their_speeds_and_ends_at_rest() {
 fn stream_without_commands_comes_to_rest_and_an_interrupted_one_too() {
     let (arm, stop) = (arm(), Arc::new(AtomicBool::new(false)));
     let mut robot = led(&described(), &arm, &stop, Instant::from_micros(6_000_000));
-    robot.wait_for(Duration::from_secs(20), &|state| state == State::Ready).unwrap();
-    let keeps = Keeps {
-        share: 0.3,
-        v_max_rad_s: f64::INFINITY,
-        hold: Duration::from_millis(200),
-        scene: Scene::default(),
-    };
+    let keeps = ready(&mut robot);
     let mut circle = Circle { next: 0, refused: 0, end_s: 60.0 };
     let streamed = follow(&mut robot, &arm, &keeps, &mut circle).expect("ended in order");
     assert!(streamed.interrupted && streamed.duration_s < 6.5, "{streamed:?}");

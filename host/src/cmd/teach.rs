@@ -39,14 +39,13 @@ const SHOWN_EACH: u32 = 5;
 const MOMENT: WallSpan = WallSpan::from_millis(5);
 /// Pause that `w` saves, s.
 const WAIT_S: f64 = 1.0;
-const HELP: &str =
-    "1-8 joint   x y z hand   hold + l or - h to move   s save   o c gripper   w wait 1 s   u undo   q end";
+const HELP: &str = "1-8 joint   x y z hand along the base   X Y Z along itself   hold + l or - h to move   s save   o c gripper   w wait 1 s   u undo   q end";
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl teach pick.toml --home                # the simulated cell\n  cubectl teach pick.toml --bus can0 && cubectl run pick.toml --bus can0 --repeat 10\n\n\
-Keys: 1 to 8 choose a joint, x y z a direction of the hand (base frame). Hold + or l to move up, - or h to move down; let go to stop. s saves where\n\
+Keys: 1 to 8 choose a joint, x y z a direction of the hand in the frame of the base, X Y Z in its own. Hold + or l to move up, - or h to move down; let go to stop. s saves where\n\
 the arm stands; o and c open and close the gripper and save that, w saves a pause of 1 s. u removes the last step, q ends.\n\
 The file is written after each step. A step that `cubectl run` would refuse is not saved. The arm keeps its joint ranges and 10 mm from everything;\n\
 the pause before a held key repeats may be at most 0.6 s."
@@ -168,6 +167,8 @@ enum Chosen {
     Joint(usize),
     /// The hand along x, y or z of the base.
     Hand(usize),
+    /// The hand along its own x, y or z.
+    Tool(usize),
 }
 
 impl Chosen {
@@ -176,22 +177,26 @@ impl Chosen {
         match key {
             b'1'..=b'8' => Some(usize::from(key - b'1')).filter(|joint| *joint < joints).map(Self::Joint),
             b'x'..=b'z' => Some(Self::Hand(usize::from(key - b'x'))),
+            b'X'..=b'Z' => Some(Self::Tool(usize::from(key - b'X'))),
             _ => None,
         }
     }
 
-    /// The motion of an arm with so many joints, in the direction `sign`; rest for 0.
-    fn command(self, sign: f64, joints: usize, args: &Args) -> Command {
+    /// The motion of an arm whose joints stand at `q_rad`, in the direction `sign`; rest for 0.
+    fn command(self, sign: f64, (arm, q_rad): (&Arm, &Joints), args: &Args) -> Command {
+        let along = |direction: Vector3<f64>| {
+            let mut twist = Vector6::zeros();
+            twist.fixed_rows_mut::<3>(0).copy_from(&(direction * (sign * args.hand_speed)));
+            Command::HandSpeed(twist)
+        };
+        let axis = |axis: usize| Vector3::from_fn(|row, _| f64::from(u8::from(row == axis)));
         match self {
             Self::Joint(joint) => {
                 let of_joint = |k| if k == joint { sign * args.speed } else { 0.0 };
-                Command::JointSpeeds(Joints::from_fn(joints, of_joint))
+                Command::JointSpeeds(Joints::from_fn(arm.n(), of_joint))
             }
-            Self::Hand(axis) => {
-                let mut twist = Vector6::zeros();
-                twist[axis] = sign * args.hand_speed;
-                Command::HandSpeed(twist)
-            }
+            Self::Hand(k) => along(axis(k)),
+            Self::Tool(k) => along(arm.ee_at(q_rad).rot * axis(k)),
         }
     }
 }
@@ -201,6 +206,7 @@ impl std::fmt::Display for Chosen {
         match self {
             Self::Joint(joint) => write!(f, "joint {}", joint + 1),
             Self::Hand(axis) => write!(f, "hand {}", ['x', 'y', 'z'][*axis]),
+            Self::Tool(axis) => write!(f, "hand's own {}", ['x', 'y', 'z'][*axis]),
         }
     }
 }
@@ -285,8 +291,16 @@ impl Lesson<'_> {
             scene: scene(&self.args.obstacle, self.closed),
         };
         let (view, args) = (&mut self.view, self.args);
-        let mut stream =
-            Led { args, keys, view, pace: Pace::default(), ticks: 0, asked: false, by: Pressed::Nothing };
+        let mut stream = Led {
+            args,
+            keys,
+            view,
+            q_rad: self.here,
+            pace: Pace::default(),
+            ticks: 0,
+            asked: false,
+            by: Pressed::Nothing,
+        };
         match follow(operator, self.arm, &keeps, &mut stream) {
             Ok(streamed) if streamed.interrupted => Err(interrupted()),
             Ok(streamed) => {
@@ -382,6 +396,8 @@ struct Led<'a, 'v> {
     args: &'a Args,
     keys: &'a mut Keys,
     view: &'a mut View<'v>,
+    /// Where the joints are to be.
+    q_rad: Joints,
     pace: Pace,
     ticks: u32,
     /// The keys were asked in this tick.
@@ -409,7 +425,7 @@ impl Stream for Led<'_, '_> {
                 return Next::End;
             }
         };
-        Next::Command(self.view.chosen.command(sign, joints, self.args))
+        Next::Command(self.view.chosen.command(sign, (self.view.arm, &self.q_rad), self.args))
     }
 
     fn refused(&mut self, _: f64, why: Refused) {
@@ -418,9 +434,45 @@ impl Stream for Led<'_, '_> {
 
     fn ticked(&mut self, _: f64, servo: &Servo<'_>, limited: Option<&Limited>) {
         self.asked = false;
+        self.q_rad = servo.q_rad();
         self.ticks += 1;
         if self.ticks.is_multiple_of(SHOWN_EACH) {
-            self.view.status(&servo.q_rad(), limited);
+            self.view.status(&self.q_rad, limited);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Words {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    #[test]
+    fn keys_lead_the_hand_along_the_base_or_along_itself_with_the_same_speed() {
+        let arm = Arm::load("powercube6").unwrap();
+        let args = Words::parse_from(["teach", "p.toml", "--hand-speed", "0.1"]).args;
+        let q_rad = Joints::from_slice(&[0.4, -1.0, -1.2, 0.3, 0.7, -0.5]);
+        let led = |key: u8| match Chosen::of_key(key, 6).unwrap().command(-1.0, (&arm, &q_rad), &args) {
+            Command::HandSpeed(twist) => twist,
+            other => panic!("{other:?}"),
+        };
+        let moved_m = |twist: &Vector6<f64>| {
+            let pose = arm.ee_at(&q_rad);
+            let (v, w) = (twist.fixed_rows::<3>(0).into_owned(), twist.fixed_rows::<3>(3).into_owned());
+            assert_eq!(w, Vector3::zeros());
+            (v, pose.rot.transpose() * v)
+        };
+        for (k, keys) in [(b'x', b'X'), (b'y', b'Y'), (b'z', b'Z')].into_iter().enumerate() {
+            let wanted = Vector3::from_fn(|row, _| if row == k { -0.1 } else { 0.0 });
+            assert!((moved_m(&led(keys.0)).0 - wanted).norm() < 1e-12);
+            assert!((moved_m(&led(keys.1)).1 - wanted).norm() < 1e-12);
+        }
+        assert_eq!(Chosen::of_key(b'7', 6), None);
     }
 }
