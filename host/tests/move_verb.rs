@@ -163,7 +163,7 @@ fn run_is_judged_per_joint_by_the_tolerances_that_are_given() {
 
     let (status, summary, told) = run(&["--goal-tolerance-rad", "1e-9"], &folder.file("goal"));
     assert_eq!((status, &summary["outcome"]), (8, &"not_reached".into()), "{told}");
-    assert!(told.contains(" stood ") && told.contains(" mrad from the end (tolerance 0.0)"), "{told}");
+    assert!(told.contains(" stood ") && told.contains(" mrad from the end (tolerance 0.00)"), "{told}");
 
     let (status, _, told) = run(&["--goal-tolerance-rad", "0.1,0.2"], &folder.file("wrong"));
     assert_eq!(status, 4);

@@ -209,7 +209,7 @@ impl Performed {
     pub(super) fn say(&self, wanted: u32) {
         let took = fixed(self.duration.as_secs_f64(), 1);
         console::line!("{} of {wanted} cycles, {} steps in {took} s", self.cycles, self.steps);
-        console::line!("a joint was at most {} mrad from its motion", fixed(1e3 * self.off_rad, 1));
+        console::line!("a joint was at most {} mrad from its motion", fixed(1e3 * self.off_rad, 2));
         if let Some(drift_rad) = self.drift_rad {
             let drift = fixed(1e3 * drift_rad, 2);
             console::line!(

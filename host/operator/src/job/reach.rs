@@ -55,13 +55,13 @@ impl JointReached {
         if !is_within(self.off_rad, self.path_tolerance_rad) {
             let (off, at_s, most) = (mrad(self.off_rad), self.off_at_s, mrad(self.path_tolerance_rad));
             broken.push(format!(
-                "{} was {off:.1} mrad from the motion at {at_s:.2} s (tolerance {most:.1})",
+                "{} was {off:.2} mrad from the motion at {at_s:.2} s (tolerance {most:.2})",
                 self.name
             ));
         }
         if !is_within(self.end_off_rad, self.goal_tolerance_rad) {
             let (off, most) = (mrad(self.end_off_rad), mrad(self.goal_tolerance_rad));
-            broken.push(format!("{} stood {off:.1} mrad from the end (tolerance {most:.1})", self.name));
+            broken.push(format!("{} stood {off:.2} mrad from the end (tolerance {most:.2})", self.name));
         }
         broken
     }
@@ -137,8 +137,8 @@ pub(super) fn verdict(record: &Record) -> (Outcome, String) {
     };
     let broken: Vec<String> = joints.iter().flat_map(JointReached::broken).collect();
     if broken.is_empty() {
-        let follows = format!("at most {:.1} mrad from the motion (joint {})", 1e3 * off_rad, off_joint + 1);
-        let stands = format!("{:.1} mrad from its end (joint {})", 1e3 * end_off_rad, end_off_joint + 1);
+        let follows = format!("at most {:.2} mrad from the motion (joint {})", 1e3 * off_rad, off_joint + 1);
+        let stands = format!("{:.2} mrad from its end (joint {})", 1e3 * end_off_rad, end_off_joint + 1);
         (Outcome::Reached, format!("reached: {follows}; the arm stands {stands}"))
     } else {
         (Outcome::NotReached, format!("not reached: {}", broken.join("; ")))
