@@ -1,6 +1,7 @@
 //! Groups of drives: one module per family, each behind [`DriveGroup`](crate::group::DriveGroup). A board links those that
 //! its [`Controller`](crate::Controller) names.
 
+mod answers;
 pub mod cia402;
 pub mod dynamics;
 mod leading;
