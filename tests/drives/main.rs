@@ -3,7 +3,10 @@
 mod cia402;
 mod cia402_rig;
 mod find;
+mod odrive;
+mod odrive_rig;
 mod rig;
+mod six;
 mod slow;
 mod stops;
 mod track;

@@ -92,7 +92,7 @@ impl<const BAND: u32> Answers<BAND> {
         if self.last != Some(data) {
             (self.last, self.moved_rad) = (Some(data), 0.0);
         }
-        let is_stale = follows && self.moved_rad >= STALE_RAD;
+        let is_stale = follows && q_rad.is_finite() && self.moved_rad >= STALE_RAD;
         if is_stale || !is_plausible(q_rad, at, self.sample, limits.v_max_rad_s) {
             self.implausible_in_row = self.implausible_in_row.saturating_add(1);
             let again = self.implausible_in_row > 1;

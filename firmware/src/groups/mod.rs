@@ -6,6 +6,7 @@ pub mod cia402;
 pub mod dynamics;
 mod leading;
 pub mod mit;
+pub mod odrive;
 pub mod powercube;
 pub mod rsi;
 mod shape;
