@@ -1,16 +1,17 @@
 //! How an axis is found: from silence to torque, without a motion.
 //!
 //! ```text
-//! Look ──► Version ──► Before 0.. ──► Arm ──► Silence ──► Recover ──► After 0.. ──► Place ──► Close ──► Held
-//!  │ fault, left on ▲        │                                          ▲                               │
-//!  └► Release, Clear┘        └────────────── proven before ─────────────┘           fault, no answer ──► Off
+//! Look ──► Version ──► Row 0.. ──► Place ──► Close ──► Silence ──► Recover ──► Place ──► Close ──► Held
+//!  │ fault, left on ▲                          └────────────── proven before ──────────────────────► │
+//!  └► Release, Clear┘                                                        fault, no answer ──► Off
 //! ```
 //!
 //! * What an axis is in shows in its heartbeats alone, and they come by themselves. So nothing is sent to it in `Look`: an axis that another
 //!   program left on starves, or is refused. One that starts with a search of its index is waited for.
 //! * Limits, gains and mode are written at each start, twice: no message of 0.5 shows them. With [`Endpoints`](super::Endpoints) those of 0.6
 //!   are read back.
-//! * The watchdog is proven: with a torque of zero the axis gets no frame, and must fall to idle with that error. It is off as shipped.
+//! * The watchdog is proven: while it holds its joint the axis gets no frame, and must fall to idle with that error. Brakes close then; a joint
+//!   without one sinks until the loop is closed again. As shipped the watchdog is off.
 //! * The input is the measured position before the loop is closed.
 //! * Estimates that come by themselves have no time: such an axis is refused.
 //! * An axis in error is refused until a person clears it, but for the watchdog's: that is what the end of the last controller left.
@@ -58,15 +59,11 @@ pub(super) enum Step {
     Release,
     Clear,
     Version,
-    /// A row of [`before`].
-    Before(u8),
-    /// Towards torque, of zero.
-    Arm,
+    /// One of [`rows`].
+    Row(u8),
     /// No frame until the watchdog strikes.
     Silence,
     Recover,
-    /// A row of [`after`].
-    After(u8),
     /// Where it stands.
     Place,
     /// The loop is being closed.
@@ -154,34 +151,32 @@ pub(super) fn speed_rev_s(axis: Axis, settings: &Settings, joint: JointIndex) ->
     axis.to_rev(settings.joint.at(joint).v_max_rad_s)
 }
 
-/// What is set before the watchdog is proven.
-fn before(settings: &Settings) -> [Row; 8] {
+/// What is set before the loop is closed. Orders that nothing answers come twice: a frame may be lost.
+fn rows(axis: Axis, settings: &Settings, joint: JointIndex) -> [Row; 15] {
     let whole = u32::to_le_bytes;
     let time_out_s = settings.watchdog_timeout_us as f32 * 1e-6;
-    let torque = Row::Order(Order::Mode(ControlMode::Torque, InputMode::Direct));
+    let rev_s = SPEED_ROOM * speed_rev_s(axis, settings, joint);
+    let limits = Row::Order(Order::Limits { rev_s, current_a: axis.current_max_a });
+    let position = Row::Order(Order::PositionGain(axis.position_gain_1_s));
+    let velocity = Row::Order(Order::VelocityGains(axis.velocity_gain_nm_s, axis.integral_gain_nm));
+    let mode = Row::Order(Order::Mode(ControlMode::Position, InputMode::Direct));
     [
         Row::Set(Parameter::EstimatesPeriod, whole(0)),
         Row::Set(Parameter::VelocityScale, whole(STEPS)),
         Row::Set(Parameter::TorqueScale, whole(STEPS)),
         Row::Set(Parameter::WatchdogTime, time_out_s.to_le_bytes()),
         Row::Set(Parameter::WatchdogOn, whole(1)),
-        torque,
-        torque,
-        Row::Order(Order::Torque { nm: 0.0 }),
+        limits,
+        position,
+        velocity,
+        mode,
+        limits,
+        position,
+        velocity,
+        mode,
+        Row::Is(Parameter::ControlMode, whole(3)),
+        Row::Is(Parameter::InputMode, whole(1)),
     ]
-}
-
-/// What is set before the loop is closed. Orders that nothing answers come twice: a frame may be lost.
-fn after(axis: Axis, settings: &Settings, joint: JointIndex) -> [Row; 10] {
-    let rev_s = SPEED_ROOM * speed_rev_s(axis, settings, joint);
-    let limits = Row::Order(Order::Limits { rev_s, current_a: axis.current_max_a });
-    let position = Row::Order(Order::PositionGain(axis.position_gain_1_s));
-    let velocity = Row::Order(Order::VelocityGains(axis.velocity_gain_nm_s, axis.integral_gain_nm));
-    let mode = Row::Order(Order::Mode(ControlMode::Position, InputMode::Direct));
-    let [control, input] = [3_u32, 1].map(u32::to_le_bytes);
-    let read = [Row::Is(Parameter::ControlMode, control), Row::Is(Parameter::InputMode, input)];
-    let [control, input] = read;
-    [limits, position, velocity, mode, limits, position, velocity, mode, control, input]
 }
 
 /// What the errors of a heartbeat stand for.
@@ -231,13 +226,8 @@ impl Odrive {
             Row::Order(_) => true,
             Row::Set(..) | Row::Is(..) => self.options.endpoints().is_some(),
         };
-        match self.drives.at(joint).step {
-            Step::Before(number) => before(settings).into_iter().filter(is_there).nth(number.into()),
-            Step::After(number) => {
-                after(axis, settings, joint).into_iter().filter(is_there).nth(number.into())
-            }
-            _ => None,
-        }
+        let Step::Row(number) = self.drives.at(joint).step else { return None };
+        rows(axis, settings, joint).into_iter().filter(is_there).nth(number.into())
     }
 
     /// What an axis is sent while it is looked for.
@@ -258,7 +248,7 @@ impl Odrive {
             Step::Release => [state(AxisState::Idle), None],
             Step::Clear | Step::Recover => [is_due.then_some(Message::Order(Order::ClearErrors)), None],
             Step::Version => [Some(Message::Request(Request::Version)), None],
-            Step::Before(_) | Step::After(_) => match row {
+            Step::Row(_) => match row {
                 Some(Row::Order(order)) => [Some(Message::Order(order)), None],
                 // Written first, then read until it answers.
                 Some(Row::Set(parameter, value)) => endpoint(parameter).map_or([None, None], |endpoint| {
@@ -270,7 +260,6 @@ impl Odrive {
                 }),
                 None => [None, None],
             },
-            Step::Arm => [state(AxisState::ClosedLoop), Some(Message::Order(Order::Torque { nm: 0.0 }))],
             Step::Place => [Some(Message::Request(Request::Estimates)), None],
             // The input first.
             Step::Close if drive.asked == 0 => [Some(Message::SetPoint), None],
@@ -311,8 +300,7 @@ impl Odrive {
                 return self.refuse(joint, Cause::WatchdogUnproven);
             }
             (Step::Clear, _) if error == 0 => Step::Version,
-            (Step::Recover, _) if error == 0 => Step::After(0),
-            (Step::Arm, AxisState::ClosedLoop) if error == 0 => Step::Silence,
+            (Step::Recover, _) if error == 0 => Step::Place,
             (Step::Silence, AxisState::Idle) if is_watchdog(error, version) => {
                 drive.is_proven = true;
                 Step::Recover
@@ -320,10 +308,10 @@ impl Odrive {
             (Step::Silence, AxisState::ClosedLoop) if for_long <= silence => return,
             (Step::Silence, AxisState::ClosedLoop) => return self.refuse(joint, Cause::WatchdogUnproven),
             (Step::Close, AxisState::ClosedLoop) if drive.ordered_at.is_some() && error == 0 => {
-                drive.go_to(now, Step::Held);
-                return;
+                let is_proven = drive.is_proven || !settings.watchdog_prove;
+                if is_proven { Step::Held } else { Step::Silence }
             }
-            (Step::Arm | Step::Silence | Step::After(_) | Step::Place | Step::Close, _) if error != 0 => {
+            (Step::Silence | Step::Row(_) | Step::Place | Step::Close, _) if error != 0 => {
                 return self.refuse(joint, cause_of(error, version));
             }
             _ => return,
@@ -351,7 +339,7 @@ impl Odrive {
                     && [major, minor] == [0, 6]
                     && needed.is_none_or(|needed| needed == found);
                 if fits {
-                    self.begin_before(now, settings, joint, axis);
+                    self.begin_rows(now, settings, joint, axis);
                 } else {
                     let expected = axis.version;
                     self.mismatched(joint, Mismatch::Firmware { found: Some(found), expected });
@@ -373,10 +361,10 @@ impl Odrive {
         }
     }
 
-    fn begin_before(&mut self, now: Instant, settings: &Settings, joint: JointIndex, axis: Axis) {
+    fn begin_rows(&mut self, now: Instant, settings: &Settings, joint: JointIndex, axis: Axis) {
         let needed_rev_s = speed_rev_s(axis, settings, joint);
         if needed_rev_s <= VELOCITY_MAX_REV_S {
-            self.drives.at_mut(joint).go_to(now, Step::Before(0));
+            self.drives.at_mut(joint).go_to(now, Step::Row(0));
         } else {
             self.mismatched(joint, Mismatch::Speed { needed_rev_s });
         }
@@ -384,17 +372,10 @@ impl Odrive {
 
     fn next_row(&mut self, now: Instant, settings: &Settings, joint: JointIndex, axis: Axis) {
         let drive = self.drives.at_mut(joint);
-        let (next, end) = match drive.step {
-            Step::Before(number) => {
-                let is_proven = drive.is_proven || !settings.watchdog_prove;
-                (Step::Before(number.saturating_add(1)), if is_proven { Step::After(0) } else { Step::Arm })
-            }
-            Step::After(number) => (Step::After(number.saturating_add(1)), Step::Place),
-            other => (other, other),
-        };
-        drive.go_to(now, next);
+        let Step::Row(number) = drive.step else { return };
+        drive.go_to(now, Step::Row(number.saturating_add(1)));
         if self.row(settings, joint, axis).is_none() {
-            self.drives.at_mut(joint).go_to(now, end);
+            self.drives.at_mut(joint).go_to(now, Step::Place);
         }
     }
 
@@ -414,17 +395,16 @@ impl Odrive {
             return self.mismatched(joint, Mismatch::UnaskedEstimates);
         }
         match (drive.step, row) {
-            (Step::Before(_) | Step::After(_), Some(Row::Order(_))) if drive.asked > 0 => {
+            (Step::Row(_), Some(Row::Order(_))) if drive.asked > 0 => {
                 self.next_row(now, settings, joint, axis);
             }
-            (
-                Step::Before(_) | Step::After(_),
-                Some(Row::Set(parameter, expected) | Row::Is(parameter, expected)),
-            ) if drive.asked > ASKED_MAX => {
+            (Step::Row(_), Some(Row::Set(parameter, expected) | Row::Is(parameter, expected)))
+                if drive.asked > ASKED_MAX =>
+            {
                 self.mismatched(joint, Mismatch::Parameter { parameter, found: None, expected });
             }
             (Step::Version, _) if drive.asked > ASKED_MAX => match axis.version {
-                Version::V05 => self.begin_before(now, settings, joint, axis),
+                Version::V05 => self.begin_rows(now, settings, joint, axis),
                 expected @ Version::V06 => {
                     self.mismatched(joint, Mismatch::Firmware { found: None, expected });
                 }
@@ -452,9 +432,7 @@ impl Odrive {
             (Step::Silence, _) if for_long > time_out(settings) + SHOWN_MAX + STEP_MAX => {
                 self.refuse(joint, Cause::DriveMissing);
             }
-            (Step::Release | Step::Clear | Step::Recover | Step::Arm | Step::Close, _)
-                if for_long > STEP_MAX =>
-            {
+            (Step::Release | Step::Clear | Step::Recover | Step::Close, _) if for_long > STEP_MAX => {
                 self.refuse(joint, if was_heard { Cause::DriveError } else { Cause::DriveMissing });
             }
             _ => {}

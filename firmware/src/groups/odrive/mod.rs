@@ -172,10 +172,8 @@ impl Odrive {
         let drive = self.drives.at_mut(joint);
         if !drive.has_asked() {
             // Until the parameter that ends them is written they are no fault.
-            let may_end = matches!(
-                drive.step,
-                Step::Look | Step::Release | Step::Clear | Step::Version | Step::Before(_)
-            );
+            let may_end =
+                matches!(drive.step, Step::Look | Step::Release | Step::Clear | Step::Version | Step::Row(_));
             let counts = !(may_end && self.options.endpoints().is_some());
             drive.unasked = drive.unasked.saturating_add(counts.into());
             return;

@@ -445,7 +445,7 @@ impl ShaftMotor for OdriveAxis {
                     }
                 }
             },
-            _ => AxisInput::default(),
+            _ => AxisInput { brake: self.options.brakes, ..AxisInput::default() },
         }
     }
 

@@ -53,6 +53,8 @@ pub struct OdriveOptions {
     pub estimates: Option<Duration>,
     /// The encoder knows its place within a turn at power-on. One that does not needs an index search.
     pub absolute: bool,
+    /// A brake that closes without torque.
+    pub brakes: bool,
     /// From a request to its answer.
     pub answer_after: Duration,
     /// A request feeds the watchdog as an order does.
@@ -79,6 +81,7 @@ impl OdriveOptions {
             heartbeat: Duration::from_millis(100),
             estimates: Some(Duration::from_millis(10)),
             absolute: true,
+            brakes: false,
             answer_after: Duration::from_micros(150),
             requests_feed: false,
             endpoints: &[],
