@@ -2,6 +2,7 @@
 
 mod cia402;
 mod cia402_rig;
+mod drawn;
 mod find;
 mod odrive;
 mod odrive_rig;
