@@ -63,7 +63,7 @@ fn of_servos() -> Family {
             Function::Heartbeat(node),
             Function::SdoToNode(node),
         ];
-        functions.map(|function| function.id())
+        functions.map(Function::id)
     });
     let heads = vec![
         vec![0x27, 0x12],

@@ -9,9 +9,9 @@ const ARM: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/odrive6.toml")
 fn it_homes_jogs_and_goes_to_a_pose() {
     let homed = cubectl(&["home", "--robot", ARM]);
     assert_eq!(code(&homed), 0, "{}{}", out(&homed), err(&homed));
-    let jogged = cubectl(&["jog", "4", "--for", "0.5", "--robot", ARM]);
+    let jogged = cubectl(&["jog", "12", "--for", "0.5", "--robot", ARM]);
     assert_eq!(code(&jogged), 0, "{}{}", out(&jogged), err(&jogged));
-    assert!(out(&jogged).contains("module 4: 0.1000 rad -> 0.1500 rad"), "{}", out(&jogged));
+    assert!(out(&jogged).contains("module 12: 0.1000 rad -> 0.1500 rad"), "{}", out(&jogged));
     let moved =
         cubectl(&["move", "--joints", "0.3,0.4,0.5,0,0.2,0", "--home", "--yes", "--json", "--robot", ARM]);
     assert_eq!(code(&moved), 0, "{}{}", out(&moved), err(&moved));

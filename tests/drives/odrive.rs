@@ -174,6 +174,13 @@ fn a_silent_axis_a_watchdog_that_is_off_and_one_that_was_left_on_are_refused() {
             assert_eq!(rig.fault().unwrap().cause, Cause::WatchdogUnproven);
         }
     }
+    // One that starts is waited for.
+    let mut rig = Rig::new();
+    rig.drive(3, |axis, _| axis.fail(0x1));
+    rig.run_us(600_000);
+    assert_eq!(rig.kind(), StateKind::Boot);
+    rig.drive(3, |axis, now| axis.set_power(now, true));
+    rig.run_to(FIND_MS, StateKind::Idle);
     // An axis in another error from before.
     let mut rig = Rig::new();
     rig.drive(4, |axis, _| axis.fail(0x4000));

@@ -166,10 +166,10 @@ impl Cia402 {
     fn count_missed(&mut self, settings: &Settings) {
         for joint in settings.joints() {
             let drive = self.drives.at_mut(joint);
-            if let Some(in_row) = drive.answers.close() {
-                if drive.is_held() {
-                    self.push(GroupEvent::Missed(joint, in_row));
-                }
+            if let Some(in_row) = drive.answers.close()
+                && drive.is_held()
+            {
+                self.push(GroupEvent::Missed(joint, in_row));
             }
         }
     }

@@ -50,6 +50,9 @@ const STEPS: u32 = 1_000;
 const WATCHDOG_05: u32 = 0x800;
 const WATCHDOG_06: u32 = 0x100_0000;
 
+/// "Error" of 0.6 while it starts.
+const INITIALIZING_06: u32 = 0x1;
+
 /// What is asked next of an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Step {
@@ -183,7 +186,7 @@ fn rows(axis: Axis, settings: &Settings, joint: JointIndex) -> [Row; 15] {
 pub(super) const fn cause_of(error: u32, version: Version) -> Cause {
     // 0.5 reports motor, encoder and controller in other messages.
     let [watchdog, supply, current, power] = match version {
-        Version::V05 => [WATCHDOG_05, 0x6, 0x8, 0x4_0000],
+        Version::V05 => [WATCHDOG_05, 0, 0, 0x4_0000],
         Version::V06 => [WATCHDOG_06, 0xF00, 0x1000, 0x1000_6020],
     };
     if error & watchdog != 0 {
@@ -267,7 +270,7 @@ impl Odrive {
             Step::Held => [Some(Message::SetPoint), Some(Message::Request(Request::Estimates))],
             Step::Off => [Some(Message::Order(Order::Estop)), Some(Message::Request(Request::Estimates))],
         };
-        if is_due && messages.iter().flatten().any(|message| message.is_repeated()) {
+        if is_due && messages.iter().flatten().any(Message::is_repeated) {
             drive.ordered_at = Some(now);
         }
         drive.asked = drive.asked.saturating_add(1);
@@ -292,6 +295,7 @@ impl Odrive {
         let next = match (step, state) {
             (Step::Look | Step::Release, AxisState::Idle) => match error {
                 0 => Step::Version,
+                INITIALIZING_06 if version == Version::V06 => return,
                 _ if reset || is_watchdog(error, version) => Step::Clear,
                 _ => return self.refuse(joint, cause_of(error, version)),
             },
