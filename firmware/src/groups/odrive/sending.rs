@@ -68,7 +68,7 @@ impl Odrive {
     pub(super) fn send_burst(&mut self, now: Instant, settings: &Settings) {
         self.out.clear();
         self.lead_all(settings);
-        let mut frames: Vec<(Frame, JointIndex), FRAMES_MAX> = Vec::new();
+        let mut frames: Vec<Option<(Frame, JointIndex)>, FRAMES_MAX> = Vec::new();
         for joint in settings.joints() {
             let Some(axis) = self.options.axis(joint) else { continue };
             let step = self.drives.at(joint).step;
@@ -86,7 +86,7 @@ impl Odrive {
                 }
                 if let Some(frame) = self.frame_of(settings, joint, axis, message) {
                     // There is room for two frames of each axis.
-                    let _ = frames.push((frame, joint));
+                    let _ = frames.push(Some((frame, joint)));
                 }
                 self.drives.at_mut(joint).answers.awaited |= message == Message::Request(Request::Estimates);
             }
@@ -95,15 +95,13 @@ impl Odrive {
     }
 
     /// Sends the frames, and notes when each is on the bus.
-    fn put_out(&mut self, frames: &mut Vec<(Frame, JointIndex), FRAMES_MAX>) {
+    fn put_out(&mut self, frames: &mut Vec<Option<(Frame, JointIndex)>, FRAMES_MAX>) {
         // Without the answers of the axes before, and with them.
         let (mut earliest, mut usual) = (Duration::ZERO, Duration::ZERO);
         for _ in 0..FRAMES_MAX {
-            let next = frames.iter().enumerate().min_by_key(|(_, (frame, _))| frame.arbitration_key());
-            let Some((frame, joint)) = next.map(|(index, _)| index).map(|index| frames.swap_remove(index))
-            else {
-                break;
-            };
+            let waiting = frames.iter_mut().filter(|frame| frame.is_some());
+            let next = waiting.min_by_key(|frame| frame.map(|(frame, _)| frame.arbitration_key()));
+            let Some((frame, joint)) = next.and_then(Option::take) else { break };
             let span = span_of(&frame);
             (earliest, usual) = (earliest + span, usual + span);
             let drive = self.drives.at_mut(joint);
