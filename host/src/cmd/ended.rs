@@ -36,10 +36,10 @@ pub fn off_target(record: &Record, judge: &Judge<'_>) -> Option<ExpectedError> {
     let verdict = &record.verdict;
     let next = match (verdict.outcome, judge) {
         (Outcome::Missed, Judge::Follow { .. }) => {
-            "compare `path_delay_s` in summary.json with the lag: `cubectl identify` measures it again"
+            "compare `path_delay_s` in summary.json with the lag: `cubectl arm identify` measures it again"
         }
         (Outcome::Missed, _) => {
-            "`cubectl report` on the folder shows tracking and release; `cubectl home --verify` tells whether a drive \
+            "`cubectl log report` on the folder shows tracking and release; `cubectl home --verify` tells whether a drive \
              has lost encoder counts"
         }
         (Outcome::NotReleased, _) => {

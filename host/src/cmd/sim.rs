@@ -28,7 +28,7 @@ const LOOK: Duration = Duration::from_millis(50);
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl sim                                  # then: cubectl scan --bus socketcand://127.0.0.1:29536/can0\n  cubectl sim --bus slcan:/dev/ptmx --controller\n  cubectl sim --bus vcan0 --scenario hil-sim/scenarios/silent_joint.toml\n  cubectl sim --robot kr16_2 --rsi udp://127.0.0.1:49152 --tracker 127.0.0.1:5000"
+    after_help = "Examples:\n  cubectl sim                                  # then: cubectl status --bus socketcand://127.0.0.1:29536/can0\n  cubectl sim --bus slcan:/dev/ptmx --controller\n  cubectl sim --bus vcan0 --scenario hil-sim/scenarios/silent_joint.toml\n  cubectl sim --robot kr16_2 --rsi udp://127.0.0.1:49152 --tracker 127.0.0.1:5000"
 )]
 pub struct Args {
     /// Where: socketcand://127.0.0.1:29536/can0 and slcan://127.0.0.1:3333 serve that port, slcan:/dev/ptmx makes a
@@ -51,7 +51,7 @@ pub struct Args {
     #[arg(long)]
     pub controller: bool,
     /// End after this many seconds.
-    #[arg(long = "for", value_name = "SECONDS", value_parser = super::home::positive)]
+    #[arg(long = "for-s", alias = "for", value_name = "SECONDS", value_parser = super::values::positive)]
     pub time: Option<f64>,
     /// An industrial robot instead of the cell.
     #[command(flatten)]

@@ -41,7 +41,7 @@ impl NoSettings {
             Self::NoDrives { .. } => {
                 "give each [[joint]] of its file a [joint.drive] table with address and current, or a [joint.mit], [joint.cia402] or [joint.odrive] table".to_owned()
             }
-            Self::NoSuchModule { .. } => "name the robot of this arm with --robot; `cubectl scan` \
+            Self::NoSuchModule { .. } => "name the robot of this arm with --robot; `cubectl status` \
          shows which modules are there"
                 .to_owned(),
             _ => return None,

@@ -79,7 +79,7 @@ impl Session {
     }
 
     /// As [`Session::listen`]. If modules are asked and no controller is heard, this session becomes a node, so that a
-    /// `cubectl monitor` gives way, and listens once more.
+    /// `cubectl arm monitor` gives way, and listens once more.
     ///
     /// # Errors
     /// As [`Session::listen`].

@@ -12,7 +12,7 @@ use robot_model::RobotModel;
 
 /// Smallest default tolerance, m: the steps of encoders and clocks and the tracking of a healthy arm stay below it.
 pub const TOLERANCE_MIN_M: f64 = 0.010;
-/// Largest default tolerance, m: whatever noise a plan is made for, a ball farther off is beside its target. `--tolerance` asks for
+/// Largest default tolerance, m: whatever noise a plan is made for, a ball farther off is beside its target. `--tolerance-m` asks for
 /// more.
 pub const TOLERANCE_MAX_M: f64 = 0.100;
 /// Square of the Mahalanobis distance that holds 99 % of a normal distribution in two dimensions: -2 ln 0.01.

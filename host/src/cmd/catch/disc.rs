@@ -316,7 +316,7 @@ mod tests {
             ("catch --robot powercube6 --disc flat", exit::BAD_INPUT),
             ("catch --start 0.5,-1,-1 --velocity 0,4,0", exit::BAD_INPUT),
             ("catch --disc flat --velocity 0,400,0", exit::BAD_INPUT),
-            ("catch --disc flat --air --spin nan", exit::BAD_INPUT),
+            ("catch --disc flat --air --spin-rad-s nan", exit::BAD_INPUT),
             ("catch --start 0.5,-1,1", exit::USAGE),
         ] {
             let error = ended(words).unwrap_err();

@@ -1,4 +1,4 @@
-//! `cubectl replay` on a recorded exchange over RSI.
+//! `cubectl log replay` on a recorded exchange over RSI.
 
 use std::path::Path;
 
@@ -61,7 +61,7 @@ pub fn history(folder: &Path) -> Result<[Vec<u8>; 2], ExpectedError> {
             ),
         )
         .next(format!(
-            "`cubectl replay {}` shows the difference; use the version that made the recording",
+            "`cubectl log replay {}` shows the difference; use the version that made the recording",
             folder.display()
         )));
     }

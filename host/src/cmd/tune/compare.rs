@@ -8,7 +8,7 @@ use toml_reader::{DESCRIPTION_MAX_BYTES, read_text};
 use super::apply::InForce;
 use super::trial::{self, Named, Row, Throw};
 use super::{Args, Work};
-use crate::cmd::report::{self, BIT_RATE};
+use crate::cmd::log::report::{self, BIT_RATE};
 use crate::cmd::throw::read_gains;
 use crate::error::ExpectedError;
 use crate::exit;
