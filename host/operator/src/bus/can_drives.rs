@@ -84,7 +84,7 @@ impl CanDrives {
     }
 }
 
-/// Refuses ids on which other frames of these programs go: those of PowerCubes, which `scan`, `doctor` and their like send on any bus.
+/// Refuses ids on which other frames of these programs go: those of PowerCubes, which `status`, `doctor` and their like send on any bus.
 /// Frames of the host link have 29 bits and meet no drive.
 fn alone(ids: impl Iterator<Item = StandardId>) -> Result<(), String> {
     let mut ids = ids.map(Id::Standard);
