@@ -1,10 +1,10 @@
 //! One axis of an ODrive with an inertia at its joint, driven by frames.
 
 use hil_sim::drive::bench::Bench;
-use hil_sim::drive::odrive::{OdriveAxis, OdriveOptions};
+use hil_sim::drive::odrive::{OdriveAxis, OdriveOptions, OdriveParameter};
 use hil_sim::participants::Participants as _;
 use odrive_protocol::{
-    AxisState, ControlMode, Heartbeat, InputMode, NodeId, Order, Report, Request, Version,
+    AxisState, ControlMode, Heartbeat, InputMode, NodeId, Order, Report, Request, Sdo, Version,
 };
 use protocol::{Duration, Instant, Node as _};
 
@@ -266,4 +266,54 @@ fn two_axes_share_a_bus_and_each_hears_its_own_number() {
     }
     let states: Vec<AxisState> = bench.motors_mut().iter().map(OdriveAxis::state).collect();
     assert_eq!(states, [AxisState::ClosedLoop, AxisState::Idle]);
+}
+
+#[test]
+fn a_parameter_is_read_and_written_by_its_number_and_one_without_a_number_is_not_answered() {
+    const NUMBERS: [(u16, OdriveParameter); 3] = [
+        (7, OdriveParameter::EstimatesPeriod),
+        (8, OdriveParameter::VelocityScale),
+        (9, OdriveParameter::ControlMode),
+    ];
+    let mut rig = Rig::new(Version::V06, |options| options.endpoints = &NUMBERS);
+    let read = |rig: &mut Rig, endpoint| {
+        rig.reports.clear();
+        rig.order(Order::Sdo(Sdo { endpoint, value: None }));
+        rig.run_s(0.001);
+        rig.reports.iter().find_map(|(_, report)| match report {
+            Report::Sdo { endpoint: from, value } if *from == endpoint => Some(u32::from_le_bytes(*value)),
+            _ => None,
+        })
+    };
+    assert_eq!((read(&mut rig, 7), read(&mut rig, 8), read(&mut rig, 10)), (Some(10), Some(1_000), None));
+    rig.order(Order::Sdo(Sdo { endpoint: 7, value: Some([0; 4]) }));
+    rig.order(Order::Sdo(Sdo { endpoint: 8, value: Some(500_u32.to_le_bytes()) }));
+    assert_eq!((read(&mut rig, 7), read(&mut rig, 8)), (Some(0), Some(500)));
+    rig.reports.clear();
+    rig.run_s(0.5);
+    assert!(rig.reports.iter().all(|(_, report)| matches!(report, Report::Heartbeat(_))), "no estimates");
+    // With half of the steps in a turn/s the same field is twice the speed.
+    rig.closed_loop(ControlMode::Position, InputMode::Direct);
+    rig.order(Order::PositionGain(1e-3));
+    rig.order(Order::Position { rev: 0.0, rev_s: 1.0, nm: 0.0 });
+    rig.run_s(0.5);
+    let Some(Report::Estimates { rev_s, .. }) = rig.ask(Request::Estimates) else { panic!("no answer") };
+    assert!((rev_s - 2.0).abs() < 0.05, "{rev_s}");
+    assert_eq!(read(&mut rig, 9), Some(3));
+}
+
+#[test]
+fn a_request_feeds_the_watchdog_only_where_it_is_said_to() {
+    for requests_feed in [false, true] {
+        let watchdog = Some(Duration::from_millis(50));
+        let mut rig = Rig::new(Version::V05, |options| {
+            (options.watchdog, options.requests_feed) = (watchdog, requests_feed);
+        });
+        rig.order(Order::State(AxisState::ClosedLoop));
+        for _ in 0..20 {
+            rig.ask(Request::Iq);
+            rig.run_s(0.01);
+        }
+        assert_eq!(rig.axis().state() == AxisState::ClosedLoop, requests_feed);
+    }
 }

