@@ -100,11 +100,11 @@ pub struct Moved {
 /// A run that has begun.
 #[derive(Debug)]
 pub struct Executed {
-    /// What the controller told at the end.
-    pub told: Result<(), OperatorError>,
+    /// What the controller reported at the end.
+    pub reported: Result<(), OperatorError>,
     /// Each millisecond, from the release on.
     pub moved: Vec<Moved>,
-    /// When the gripper was told to close, s after the release: read at the drive.
+    /// When the gripper got the order to close, s after the release: read at the drive.
     pub closed_s: Option<f64>,
     /// By how much the controller's clock may be off, s.
     pub clock_off_s: f64,
@@ -138,7 +138,7 @@ pub struct Judged {
 /// Runs a plan and judges what came of it.
 ///
 /// # Errors
-/// [`NoRun`]: nothing has moved. A run that fails on its way is told in [`Executed::told`].
+/// [`NoRun`]: nothing has moved. A run that fails on its way has its cause in [`Executed::reported`].
 pub fn run(
     robot: &RobotModel,
     arm: &DiscArm,
@@ -198,13 +198,14 @@ fn execute(
         let recorded = sim.world().with_participants(|participants, _| participants.0.0.0.record_trace());
         recorded.map_err(BusFailure::from)?;
     }
-    let told = session.run_trajectory_at(node, &name, Some(start), RUN_MAX, &[], &mut |_, _| {}).map(drop);
+    let reported =
+        session.run_trajectory_at(node, &name, Some(start), RUN_MAX, &[], &mut |_, _| {}).map(drop);
     let until = release + Duration::from_secs_f64(plan.motion.end_s() + AFTER_S);
     session.halt_if_moving()?;
     session.pass(until.saturating_since(session.now()))?;
     let (moved, closed_s) = recorded(&mut session, release, until);
     let period_s = f64::from(settings.cycle_period_us) * 1e-6;
-    Ok(Executed { told, moved, closed_s, clock_off_s: off.as_secs_f64(), period_s })
+    Ok(Executed { reported, moved, closed_s, clock_off_s: off.as_secs_f64(), period_s })
 }
 
 /// The plan as the file of a controller.
@@ -244,7 +245,7 @@ fn lose(session: &mut Session, release: Instant, lost: DriveLost) -> Result<(), 
     Ok(())
 }
 
-/// What the plant did between two times, and when its gripper was told to close.
+/// What the plant did between two times, and when its gripper got the order to close.
 fn recorded(session: &mut Session, release: Instant, until: Instant) -> (Vec<Moved>, Option<f64>) {
     let Some(trace) = session.sim().and_then(|sim| sim.cell().trace()) else { return (Vec::new(), None) };
     let since_s = |at: Instant| at.as_secs_f64() - release.as_secs_f64();

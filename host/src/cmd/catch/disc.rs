@@ -125,10 +125,10 @@ impl Looked {
                         if air { "" } else { "; `--no-limits` shows the rule of the paper alone" }
                     )))
             }
-            Some(Ok((_, verdict))) if verdict.caught.is_none() || !verdict.within_limits(&self.arm) => {
-                Err(ExpectedError::new(exit::BUG, format!("the plan is refuted by the witness: {verdict:?}"))
-                    .next("report it with the command line"))
-            }
+            Some(Ok((_, verdict))) if verdict.caught.is_none() || !verdict.within_limits(&self.arm) => Err(
+                ExpectedError::new(exit::BUG, format!("the plan is refuted by the observer: {verdict:?}"))
+                    .next("report it with the command line"),
+            ),
             _ => self.executed.as_ref().map_or(Ok(()), on_controller::ended),
         }
     }
