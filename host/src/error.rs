@@ -264,6 +264,6 @@ mod tests {
 
     fn place(bus: &str) -> clap::ArgMatches {
         use clap::CommandFactory;
-        crate::cli::Cli::command().get_matches_from(["cubectl", "status", "--bus", bus])
+        crate::cli::Cli::command().get_matches_from(["cubectl", "arm", "status", "--bus", bus])
     }
 }

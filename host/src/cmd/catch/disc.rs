@@ -213,7 +213,7 @@ fn as_text(arm: &DiscArm, throw: &Throw, rule: Option<&(Run, Verdict)>, plan: Op
             (Some(first), None) => format!("  in reach at step {first}, not closed within 50 steps\n"),
             (None, _) => "  never in reach within 50 steps\n".to_owned(),
         };
-        out += &format!("  witness: {}\n", report::witness_of_rule(run, verdict));
+        out += &format!("  observer: {}\n", report::witness_of_rule(run, verdict));
         out += &format!(
             "  joint speeds demanded {} rad/s, allowed {}\n",
             list(run.speed_demanded_rad_s().iter().copied(), 1),
