@@ -19,7 +19,7 @@
 use crate::frame::{Frame, MAX_DATA_LEN};
 use crate::id::Id;
 
-/// Bits between two frames in which nobody may transmit.
+/// Bits between two frames in which no node may transmit.
 pub const INTERFRAME_SPACE: u32 = 3;
 
 /// CRC delimiter, ACK slot, ACK delimiter and seven bits of end of frame: never stuffed.

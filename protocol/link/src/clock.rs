@@ -66,7 +66,7 @@ impl Clock {
         Instant::from_micros(self.unix_origin_us.saturating_add(at.as_micros()))
     }
 
-    /// Inverse of [`Self::unix_micros`]: the time by this clock of `unix`, microseconds since 1970; zero for times
+    /// Inverse of [`Self::to_unix`]: the time by this clock of `unix`, microseconds since 1970; zero for times
     /// before the origin.
     pub const fn from_unix(&self, unix: Instant) -> Instant {
         Instant::from_micros(unix.as_micros().saturating_sub(self.unix_origin_us))

@@ -161,7 +161,7 @@ fn is_outside(value: f64, [low, high]: [f64; 2]) -> bool {
 }
 
 fn implausible(arm: &RobotModel, root: &Section<'_>, findings: &mut Vec<Finding>) -> Result<(), LoadError> {
-    let mut tell = |section: &Section<'_>, key: &str, what: String, next: &str| {
+    let mut add = |section: &Section<'_>, key: &str, what: String, next: &str| {
         findings.push(at(section, key, Weight::Implausible, what, next));
     };
     let (worlds, joints, links) =
@@ -170,7 +170,7 @@ fn implausible(arm: &RobotModel, root: &Section<'_>, findings: &mut Vec<Finding>
         && is_outside(arm.world().gravity_m_s2, GRAVITY_M_S2)
     {
         let what = format!("{} m/s² is not the gravity of the Earth", arm.world().gravity_m_s2);
-        tell(world, "gravity_m_s2", what, "9.81");
+        add(world, "gravity_m_s2", what, "9.81");
     }
     let hold_nm = arm.holding_torques();
     for ((joint, section), hold_nm) in arm.joints().iter().zip(&joints).zip(hold_nm.iter()) {
@@ -178,18 +178,18 @@ fn implausible(arm: &RobotModel, root: &Section<'_>, findings: &mut Vec<Finding>
         let ramp_s = limits.v_max_rad_s / limits.a_max_rad_s2;
         if is_outside(ramp_s, TIME_TO_TOP_SPEED_S) {
             let what = format!("top speed after {ramp_s:.3} s of full acceleration");
-            tell(section, "acceleration_max_deg_s2", what, "degrees per second squared, at the joint");
+            add(section, "acceleration_max_deg_s2", what, "degrees per second squared, at the joint");
         }
         let ramp_s = limits.a_max_rad_s2 / limits.j_max_rad_s3;
         if is_outside(ramp_s, TIME_TO_FULL_ACCELERATION_S) {
             let what = format!("full acceleration after {ramp_s:.5} s of full jerk");
-            tell(section, "jerk_max_deg_s3", what, "degrees per second cubed, at the joint");
+            add(section, "jerk_max_deg_s3", what, "degrees per second cubed, at the joint");
         }
         if let Some(max) = limits.torque_max_nm
             && max < *hold_nm
         {
             let what = format!("{max} Nm do not hold the arm up: {hold_nm:.1} Nm are needed at worst");
-            tell(
+            add(
                 section,
                 "torque_max_nm",
                 what,
@@ -203,10 +203,10 @@ fn implausible(arm: &RobotModel, root: &Section<'_>, findings: &mut Vec<Finding>
         let density = link.inertia.mass_kg() / volume_m3;
         if volume_m3 == 0.0 {
             let what = "the link has no box: nothing keeps it from a collision".to_owned();
-            tell(section, "box", what, "one to three boxes around the link");
+            add(section, "box", what, "one to three boxes around the link");
         } else if is_outside(density, DENSITY_KG_M3) {
             let what = format!("{density:.0} kg/m³: {} kg in its boxes", link.inertia.mass_kg());
-            tell(
+            add(
                 section,
                 if section.has("inertial") { "inertial" } else { "box" },
                 what,
@@ -223,13 +223,13 @@ fn implausible(arm: &RobotModel, root: &Section<'_>, findings: &mut Vec<Finding>
         let what = format!("{} touches {} with all joints at zero", checker.name(a), checker.name(b));
         if let Some(section) = root.optional("collision", Value::section)? {
             let next = "`cubectl robot show` draws the boxes; smaller boxes, or a larger link_distance_min";
-            tell(&section, "link_distance_min", what, next);
+            add(&section, "link_distance_min", what, next);
         }
     }
     for (k, (joint, section)) in arm.joints().iter().zip(&joints).enumerate() {
         if is_outside(0.0, [joint.limits.q_min_rad, joint.limits.q_max_rad]) {
             let what = format!("zero is outside the range of joint {}", k + 1);
-            tell(section, "range_deg", what, "the zero of the joint is where its frames line up");
+            add(section, "range_deg", what, "the zero of the joint is where its frames line up");
         }
     }
     Ok(())

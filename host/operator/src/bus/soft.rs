@@ -180,7 +180,7 @@ struct Shared {
 }
 
 impl Shared {
-    fn tell(&mut self, event: LinkEvent) {
+    fn forward(&mut self, event: LinkEvent) {
         if self.apart {
             return;
         }
@@ -199,7 +199,7 @@ impl CanLink for Shared {
     /// What the controller sends.
     fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
         self.wire.send(frame)?;
-        self.tell(LinkEvent::Frame { at: self.clock.now(), stamp: None, frame: *frame });
+        self.forward(LinkEvent::Frame { at: self.clock.now(), stamp: None, frame: *frame });
         Ok(())
     }
 
@@ -217,7 +217,7 @@ impl CanLink for Shared {
         }
         let event = self.wire.receive()?;
         if let Some(event) = event {
-            self.tell(event);
+            self.forward(event);
         }
         Ok(event)
     }

@@ -161,7 +161,7 @@ impl OperatorError {
             Self::Socket(..) => "check the network interface, then run it again".to_owned(),
             Self::NotPassed { next, .. } => return next.clone(),
             Self::Lost => "`cubectl doctor`, then start the controller again".to_owned(),
-            Self::NotStarted { .. } => "`cubectl explain` tells \
+            Self::NotStarted { .. } => "`cubectl explain` explains \
          the refusal in its trace (`cubectl doctor`); arm again".to_owned(),
             Self::TargetNotSaid { .. } => "send one that fits".to_owned(),
             Self::ClockJumped { .. } => "look whether the arm stands, then read the clock again".to_owned(),

@@ -31,7 +31,7 @@ pub(crate) enum Begin {
         /// Whether a start that runs into a collision begins once more with its rows.
         again: bool,
     },
-    /// As `Anywhere`, of an arm at rest: its contacts tell nothing about the motion.
+    /// As `Anywhere`, of an arm at rest: its contacts show nothing about the motion.
     Rest { again: bool },
     /// It is the best throw to a target near this one.
     Optimal {
