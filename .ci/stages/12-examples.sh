@@ -8,7 +8,7 @@ target/debug/examples/certified_gains | grep -c 'error at the release' | grep -q
 target/debug/examples/own_task
 rm -f target/plan_throw.json
 target/debug/examples/plan_throw 1.0 1.0 -1.0 target/plan_throw.json
-target/debug/cubectl check target/plan_throw.json
+target/debug/cubectl plan check target/plan_throw.json
 target/debug/examples/throw_in_process 1.0 1.0 -1.0 | tee target/throw_in_process.log
 grep -q 'landed' target/throw_in_process.log
 # A target that no throw reaches ends with an error.

@@ -13,7 +13,7 @@ python tests/interop/log/make_schemas.py "$out/foxglove.binpb"
 cmp "$out/foxglove.binpb" host/operator/src/log/schemas/foxglove.binpb
 check() { python tests/interop/log/check_log.py "$@" --robot robots/powercube6.toml --layout docs/viewer/cubecell.layout.json; }
 # A controller starts up and homes, in virtual time.
-target/debug/cubectl record "$out/boot" --controller --for 3
+target/debug/cubectl log record "$out/boot" --controller --for-s 3
 check "$out/boot"
 # A whole throw: its control cycles, the gripper that opens.
 target/debug/cubectl throw --target 1.0,1.0,-1.0 --starts 0 --out "$out/throw"
@@ -21,7 +21,7 @@ check "$out/throw/bus"
 # A drive that goes silent under a controller.
 printf '%s\n' 'schema_version = 1' 'name = "a drive goes silent"' 'seed = 3' 'duration_s = 3.0' \
     '[[fault]]' 'kind = "silent"' 'target = "module 3"' 'start_s = 1.5' >"$out/silent.toml"
-target/debug/cubectl record "$out/fault" --controller --for 3 --scenario "$out/silent.toml"
+target/debug/cubectl log record "$out/fault" --controller --for-s 3 --scenario "$out/silent.toml"
 check "$out/fault" --with-fault
 # can-utils. A log of the simulated cell begins at zero, from where log2asc does not count; so the times are moved to those that a
 # bus would have given. Then one header, and as many frames as the log has; of a log that is torn off, all before the tear.

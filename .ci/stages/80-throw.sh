@@ -82,7 +82,7 @@ in_step() { # name, runner
     bus=$(place "$dir.cell.json" lockstep:)
     case $runner in
     process)
-        "$bin/cubectl" controller --bus "$bus" --period 5 >"$dir/controller.log" 2>&1 </dev/null &
+        "$bin/cubectl" controller run --bus "$bus" --period-ms 5 >"$dir/controller.log" 2>&1 </dev/null &
         pids+=($!)
         ;;
     board)
@@ -155,7 +155,7 @@ attempt() { # name, options...
         chrt -a -f -p 35 $! 2>/dev/null || true
         ;;
     own)
-        "${clock[@]}" "$bin/cubectl" controller --bus "$socketcand" >"$dir.controller.log" 2>&1 </dev/null &
+        "${clock[@]}" "$bin/cubectl" controller run --bus "$socketcand" >"$dir.controller.log" 2>&1 </dev/null &
         pids+=($!)
         # It measures first, and is on the bus then.
         said $! "$dir.controller.log" 'Ctrl-C stops' || true
@@ -165,7 +165,7 @@ attempt() { # name, options...
     local reader=
     if [ "$name" = own ]; then
         # Another person looks at the settings while the arm moves. It must leave the motion alone.
-        (sleep 36 && exec "${clock[@]}" "$bin/cubectl" registers list --bus "$socketcand" >"$dir.registers" 2>&1 </dev/null) &
+        (sleep 36 && exec "${clock[@]}" "$bin/cubectl" controller registers list --bus "$socketcand" >"$dir.registers" 2>&1 </dev/null) &
         reader=$!
     fi
     if [ "$name" = qemu ]; then

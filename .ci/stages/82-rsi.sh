@@ -15,7 +15,7 @@ cubectl=$PWD/target/release/cubectl
 out=$PWD/target/rsi
 rm -rf "$out" && mkdir -p "$out"
 plan() { # name, period in ms
-    "$cubectl" plan throw --robot kr16_2 --target 2.5,0,0.6 --lag-ms 24 --period "$2" --starts 8 --out "$out/$1.json" </dev/null
+    "$cubectl" plan throw --robot kr16_2 --target 2.5,0,0.6 --lag-ms 24 --period-ms "$2" --starts 8 --out "$out/$1.json" </dev/null
 }
 plan slow 12
 plan fast 4
@@ -29,7 +29,7 @@ throw() { # description, scheme, port, plan, cycle in ms
     wait_for $client says "$dir.throw" 'waiting for the robot' || { cat "$dir.throw"; return 1; }
     # A robot that comes in the client's first cycle and a half may be in the middle of a run: the client would look at it for 24 cycles.
     sleep 1
-    "${slow[@]}" "$cubectl" sim --robot kr16_2 --rsi "$place" --scenario "robots/kr16_2/$name.toml" --bottle 2.5,0,0.6 --runs 1 --for 120 \
+    "${slow[@]}" "$cubectl" sim --robot kr16_2 --rsi "$place" --scenario "robots/kr16_2/$name.toml" --bottle 2.5,0,0.6 --runs 1 --for-s 120 \
         >"$dir.robot" 2>&1 </dev/null || robot_status=$?
     # A robot that was refused never comes: its client would wait for it.
     [ $robot_status -eq 0 ] || kill -INT $client
@@ -90,7 +90,7 @@ grep -qx thrown "$out"/*.word || { echo "no throw could be judged: the machine h
 moved() {
     local data=127.0.0.1:49272 place=udp://127.0.0.1:49265 dir=$out/moved before after client status=0
     rm -rf "$dir" "$dir".*
-    local robot=("$cubectl" sim --robot kr16_2 --tracker $data --runs 1 --for 120)
+    local robot=("$cubectl" sim --robot kr16_2 --tracker $data --runs 1 --for-s 120)
     "${robot[@]}" --bottle 2.5,0,0.6 --rsi "udp://127.0.0.1:49266?lockstep" >"$dir.before" 2>&1 </dev/null &
     before=$!
     "$cubectl" throw --robot kr16_2 --target tracker --tracker $data --starts 2 --bus "rsi:$place" --yes \
@@ -109,7 +109,7 @@ moved() {
     [ $status -eq 9 ] || { echo "ended with $status, not 9"; return 1; }
     # Each look is a mean of frames with noise, and how many frames there are depends on the clock.
     grep -Eq 'moved by (19\.[89]|20\.[0-2]) mm' "$dir.throw" && grep -q 'nothing was thrown' "$dir.throw" || return 1
-    "$cubectl" replay "$dir" | grep '^identical: '
+    "$cubectl" log replay "$dir" | grep '^identical: '
 }
 timed moved
 # Where the ball lands over 200 seeds, in virtual time: six rows of docs/measured/industrial-robot.md, each within its bounds.

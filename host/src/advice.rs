@@ -6,41 +6,51 @@ use clap::ArgMatches;
 use clap::parser::ValueSource;
 use operator::bus::BusArgs;
 
+use crate::cli::SHORT_NAMES;
+
 /// What a command line in a message begins with if it acts on a bus: without `--bus` it would mean the simulated cell.
-pub const BUS_VERBS: [&str; 29] = [
-    "clear",
-    "config diff",
-    "config dump",
-    "config restore",
-    "controller",
-    "doctor",
+pub const BUS_VERBS: [&str; 28] = [
+    "arm doctor",
+    "arm home",
+    "arm identify",
+    "arm jog",
+    "arm monitor",
+    "arm pose save",
+    "arm status",
+    "arm stop",
+    "controller clear",
+    "controller key remove",
+    "controller key set",
+    "controller registers export",
+    "controller registers get",
+    "controller registers list",
+    "controller registers set",
+    "controller run",
+    "controller unlock",
+    "controller upload",
     "explain --last",
-    "home",
-    "identify",
-    "jog",
-    "key remove",
-    "key set",
-    "monitor",
+    "log record",
+    "modules diff",
+    "modules dump",
+    "modules restore",
     "move",
-    "pose save",
-    "record",
-    "registers export",
-    "registers get",
-    "registers list",
-    "registers set",
     "run",
-    "scan",
     "servo",
-    "status",
-    "stop",
     "teach",
     "throw",
-    "unlock",
-    "upload",
 ];
 
 /// Verbs whose effect, or what they read, is gone with the simulated cell inside the program.
-const OF_A_STATE: [&str; 8] = ["clear", "config", "home", "jog", "key", "registers", "unlock", "upload"];
+const OF_A_STATE: [&str; 8] = [
+    "arm home",
+    "arm jog",
+    "controller clear",
+    "controller key",
+    "controller registers",
+    "controller unlock",
+    "controller upload",
+    "modules",
+];
 
 /// What is said on the bus `sim` by a verb that changes or reads what a bus keeps.
 const ON_SIM: &str = "the bus is the simulated cell inside this program: it begins anew with each command and ends with it; \
@@ -49,12 +59,15 @@ const ON_SIM: &str = "the bus is the simulated cell inside this program: it begi
 /// That nothing lasts, for a verb on the simulated cell inside the program.
 #[must_use]
 pub fn on_simulated_cell(matches: &ArgMatches) -> Option<&'static str> {
-    let (name, mut verb) = matches.subcommand()?;
-    while let Some((_, inner)) = verb.subcommand() {
+    let (mut path, mut verb) = (String::new(), matches);
+    while let Some((name, inner)) = verb.subcommand() {
+        path += if path.is_empty() { "" } else { " " };
+        path += name;
         verb = inner;
     }
     let bus = verb.try_get_one::<BusSpec>("bus").ok().flatten()?;
-    (OF_A_STATE.contains(&name) && *bus == BusSpec::Sim).then_some(ON_SIM)
+    let of_a_state = OF_A_STATE.iter().any(|verbs| begins_with(&path, verbs));
+    (of_a_state && *bus == BusSpec::Sim).then_some(ON_SIM)
 }
 
 /// Before a command line in a message.
@@ -103,26 +116,30 @@ impl Place {
 
     /// `text` with this bus in every command line that acts on one and names none.
     #[must_use]
-    pub fn told(&self, text: &str) -> String {
-        let (mut told, mut rest) = (String::with_capacity(text.len()), text);
+    pub fn complete(&self, text: &str) -> String {
+        let (mut text_with_bus, mut rest) = (String::with_capacity(text.len()), text);
         while let Some(at) = rest.find(BEGIN) {
             let (before, after) = rest.split_at(at + BEGIN.len());
-            told += before;
+            text_with_bus += before;
             let line = &after[..after.find('`').unwrap_or(after.len())];
-            let verb = BUS_VERBS.iter().find(|verb| {
-                line.strip_prefix(**verb).is_some_and(|more| more.is_empty() || more.starts_with(' '))
-            });
+            let short = SHORT_NAMES.iter().map(|(short, _)| short);
+            let verb = BUS_VERBS.iter().chain(short).find(|verb| begins_with(line, verb));
             rest = after;
             if let Some(verb) = verb
                 && !line.contains("--bus")
             {
-                told += verb;
-                told += &self.0;
+                text_with_bus += verb;
+                text_with_bus += &self.0;
                 rest = &after[verb.len()..];
             }
         }
-        told + rest
+        text_with_bus + rest
     }
+}
+
+/// Whether a command line begins with the words of `verb`.
+fn begins_with(line: &str, verb: &str) -> bool {
+    line.strip_prefix(verb).is_some_and(|more| more.is_empty() || more.starts_with(' '))
 }
 
 /// A word for a shell.
@@ -139,27 +156,31 @@ mod tests {
     use clap::CommandFactory;
 
     use super::*;
-    use crate::cli::Cli;
+    use crate::cli::{Cli, full_names};
 
     fn place(words: &[&str]) -> Place {
-        Place::of_matches(&Cli::command().get_matches_from(words))
+        Place::of_matches(&parsed(words))
+    }
+
+    fn parsed(words: &[&str]) -> ArgMatches {
+        Cli::command().get_matches_from(full_names(words.iter().map(Into::into).collect()))
     }
 
     #[test]
     fn advice_names_the_bus_and_the_robot_of_the_command_that_gives_it() {
-        let can = place(&["cubectl", "config", "diff", "a.toml", "--bus", "can0"]);
+        let can = place(&["cubectl", "modules", "diff", "a.toml", "--bus", "can0"]);
         assert_eq!(
-            can.told(
-                "`cubectl config restore a.toml`, `cubectl home` and `cubectl throw --controller NODE-ID`"
+            can.complete(
+                "`cubectl modules restore a.toml`, `cubectl home` and `cubectl throw --controller NODE-ID`"
             ),
-            "`cubectl config restore --bus can0 a.toml`, `cubectl home --bus can0` and `cubectl throw --bus can0 --controller \
+            "`cubectl modules restore --bus can0 a.toml`, `cubectl home --bus can0` and `cubectl throw --bus can0 --controller \
              NODE-ID`"
         );
         let robot =
             place(&["cubectl", "status", "--bus", "rsi:udp://h:1?lockstep", "--robot", "my arm.toml"]);
         assert_eq!(
-            robot.told("`cubectl clear`"),
-            "`cubectl clear --bus 'rsi:udp://h:1?lockstep' --robot 'my arm.toml'`"
+            robot.complete("`cubectl controller clear`"),
+            "`cubectl controller clear --bus 'rsi:udp://h:1?lockstep' --robot 'my arm.toml'`"
         );
     }
 
@@ -168,53 +189,57 @@ mod tests {
         let can = place(&["cubectl", "doctor", "--bus", "can0"]);
         for text in [
             "`cubectl explain 202`",
-            "`cubectl clear --bus can1`",
+            "`cubectl controller clear --bus can1`",
             "`cubectl tune`",
             "cubectl home",
             "`cubectl ",
         ] {
-            assert_eq!(can.told(text), text);
+            assert_eq!(can.complete(text), text);
         }
-        assert_eq!(can.told("`cubectl explain --last`"), "`cubectl explain --last --bus can0`");
-        for words in
-            [&["cubectl", "home"][..], &["cubectl", "home", "--bus", "sim"], &["cubectl", "check", "a.json"]]
-        {
-            assert_eq!(place(words).told("`cubectl home`"), "`cubectl home`");
+        assert_eq!(can.complete("`cubectl explain --last`"), "`cubectl explain --last --bus can0`");
+        for words in [
+            &["cubectl", "home"][..],
+            &["cubectl", "home", "--bus", "sim"],
+            &["cubectl", "plan", "check", "a.json"],
+        ] {
+            assert_eq!(place(words).complete("`cubectl home`"), "`cubectl home`");
         }
         let served = place(&["cubectl", "sim", "--bus", "socketcand://127.0.0.1:1/can0"]);
-        assert_eq!(served.told("`cubectl home`"), "`cubectl home`");
+        assert_eq!(served.complete("`cubectl home`"), "`cubectl home`");
     }
 
     #[test]
     fn what_ends_with_the_command_says_so_on_the_simulated_cell_only() {
-        let note = |words: &[&str]| on_simulated_cell(&Cli::command().get_matches_from(words)).is_some();
+        let note = |words: &[&str]| on_simulated_cell(&parsed(words)).is_some();
         for words in [
             "home",
-            "jog 3 --for 1",
-            "clear",
-            "registers set a=1",
-            "registers export",
-            "config dump modules.toml",
-            "unlock powercube6 --for 10",
+            "jog 3 --for-s 1",
+            "controller clear",
+            "controller registers set a=1",
+            "controller registers export",
+            "modules dump modules.toml",
+            "controller unlock powercube6 --for-s 10",
         ] {
             let words: Vec<&str> = ["cubectl"].into_iter().chain(words.split(' ')).collect();
             assert!(note(&words), "{words:?}");
             assert!(!note(&[&words[..], &["--bus", "can0"]].concat()), "{words:?}");
         }
         // They name the cell in what they print.
-        assert!(!note(&["cubectl", "scan"]) && !note(&["cubectl", "explain", "101"]));
+        assert!(!note(&["cubectl", "status"]) && !note(&["cubectl", "explain", "101"]));
     }
 
     #[test]
     fn every_verb_with_a_bus_is_listed() {
-        let cli = Cli::command();
-        let has_bus = |verb: &clap::Command| verb.get_arguments().any(|arg| arg.get_long() == Some("bus"));
-        let mut verbs = Vec::new();
-        for verb in cli.get_subcommands() {
-            verbs.extend(has_bus(verb).then(|| verb.get_name().to_owned()));
-            let below = verb.get_subcommands().filter(|below| has_bus(below));
-            verbs.extend(below.map(|below| format!("{} {}", verb.get_name(), below.get_name())));
+        fn with_bus(verb: &clap::Command, path: &str, found: &mut Vec<String>) {
+            if verb.get_arguments().any(|arg| arg.get_long() == Some("bus")) {
+                found.push(path.trim().to_owned());
+            }
+            for below in verb.get_subcommands() {
+                with_bus(below, &format!("{path} {}", below.get_name()), found);
+            }
         }
+        let mut verbs = Vec::new();
+        with_bus(&Cli::command(), "", &mut verbs);
         // `sim` serves a bus, `tune` designs gains without one, `explain` listens to one for what happened last.
         verbs.retain(|verb| !["explain", "sim", "tune"].contains(&verb.as_str()));
         verbs.push("explain --last".to_owned());

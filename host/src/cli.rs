@@ -1,6 +1,8 @@
 //! Command line of `cubectl`: which verb, with which arguments.
 
-use clap::{Parser, Subcommand};
+use std::ffi::OsString;
+
+use clap::{Command, Parser, Subcommand};
 
 use crate::cmd::{self, completions};
 use crate::error::ExpectedError;
@@ -22,80 +24,52 @@ const EXAMPLES: &str = "Examples:
   cubectl plan throw --target 1.0,1.0,-1.0 --report plan.html
   cubectl doctor --bus can0                      # what is wrong, and what to do
   cubectl home --bus can0 && cubectl jog 6 --bus can0
-  cubectl report throw1                          # look at a recorded run
+  cubectl log report throw1                      # look at a recorded run
 
-The bus is `sim` unless --bus says otherwise: a simulated cell inside this program, in virtual time.";
+The bus is `sim` unless --bus says otherwise: a simulated cell inside this program, in virtual time.
 
-/// The verbs.
+Short names: doctor, home, jog, status and stop, without `arm`.";
+
+/// The verbs: what moves the arm, what plans and tunes, what looks and keeps.
 #[derive(Debug, Subcommand)]
 pub enum Verb {
-    /// Plan a throw, run it on the arm or the simulated cell, and tell where the ball landed.
+    /// Plan a throw, run it on the arm or the simulated cell, and report where the ball landed.
     Throw(Box<cmd::throw::Args>),
-    /// Plan motions.
-    #[command(subcommand)]
-    Plan(Box<cmd::plan::PlanVerb>),
+    /// Catch a flying disc with a four-axis arm, or a ball with a six-axis arm.
+    Catch(Box<cmd::catch::Args>),
     /// Move the arm to a pose, around everything in the way.
     Move(Box<cmd::move_arm::Args>),
+    /// Run a trajectory, a plan or a program of moves, and follow it to its end.
+    Run(cmd::run::Args),
     /// Follow a stream of commands: joint angles or speeds, or the hand.
     Servo(cmd::servo::Args),
     /// Lead the arm with keys and save the steps of a program.
     Teach(cmd::teach::Args),
-    /// Save, show and remove named poses.
+    /// Look at the arm and its modules, home and jog joints, stop.
     #[command(subcommand)]
-    Pose(cmd::pose::PoseVerb),
-    /// Catch a flying disc with a four-axis arm, or a ball with a six-axis arm.
-    Catch(Box<cmd::catch::Args>),
-    /// Check a plan file again, by other means than the planner's.
-    Check(cmd::check::Args),
+    Arm(Box<cmd::arm::ArmVerb>),
+    /// Plan throws, check and export plans.
+    #[command(subcommand)]
+    Plan(Box<cmd::plan::PlanVerb>),
+    /// Design gains with a certificate.
+    Tune(cmd::tune::Args),
+    /// Run a controller, and change what one keeps: settings, trajectory, key.
+    #[command(subcommand)]
+    Controller(Box<cmd::controller::ControllerVerb>),
+    /// Save, compare and restore the parameters of modules.
+    #[command(subcommand)]
+    Modules(cmd::modules::ModulesVerb),
+    /// Record a bus, replay a recording, show a recorded run.
+    #[command(subcommand)]
+    Log(cmd::log::LogVerb),
     /// Make, check and draw robot files.
     #[command(subcommand)]
     Robot(cmd::robot::RobotVerb),
-    /// Write the joint motion of a plan as a table.
-    Export(cmd::export::Args),
-    /// Find the modules on a bus: address, serial number, firmware, state.
-    Scan(cmd::scan::Args),
-    /// Show state, position, current and supply of each module.
-    Status(cmd::status::Args),
-    /// Look at the bus and at each module, and say what is wrong and what to do.
-    Doctor(cmd::doctor::Args),
-    /// Let joints find their zeros: reduced speed, bounded in time and current.
-    Home(cmd::home::Args),
-    /// Move one joint while a key is held, or for a time, at reduced speed.
-    Jog(cmd::jog::Args),
-    /// Halt everything on the bus.
-    Stop(cmd::stop::Args),
-    /// Let the controller forget a latched fault and look at the drives again; nothing moves.
-    Clear(cmd::clear::Args),
-    /// Store a trajectory file in the controller and commit it; nothing moves.
-    Upload(cmd::upload::Args),
-    /// Upload a trajectory, arm, run it and follow it to its end.
-    Run(cmd::run::Args),
-    /// Run the controller as a program on this machine, on any bus.
-    Controller(cmd::controller::Args),
     /// Targets and calibration from an optical tracker.
     #[command(subcommand)]
     Tracker(cmd::tracker::TrackerVerb),
     /// Serve the simulated cell to other programs, in real time.
     Sim(cmd::sim::Args),
-    /// Write what passes on the bus to a candump and an MCAP file.
-    Record(cmd::record::Args),
-    /// Run the controller on a recording: it must send the recorded frames, bit for bit.
-    Replay(cmd::replay::Args),
-    /// Show a recorded run against its plan: one HTML file.
-    Report(cmd::report::Args),
-    /// Watch the modules: positions, currents, states, bus load.
-    Monitor(cmd::monitor::Args),
-    /// Save, compare and restore the parameters of modules.
-    #[command(subcommand)]
-    Config(cmd::config::ConfigVerb),
-    /// Show, set, list and export the settings of a controller.
-    #[command(subcommand)]
-    Registers(Box<cmd::registers::RegistersVerb>),
-    /// Make, set and remove the key of a controller.
-    #[command(subcommand)]
-    Key(cmd::key::KeyVerb),
-    /// Let a controller take limits beyond those of its robot for a while.
-    Unlock(cmd::unlock::Args),
     /// Explain a fault number, an exit code, a word of a module's state, or the faults that a scenario can have.
     Explain(cmd::explain::Args),
     /// Write a completion script for a shell.
@@ -103,16 +77,72 @@ pub enum Verb {
     Completions(completions::Args),
     /// Show the manual page, or write the pages of all verbs.
     Man(cmd::man::Args),
-    /// Measure the constants of a joint's drive: current per speed and torque, friction, lag, delay.
-    Identify(cmd::identify::Args),
-    /// Design gains with a certificate.
-    Tune(cmd::tune::Args),
     /// In `cubelab` now.
     #[command(hide = true, disable_help_flag = true)]
     Rally(cmd::moved::Args),
     /// In `cubelab` now.
     #[command(hide = true, disable_help_flag = true)]
     Swarm(cmd::moved::Args),
+}
+
+/// Short names of verbs: a hand in a hurry types them.
+pub(crate) const SHORT_NAMES: [(&str, &str); 5] = [
+    ("doctor", "arm doctor"),
+    ("home", "arm home"),
+    ("jog", "arm jog"),
+    ("status", "arm status"),
+    ("stop", "arm stop"),
+];
+
+/// Names that verbs had in version 0.1.
+const OLD_NAMES: [(&str, &str); 15] = [
+    ("check", "plan check"),
+    ("clear", "controller clear"),
+    ("config", "modules"),
+    ("export", "plan export"),
+    ("identify", "arm identify"),
+    ("key", "controller key"),
+    ("monitor", "arm monitor"),
+    ("pose", "arm pose"),
+    ("record", "log record"),
+    ("registers", "controller registers"),
+    ("replay", "log replay"),
+    ("report", "log report"),
+    ("scan", "arm status"),
+    ("unlock", "controller unlock"),
+    ("upload", "controller upload"),
+];
+
+/// The command line with short names as verbs of their own: for completion, which sees no full names.
+#[must_use]
+pub fn with_short_names(command: Command) -> Command {
+    let find = |(short, full): &(&'static str, &str)| {
+        let verb = full.split(' ').try_fold(&command, |verb, word| verb.find_subcommand(word));
+        verb.map(|verb| verb.clone().name(*short))
+    };
+    let short: Vec<Command> = SHORT_NAMES.iter().filter_map(find).collect();
+    command.subcommands(short)
+}
+
+/// The words of a command line with the verb's full name; an old name is noted on standard error.
+pub fn full_names(mut words: Vec<OsString>) -> Vec<OsString> {
+    let Some(name) = words.get(1).and_then(|word| word.to_str()) else { return words };
+    let named = |names: &[(&str, &'static str)]| {
+        names.iter().find(|(short, _)| *short == name).map(|(_, full)| *full)
+    };
+    // Version 0.1 had no verbs below it.
+    let is_bare = name == "controller"
+        && words
+            .get(2)
+            .is_none_or(|word| word.to_str().is_some_and(|word| word.starts_with("--") && word != "--help"));
+    let old = named(&OLD_NAMES).or(is_bare.then_some("controller run"));
+    if let Some(full) = old {
+        console::note!("`cubectl {name}` is `cubectl {full}` now");
+    }
+    if let Some(full) = old.or_else(|| named(&SHORT_NAMES)) {
+        words.splice(1..2, full.split(' ').map(OsString::from));
+    }
+    words
 }
 
 /// Runs the verb.
@@ -122,41 +152,59 @@ pub enum Verb {
 pub fn run(cli: Cli) -> Result<(), ExpectedError> {
     match cli.verb {
         Verb::Throw(args) => cmd::throw::run(&args),
-        Verb::Plan(verb) => cmd::plan::run(*verb),
+        Verb::Catch(args) => cmd::catch::run(&args),
         Verb::Move(args) => cmd::move_arm::run(&args),
+        Verb::Run(args) => cmd::run::run(&args),
         Verb::Servo(args) => cmd::servo::run(&args),
         Verb::Teach(args) => cmd::teach::run(&args),
-        Verb::Pose(verb) => cmd::pose::run(&verb),
-        Verb::Catch(args) => cmd::catch::run(&args),
-        Verb::Check(args) => cmd::check::run(&args),
+        Verb::Arm(verb) => cmd::arm::run(&verb),
+        Verb::Plan(verb) => cmd::plan::run(*verb),
+        Verb::Tune(args) => cmd::tune::run(&args),
+        Verb::Controller(verb) => cmd::controller::run(&verb),
+        Verb::Modules(verb) => cmd::modules::run(&verb),
+        Verb::Log(verb) => cmd::log::run(&verb),
         Verb::Robot(verb) => cmd::robot::run(&verb),
-        Verb::Export(args) => cmd::export::run(&args),
-        Verb::Scan(args) => cmd::scan::run(&args),
-        Verb::Status(args) => cmd::status::run(&args),
-        Verb::Doctor(args) => cmd::doctor::run(&args),
-        Verb::Home(args) => cmd::home::run(&args),
-        Verb::Jog(args) => cmd::jog::run(&args),
-        Verb::Stop(args) => cmd::stop::run(&args),
-        Verb::Clear(args) => cmd::clear::run(&args),
-        Verb::Upload(args) => cmd::upload::run(&args),
-        Verb::Run(args) => cmd::run::run(&args),
-        Verb::Controller(args) => cmd::controller::run(&args),
         Verb::Tracker(verb) => cmd::tracker::run(&verb),
         Verb::Sim(args) => cmd::sim::run(&args),
-        Verb::Record(args) => cmd::record::run(&args),
-        Verb::Replay(args) => cmd::replay::run(&args),
-        Verb::Report(args) => cmd::report::run(&args),
-        Verb::Monitor(args) => cmd::monitor::run(&args),
-        Verb::Config(verb) => cmd::config::run(&verb),
-        Verb::Registers(verb) => cmd::registers::run(&verb),
-        Verb::Key(verb) => cmd::key::run(&verb),
-        Verb::Unlock(args) => cmd::unlock::run(&args),
+        Verb::Explain(args) => cmd::explain::run(&args),
         Verb::Completions(args) => completions::run(&args, "cubectl", COMPLETE_VARIABLE),
         Verb::Man(args) => cmd::man::run(&args, program::command::<Cli>()),
-        Verb::Explain(args) => cmd::explain::run(&args),
-        Verb::Identify(args) => cmd::identify::run(&args),
-        Verb::Tune(args) => cmd::tune::run(&args),
         Verb::Rally(args) => Err(cmd::moved::to_lab("rally", &args)),
         Verb::Swarm(args) => Err(cmd::moved::to_lab("swarm", &args)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    fn named(line: &str) -> String {
+        let words = full_names(line.split(' ').map(OsString::from).collect());
+        words.iter().map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ")
+    }
+
+    #[test]
+    fn short_and_old_names_lead_to_verbs_that_are_there() {
+        for (name, full) in SHORT_NAMES.iter().chain(&OLD_NAMES) {
+            assert_eq!(named(&format!("cubectl {name} --json")), format!("cubectl {full} --json"));
+            let mut verb = &Cli::command();
+            for word in full.split(' ') {
+                verb = verb.find_subcommand(word).unwrap_or_else(|| panic!("{full}"));
+            }
+            assert!(Cli::command().find_subcommand(name).is_none(), "{name} is a verb");
+        }
+    }
+
+    #[test]
+    fn a_controller_without_a_verb_is_run_as_in_version_0_1() {
+        assert_eq!(named("cubectl controller"), "cubectl controller run");
+        assert_eq!(named("cubectl controller --bus can0"), "cubectl controller run --bus can0");
+        for line in
+            ["cubectl controller --help", "cubectl controller clear", "cubectl throw --plan home", "cubectl"]
+        {
+            assert_eq!(named(line), line);
+        }
     }
 }

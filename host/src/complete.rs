@@ -9,13 +9,15 @@ use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter, PathCompleter
 use firmware::fault::Cause;
 use protocol::powercube::CubeState;
 
+use crate::cli::with_short_names;
+
 /// `ARPHRD_CAN`: what `/sys/class/net/NAME/type` says of a CAN interface.
 const CAN_INTERFACE: &str = "280";
 
 /// The command line of a program, with what its values can be.
 #[must_use]
 pub fn command<C: CommandFactory>() -> Command {
-    with_values(crate::program::command::<C>())
+    with_values(with_short_names(crate::program::command::<C>()))
 }
 
 fn with_values(command: Command) -> Command {
@@ -109,8 +111,8 @@ mod tests {
     fn robots_buses_codes_and_choices_are_offered() {
         let table: [(&[&str], &str); 8] = [
             (&["plan", "throw", "--robot", "kr"], "kr16_2"),
-            (&["scan", "--robot", ""], "powercube6"),
-            (&["scan", "--bus", ""], "sim"),
+            (&["status", "--robot", ""], "powercube6"),
+            (&["status", "--bus", ""], "sim"),
             (&["throw", "--bus", "sock"], "socketcand://127.0.0.1:29536/can0"),
             (&["throw", "--rsi", "kr-c4-"], "kr-c4-12ms"),
             (&["explain", "50"], "502"),

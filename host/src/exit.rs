@@ -56,7 +56,7 @@ pub const TABLE: &[(u8, &str, &str)] = &[
     (
         MISSED,
         "the ball landed beyond the tolerance or touched the arm",
-        "`cubectl report` on the folder shows tracking and release; `cubectl home --verify` looks for lost counts",
+        "`cubectl log report` on the folder shows tracking and release; `cubectl home --verify` looks for lost counts",
     ),
     (
         NOT_RELEASED,
@@ -66,7 +66,7 @@ pub const TABLE: &[(u8, &str, &str)] = &[
     (
         STOPPED,
         "the controller stopped the arm while it moved, or somebody stopped it at any time",
-        "the message names joint, cause and folder; `cubectl explain CODE`, then `cubectl clear`",
+        "the message names joint, cause and folder; `cubectl explain CODE`, then `cubectl controller clear`",
     ),
 ];
 

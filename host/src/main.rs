@@ -3,5 +3,6 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    host::program::run(host::cli::COMPLETE_VARIABLE, host::cli::run)
+    let words = host::cli::full_names(std::env::args_os().collect());
+    host::program::run(words, host::cli::COMPLETE_VARIABLE, host::cli::run)
 }

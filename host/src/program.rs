@@ -1,5 +1,6 @@
 //! What surrounds the verbs of a program, `cubectl` and `cubelab`: completions, the command line, and how it ends.
 
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 use clap::{Arg, ArgAction, ArgMatches, Command, CommandFactory, FromArgMatches};
@@ -10,15 +11,16 @@ use crate::cmd::{meaning, print_json};
 use crate::error::ExpectedError;
 use crate::{complete, exit};
 
-/// Runs the program with the command line `C`. `complete_variable` is the environment variable by which its completion script asks it.
+/// Runs the program with the command line `C` and its `words`. `complete_variable` is the environment variable by which its completion script asks it.
 pub fn run<C: CommandFactory + FromArgMatches>(
+    words: Vec<OsString>,
     complete_variable: &'static str,
     verb: fn(C) -> Result<(), ExpectedError>,
 ) -> ExitCode {
     // Ends the program if a shell asks for completions.
     CompleteEnv::with_factory(complete::command::<C>).var(complete_variable).complete();
     let mut command = command::<C>();
-    let parsed = command.try_get_matches_from_mut(std::env::args_os());
+    let parsed = command.try_get_matches_from_mut(words);
     let (matches, cli) = match parsed.and_then(|matches| Ok((C::from_arg_matches(&matches)?, matches))) {
         Ok((cli, matches)) => (matches, cli),
         Err(error) => return not_understood(&error),

@@ -1,13 +1,13 @@
 //! Every command and option that a message, a help text or the README names exists.
 
 use clap::{Command, CommandFactory};
-use host::cli::Cli;
+use host::cli::{Cli, with_short_names};
 
 use crate::command_lines::{literals_of, require_options, require_verbs, root};
 
 /// The command line as the program has it, with its verb `help`.
 fn cli() -> Command {
-    let mut cli = Cli::command();
+    let mut cli = with_short_names(Cli::command());
     cli.build();
     cli
 }
@@ -18,7 +18,6 @@ const SOURCES: [&str; 4] = ["host/src", "host/planner/src", "host/tuner/src", "h
 #[test]
 fn every_command_line_that_is_printed_can_be_given() {
     let folders = [&SOURCES[..], &["firmware/src"]].concat();
-    // The scan finds what is there.
     let seen = require_verbs(&cli(), &folders);
     assert!(seen > 60, "{seen}");
 }

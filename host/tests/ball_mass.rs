@@ -20,7 +20,7 @@ fn a_heavy_ball_needs_more_current_in_plan_check_and_cell_and_lands() {
             cubectl(&["throw", "--robot", &robot, "--target", "1,1,-1", "--starts", "12", "--out", &dir]);
         assert_eq!(code(&thrown), 0, "{}{}", out(&thrown), err(&thrown));
         // The plan holds by other means than the planner's.
-        let checked = cubectl(&["check", &folder.file(&format!("{mass_kg}/plan.json"))]);
+        let checked = cubectl(&["plan", "check", &folder.file(&format!("{mass_kg}/plan.json"))]);
         assert_eq!(code(&checked), 0, "{}{}", out(&checked), err(&checked));
         let read = |name: &str| -> Value {
             serde_json::from_str(&std::fs::read_to_string(folder.0.join(mass_kg).join(name)).unwrap())

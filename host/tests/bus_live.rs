@@ -12,10 +12,10 @@ fn scan_home_jog_and_stop_work_over_a_socket() {
     options.drive.starts_homed = true;
     let served = Served::arm(options);
     let bus = ["--bus", &served.spec];
-    let scan = cubectl(&["scan", bus[0], bus[1]]);
+    let scan = cubectl(&["status", bus[0], bus[1]]);
     assert_eq!(code(&scan), 0, "{}", err(&scan));
     assert!(out(&scan).contains("6 modules"), "{}", out(&scan));
-    let jog = cubectl(&["jog", "6", "--for", "0.3", bus[0], bus[1], "--json"]);
+    let jog = cubectl(&["jog", "6", "--for-s", "0.3", bus[0], bus[1], "--json"]);
     assert_eq!(code(&jog), 0, "{}", err(&jog));
     let report: serde_json::Value = serde_json::from_str(&out(&jog)).unwrap();
     let moved = report["to_rad"].as_f64().unwrap() - report["from_rad"].as_f64().unwrap();
@@ -95,17 +95,19 @@ fn home_and_jog_go_through_the_controller_on_the_bus_and_leave_its_settings_as_t
     assert!(err(&soft).contains("controller 10 is on this bus already"), "{}", err(&soft));
 
     let speed = || {
-        let output = cubectl(&["registers", "get", "joint.home_v_rad_s", bus[0], bus[1], "--json"]);
+        let output =
+            cubectl(&["controller", "registers", "get", "joint.home_v_rad_s", bus[0], bus[1], "--json"]);
         serde_json::from_str::<serde_json::Value>(&out(&output)).unwrap()
     };
     let before = speed();
-    let home = cubectl(&["home", bus[0], bus[1], "--modules", "6", "--force", "--speed", "0.2", "--json"]);
+    let home =
+        cubectl(&["home", bus[0], bus[1], "--modules", "6", "--force", "--speed-rad-s", "0.2", "--json"]);
     assert_eq!(code(&home), 0, "{}", err(&home));
     let report: serde_json::Value = serde_json::from_str(&out(&home)).unwrap();
     assert!(report["modules"][0]["took_s"].as_f64().unwrap() > 0.05, "{report:#}");
     assert_eq!(speed(), before);
 
-    let jog = cubectl(&["jog", "6", "--for", "0.3", bus[0], bus[1], "--json"]);
+    let jog = cubectl(&["jog", "6", "--for-s", "0.3", bus[0], bus[1], "--json"]);
     assert_eq!(code(&jog), 0, "{}", err(&jog));
     let report: serde_json::Value = serde_json::from_str(&out(&jog)).unwrap();
     let moved = report["to_rad"].as_f64().unwrap() - report["from_rad"].as_f64().unwrap();
@@ -133,24 +135,22 @@ fn a_controller_of_this_program_leaves_drives_that_are_not_halted() {
 #[test]
 fn modules_that_a_controller_speaks_to_are_not_disturbed() {
     let served = Served::with_controller();
-    for verb in ["scan", "status"] {
-        let output = cubectl(&[verb, "--bus", &served.spec, "--json"]);
-        assert_eq!(code(&output), 0, "{verb}: {}", err(&output));
-        let report: serde_json::Value = serde_json::from_str(&out(&output)).unwrap();
-        assert_eq!((&report["asked"], &report["controller"]["node_id"]), (&false.into(), &10.into()));
-        assert_eq!(report["controller"]["host_alive"], false, "{report:#}");
-        let modules = report["modules"].as_array().unwrap();
-        assert_eq!(modules.len(), 6, "{report:#}");
-        for module in modules {
-            assert!(module["position_rad"].is_number() && module["homed"] == true, "{report:#}");
-        }
-        let text = out(&cubectl(&[verb, "--bus", &served.spec]));
-        assert!(text.contains("controller 10: ready") && text.contains("nothing was sent"), "{text}");
-        let named = cubectl(&[verb, "--bus", &served.spec, "--modules", "6-7"]);
-        assert_eq!(code(&named), if verb == "scan" { 0 } else { 8 }, "{}", out(&named));
-        assert!(err(&named).contains("module 7 is not heard"), "{}", err(&named));
+    let output = cubectl(&["status", "--bus", &served.spec, "--json"]);
+    assert_eq!(code(&output), 0, "{}", err(&output));
+    let report: serde_json::Value = serde_json::from_str(&out(&output)).unwrap();
+    assert_eq!((&report["asked"], &report["controller"]["node_id"]), (&false.into(), &10.into()));
+    assert_eq!(report["controller"]["host_alive"], false, "{report:#}");
+    let modules = report["modules"].as_array().unwrap();
+    assert_eq!(modules.len(), 6, "{report:#}");
+    for module in modules {
+        assert!(module["position_rad"].is_number() && module["homed"] == true, "{report:#}");
     }
-    let output = cubectl(&["monitor", "--bus", &served.spec, "--for", "0.5"]);
+    let text = out(&cubectl(&["status", "--bus", &served.spec]));
+    assert!(text.contains("controller 10: ready") && text.contains("nothing was sent"), "{text}");
+    let named = cubectl(&["status", "--bus", &served.spec, "--modules", "6-7"]);
+    assert_eq!(code(&named), 8, "{}", out(&named));
+    assert!(err(&named).contains("module 7 is not heard"), "{}", err(&named));
+    let output = cubectl(&["arm", "monitor", "--bus", &served.spec, "--for", "0.5"]);
     assert_eq!(code(&output), 0, "{}", err(&output));
     assert!(out(&output).contains("controller=10") && out(&output).contains("module=6"), "{}", out(&output));
     assert!(err(&output).contains("nothing is sent"), "{}", err(&output));
@@ -178,7 +178,7 @@ fn a_control_period_that_does_not_hold_is_refused_before_anything_moves() {
     let served = Served::arm(options);
     let folder = crate::bus_common::Folder::new("period");
     let throw = ["throw", "--yes", "--target", "1,1,-1", "--controller", "soft", "--bus", &served.spec];
-    let output = cubectl(&[&throw[..], &["--period", "3", "--out", &folder.file("a")]].concat());
+    let output = cubectl(&[&throw[..], &["--period-ms", "3", "--out", &folder.file("a")]].concat());
     assert_eq!(code(&output), 7, "{}", err(&output));
     for part in
         ["a control period of 3 ms does not hold here", "at worst", "ms would hold", "nothing has moved"]
@@ -189,7 +189,7 @@ fn a_control_period_that_does_not_hold_is_refused_before_anything_moves() {
     let doctor = cubectl(&["doctor", "--bus", &served.spec]);
     assert!(out(&doctor).contains("control period: a controller in this program needs"), "{}", out(&doctor));
     assert!(out(&doctor).contains("real time: "), "{}", out(&doctor));
-    let clear = cubectl(&["clear", "--bus", &served.spec]);
+    let clear = cubectl(&["controller", "clear", "--bus", &served.spec]);
     assert_eq!(code(&clear), 0, "{}", err(&clear));
     assert!(
         out(&clear).contains("no controller is heard; 6 modules answer, 0 of them reset"),
@@ -242,7 +242,7 @@ fn firmware_without_position_and_state_in_one_answer_is_a_finding() {
 #[test]
 fn a_bus_without_drives_and_a_missing_drive_are_told_apart() {
     let empty = Served::new(Vec::<hil_sim::participants::Solo<protocol_node::Silent>>::new);
-    let output = cubectl(&["scan", "--bus", &empty.spec]);
+    let output = cubectl(&["status", "--bus", &empty.spec]);
     assert_eq!(code(&output), 8);
     assert!(err(&output).contains("no module answers"), "{}", err(&output));
     let two = Served::new(|| Cell::bench(2, 0x4614, &CellOptions::default(), 1).unwrap());
@@ -262,13 +262,13 @@ fn buses_that_cannot_be_had_say_what_where_and_what_next() {
     let nobody = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let closed = format!("socketcand://{nobody}/can0");
     for spec in [closed.as_str(), "nosuchcan7", "slcan:/dev/no-such-adapter"] {
-        let output = cubectl(&["scan", "--bus", spec]);
+        let output = cubectl(&["status", "--bus", spec]);
         assert_eq!(code(&output), 7, "{spec}: {}", err(&output));
         assert!(err(&output).contains("next: "), "{spec}: {}", err(&output));
     }
-    let output = cubectl(&["scan", "--bus", "socketcand://"]);
+    let output = cubectl(&["status", "--bus", "socketcand://"]);
     assert!(matches!(code(&output), 2 | 7), "{}", err(&output));
-    let output = cubectl(&["scan", "--robot", "no-such-robot"]);
+    let output = cubectl(&["status", "--robot", "no-such-robot"]);
     assert_eq!(code(&output), 4);
     assert!(err(&output).contains("powercube6"), "{}", err(&output));
 }

@@ -9,7 +9,7 @@ const ARM: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/canopen6.toml"
 fn it_homes_jogs_and_goes_to_a_pose() {
     let homed = cubectl(&["home", "--robot", ARM]);
     assert_eq!(code(&homed), 0, "{}{}", out(&homed), err(&homed));
-    let jogged = cubectl(&["jog", "4", "--for", "0.5", "--robot", ARM]);
+    let jogged = cubectl(&["jog", "4", "--for-s", "0.5", "--robot", ARM]);
     assert_eq!(code(&jogged), 0, "{}{}", out(&jogged), err(&jogged));
     assert!(out(&jogged).contains("module 4: 0.1000 rad -> 0.1500 rad"), "{}", out(&jogged));
     let moved =
@@ -38,7 +38,7 @@ fn a_throw_is_refused_because_nothing_opens_the_hand_and_verbs_for_powercubes_sa
     let said = err(&thrown);
     assert!(said.contains("nothing opens the hand of robot canopen6"), "{said}");
     assert!(said.contains("--joints 0,0,0,0,0,0 --home"), "{said}");
-    let scanned = cubectl(&["scan", "--robot", ARM]);
+    let scanned = cubectl(&["status", "--robot", ARM]);
     assert_eq!(code(&scanned), 8, "{}{}", out(&scanned), err(&scanned));
     assert!(err(&scanned).contains("CANopen servos"), "{}", err(&scanned));
 }

@@ -92,11 +92,11 @@ fn words_of_a_state_are_explained_and_the_clear_that_is_advised_resets_the_modul
     let halted = cubectl(&["doctor", bus[0], bus[1]]);
     assert!(
         out(&halted).contains("modules 1-6: halted")
-            && out(&halted).contains(&format!("`cubectl clear --bus {}`", served.spec)),
+            && out(&halted).contains(&format!("`cubectl controller clear --bus {}`", served.spec)),
         "{}",
         out(&halted)
     );
-    let cleared = cubectl(&["clear", bus[0], bus[1]]);
+    let cleared = cubectl(&["controller", "clear", bus[0], bus[1]]);
     assert!(out(&cleared).contains("6 of them reset"), "{}{}", out(&cleared), err(&cleared));
     assert!(!out(&cubectl(&["doctor", bus[0], bus[1]])).contains("halted"));
 }
@@ -106,18 +106,18 @@ fn beside_a_controller_the_doctor_tells_its_fault_and_the_modules_that_are_not_h
     let silent = "kind = \"silent\", target = \"module 3\", start_s = 1.0, length_s = 3.0";
     let served = Served::with_controller_and_faults(vec![fault_from_line(silent, 0).unwrap()]);
     let bus = ["--bus", &served.spec];
-    assert_eq!(code(&cubectl(&["monitor", "--for", "2", bus[0], bus[1]])), 0);
+    assert_eq!(code(&cubectl(&["arm", "monitor", "--for-s", "2", bus[0], bus[1]])), 0);
     let ill = cubectl(&["doctor", bus[0], bus[1]]);
     let text = out(&ill);
     assert_eq!(code(&ill), 9, "{text}");
     for part in ["PROBLEM  controller: controller 10: fault, ", "PROBLEM  modules: module 3: not heard"] {
         assert!(text.contains(part), "{part}: {text}");
     }
-    let clear = format!("`cubectl clear --bus {}`", served.spec);
+    let clear = format!("`cubectl controller clear --bus {}`", served.spec);
     assert!(text.contains(&clear), "{text}");
     // With the plug in again, what is advised works.
-    assert_eq!(code(&cubectl(&["monitor", "--for", "2", bus[0], bus[1]])), 0);
-    let cleared = cubectl(&["clear", bus[0], bus[1]]);
+    assert_eq!(code(&cubectl(&["arm", "monitor", "--for-s", "2", bus[0], bus[1]])), 0);
+    let cleared = cubectl(&["controller", "clear", bus[0], bus[1]]);
     assert_eq!(code(&cleared), 0, "{}{}", out(&cleared), err(&cleared));
     let well = cubectl(&["doctor", bus[0], bus[1]]);
     assert_eq!(code(&well), 0, "{}", out(&well));

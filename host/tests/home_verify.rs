@@ -22,7 +22,8 @@ fn verify(offset_deg: f64) -> (i32, String, serde_json::Value) {
     let mut waits = BusArgs { bus: served.spec.parse().unwrap(), ..BusArgs::default() }.open().unwrap();
     waits.pass(Duration::from_secs(5)).unwrap();
     drop(waits);
-    let words = ["home", "--verify", "--modules", "2-4", "--speed", "0.2", "--timeout", "60", "--json"];
+    let words =
+        ["home", "--verify", "--modules", "2-4", "--speed-rad-s", "0.2", "--timeout-s", "60", "--json"];
     let output = cubectl(&[&words[..], &["--bus", &served.spec]].concat());
     println!("{offset_deg} degrees: exit {}\n{}{}", code(&output), out(&output), err(&output));
     (code(&output), err(&output), serde_json::from_str(&out(&output)).unwrap())

@@ -39,8 +39,8 @@ fn without_a_terminal_and_without_yes_no_verb_moves_a_real_arm() {
             "--bus",
             "rsi:udp://127.0.0.1:0",
         ],
-        &["identify", "--joint", "2", "--bus", bus],
-        &["identify", "--bus", "rsi:udp://127.0.0.1:0"],
+        &["arm", "identify", "--joint", "2", "--bus", bus],
+        &["arm", "identify", "--bus", "rsi:udp://127.0.0.1:0"],
     ] {
         let refused = cubectl(words);
         assert_eq!(code(&refused), 2, "{words:?}: {}{}", out(&refused), err(&refused));
@@ -50,7 +50,7 @@ fn without_a_terminal_and_without_yes_no_verb_moves_a_real_arm() {
             err(&refused)
         );
     }
-    for (words, next) in [(["jog", "3"], "--for"), (["teach", "none.toml"], "in a terminal")] {
+    for (words, next) in [(["jog", "3"], "--for-s"), (["teach", "none.toml"], "in a terminal")] {
         let refused = cubectl(&words);
         assert_eq!(code(&refused), 2, "{}{}", out(&refused), err(&refused));
         let why = err(&refused);
@@ -62,9 +62,9 @@ fn without_a_terminal_and_without_yes_no_verb_moves_a_real_arm() {
 fn a_restore_with_save_stores_also_what_is_in_force_already() {
     let folder = Folder::new("rules-save");
     let file = folder.file("arm.toml");
-    assert_eq!(code(&cubectl(&["config", "dump", &file])), 0);
+    assert_eq!(code(&cubectl(&["modules", "dump", &file])), 0);
     let recording = folder.file("restore");
-    let restored = cubectl(&["config", "restore", &file, "--save", "--record", &recording]);
+    let restored = cubectl(&["modules", "restore", &file, "--save", "--record", &recording]);
     assert_eq!(code(&restored), 0, "{}", err(&restored));
     // The bus is the witness: SAVE_PARAMETERS is 0x10.
     let log = std::fs::read_to_string(folder.file("restore.log")).unwrap();
@@ -80,13 +80,13 @@ fn a_homing_that_ctrl_c_ends_leaves_the_settings_of_the_controller_as_they_were(
     let bus = ["--bus", &served.spec];
     let names = ["joint.home_v_rad_s", "home.timeout_us", "cycle.monitor_us"];
     let held = || -> Vec<serde_json::Value> {
-        let get = |name| out(&cubectl(&["registers", "get", name, bus[0], bus[1], "--json"]));
+        let get = |name| out(&cubectl(&["controller", "registers", "get", name, bus[0], bus[1], "--json"]));
         names.iter().map(|name| serde_json::from_str(&get(*name)).unwrap()).collect()
     };
     let before = held();
     let mut watch = BusArgs { bus: served.spec.parse().unwrap(), ..BusArgs::default() }.open().unwrap();
     let mut home = Command::new(env!("CARGO_BIN_EXE_cubectl"))
-        .args(["home", "--verify", "--speed", "0.02", "--timeout", "50", bus[0], bus[1]])
+        .args(["home", "--verify", "--speed-rad-s", "0.02", "--timeout-s", "50", bus[0], bus[1]])
         .stdout(Stdio::null())
         .stderr(Stdio::piped())
         .spawn()
@@ -114,14 +114,14 @@ fn a_homing_that_ctrl_c_ends_leaves_the_settings_of_the_controller_as_they_were(
 
 #[test]
 fn a_fault_of_a_controller_for_one_module_names_the_joint_of_the_robot() {
-    let output = cubectl(&["home", "--modules", "3", "--timeout", "1", "--speed", "0.01", "--force"]);
+    let output = cubectl(&["home", "--modules", "3", "--timeout-s", "1", "--speed-rad-s", "0.01", "--force"]);
     assert_eq!(code(&output), 8, "{}{}", out(&output), err(&output));
     assert!(err(&output).contains("joint 3: ") && !err(&output).contains("joint 1: "), "{}", err(&output));
 }
 
 #[test]
 fn a_speed_at_which_nothing_can_be_identified_is_refused_and_no_joint_is_called_blocked() {
-    let refused = cubectl(&["identify", "--joint", "2", "--speed", "1e-6"]);
+    let refused = cubectl(&["arm", "identify", "--joint", "2", "--speed-share", "1e-6"]);
     assert_eq!(code(&refused), 2, "{}", err(&refused));
     assert!(err(&refused).contains("must be from 0.02 to 1"), "{}", err(&refused));
 }
@@ -203,6 +203,6 @@ fn a_recording_of_a_controller_with_another_node_id_is_replayed_bit_for_bit() {
     let mut session = bus.open_cell(&cell, Some(&settings)).unwrap();
     session.pass(Duration::from_millis(1_500)).unwrap();
     session.finish().unwrap();
-    let replayed = cubectl(&["replay", &folder.file("boot.log"), "--json"]);
+    let replayed = cubectl(&["log", "replay", &folder.file("boot.log"), "--json"]);
     assert_eq!(code(&replayed), 0, "{}{}", out(&replayed), err(&replayed));
 }

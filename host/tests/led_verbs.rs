@@ -37,9 +37,9 @@ fn robot_inside_the_program_moves_and_its_folder_is_reported_and_replayed_again(
     assert!(out(&moved).starts_with("reached: "), "{}", out(&moved));
     assert!(near(&stands_deg(&to), &[20.0, -80.0, 100.0, 0.0, 60.0, 0.0]), "{:?}", stands_deg(&to));
     let report = std::fs::read(format!("{to}/report.html")).unwrap();
-    assert_eq!(code(&cubectl(&["report", &to])), 0);
+    assert_eq!(code(&cubectl(&["log", "report", &to])), 0);
     assert_eq!(std::fs::read(format!("{to}/report.html")).unwrap(), report);
-    let replayed = cubectl(&["replay", &to]);
+    let replayed = cubectl(&["log", "replay", &to]);
     assert!(out(&replayed).starts_with("identical: "), "{} {}", out(&replayed), err(&replayed));
     let summary: Value =
         serde_json::from_str(&std::fs::read_to_string(format!("{to}/summary.json")).unwrap()).unwrap();
@@ -71,7 +71,7 @@ fn robot_inside_the_program_follows_waypoints_a_program_and_a_stream() {
     assert!(out(&ran).contains("2 of 2 cycles, 8 steps"), "{}", out(&ran));
     assert!(near(&stands_deg(&to), &[0.0, -90.0, 90.0, 0.0, 90.0, 0.0]), "{:?}", stands_deg(&to));
     let report = std::fs::read(format!("{to}/report.html")).unwrap();
-    assert_eq!(code(&cubectl(&["report", &to])), 0);
+    assert_eq!(code(&cubectl(&["log", "report", &to])), 0);
     assert_eq!(std::fs::read(format!("{to}/report.html")).unwrap(), report);
 
     let line = |k: u32| format!("{{\"t_s\": {}, \"qd_rad_s\": [0.2, 0, 0, 0, 0, 0]}}\n", 0.02 * f64::from(k));
@@ -100,7 +100,7 @@ fn verbs_lead_a_robot_behind_a_socket_one_after_the_other_and_an_interrupt_stops
     assert_eq!(code(&ran), 0, "{}", err(&ran));
     // Commands that never end: only the signal ends them.
     let mut led = Command::new(env!("CARGO_BIN_EXE_cubectl"))
-        .args(["servo", "--bus", &bus, "--yes", "--hold", "60"])
+        .args(["servo", "--bus", &bus, "--yes", "--hold-s", "60"])
         .stdin(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()

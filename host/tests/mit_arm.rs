@@ -41,12 +41,12 @@ fn an_arm_that_differs_from_its_file_is_found_and_throws() {
 fn it_homes_jogs_and_goes_to_a_pose_and_verbs_for_powercubes_say_who_answers() {
     let homed = cubectl(&["home", "--robot", ARM]);
     assert_eq!(code(&homed), 0, "{}{}", out(&homed), err(&homed));
-    let jogged = cubectl(&["jog", "4", "--for", "0.5", "--robot", ARM]);
+    let jogged = cubectl(&["jog", "4", "--for-s", "0.5", "--robot", ARM]);
     assert_eq!(code(&jogged), 0, "{}{}", out(&jogged), err(&jogged));
     let moved =
         cubectl(&["move", "--joints", "0.3,0.4,0,0.5,0,0,0", "--home", "--yes", "--json", "--robot", ARM]);
     assert_eq!(code(&moved), 0, "{}{}", out(&moved), err(&moved));
-    let scanned = cubectl(&["scan", "--robot", ARM]);
+    let scanned = cubectl(&["status", "--robot", ARM]);
     assert_eq!(code(&scanned), 8, "{}{}", out(&scanned), err(&scanned));
     assert!(err(&scanned).contains("answer a controller only"), "{}", err(&scanned));
 }

@@ -21,13 +21,13 @@ fn arm_moves_to_angles_by_a_difference_and_to_a_named_pose_and_stands_there() {
     assert_eq!(code(&moved), 0, "{}", err(&moved));
     assert!(out(&moved).starts_with("reached: ") && out(&moved).contains("-60.00 -80.00"), "{}", out(&moved));
 
-    let saved = cubectl(&["pose", "save", "ready", "--joints", joints, "--poses", &poses]);
+    let saved = cubectl(&["arm", "pose", "save", "ready", "--joints", joints, "--poses", &poses]);
     assert_eq!(code(&saved), 0, "{}", err(&saved));
-    assert!(out(&cubectl(&["pose", "list", "--poses", &poses])).contains("ready"));
+    assert!(out(&cubectl(&["arm", "pose", "list", "--poses", &poses])).contains("ready"));
     let (status, found, told) = dry(&["--pose", "ready", "--poses", &poses]);
     assert_eq!(status, 0, "{told}");
     assert!((angles(&found)[1] + 60_f64.to_radians()).abs() < 1e-9, "{found}");
-    assert_eq!(code(&cubectl(&["pose", "remove", "ready", "--poses", &poses])), 0);
+    assert_eq!(code(&cubectl(&["arm", "pose", "remove", "ready", "--poses", &poses])), 0);
     let gone = cubectl(&["move", "--pose", "ready", "--poses", &poses, "--home"]);
     assert_eq!(code(&gone), 4);
     assert!(err(&gone).contains("no pose \"ready\" of powercube6; known: none"), "{}", err(&gone));
@@ -106,7 +106,7 @@ fn hand_draws_a_square_and_the_folder_holds_what_was_measured() {
     assert!(errors.iter().all(|e| (1e-5..5e-3).contains(&e.as_f64().unwrap())), "{errors:?}");
     assert!(read("report.html").contains("Path of the hand"));
     // The same report can be made again from the files, and the results are not overwritten.
-    let again = cubectl(&["report", &results, "--out", &folder.file("again.html")]);
+    let again = cubectl(&["log", "report", &results, "--out", &folder.file("again.html")]);
     assert_eq!(code(&again), 0, "{}", err(&again));
     let twice = cubectl(&["run", &table, "--home", "--out", &results]);
     assert_eq!(code(&twice), 10, "{}", out(&twice));

@@ -63,8 +63,8 @@ fn homed_arm() -> Served {
 #[test]
 fn after_kill_9_of_the_controller_nothing_is_shown_as_if_it_were_so_now() {
     let served = homed_arm();
-    let controller = Running::start(&["controller", "--bus", &served.spec]);
-    let words = ["monitor", "--bus", &served.spec, "--listen", "--for", "120"];
+    let controller = Running::start(&["controller", "run", "--bus", &served.spec]);
+    let words = ["arm", "monitor", "--bus", &served.spec, "--listen", "--for", "120"];
     let mut plain = Running::start(&words);
     let mut json = Running::start(&[&words[..], &["--json"]].concat());
     let seen = |line: &str| -> Value { serde_json::from_str(line).unwrap() };
@@ -112,7 +112,7 @@ fn while_joint_3_is_jogged_joint_3_is_shown_and_recorded() {
     let folder = Folder::new("jog3");
     let record = folder.file("jog");
     let mut monitor =
-        Running::start(&["monitor", "--bus", &served.spec, "--listen", "--for", "6000", "--json"]);
+        Running::start(&["arm", "monitor", "--bus", &served.spec, "--listen", "--for", "6000", "--json"]);
     monitor.until("it listens", |_| true);
     let jog = jog_3(&served, &["--for", "1.5", "--record", &record]);
     let mut jogs = 0;
@@ -151,7 +151,7 @@ fn a_fault_of_module_3_is_never_one_of_joint_1() {
     };
     let served = Served::with_faults(make, vec![fault_from_line(held, 0).unwrap()]);
     let mut monitor =
-        Running::start(&["monitor", "--bus", &served.spec, "--listen", "--for", "6000", "--json"]);
+        Running::start(&["arm", "monitor", "--bus", &served.spec, "--listen", "--for", "6000", "--json"]);
     monitor.until("it listens", |_| true);
     let jog = jog_3(&served, &["--for", "60"]);
     let line =
@@ -167,10 +167,12 @@ fn a_fault_of_module_3_is_never_one_of_joint_1() {
 fn a_stop_says_who_stands_and_after_how_long_and_who_sent_it_until_it_is_over() {
     let served = Served::with_controller();
     let bus = ["--bus", &served.spec];
-    let mut monitor = Running::start(&["monitor", bus[0], bus[1], "--listen", "--for", "6000", "--json"]);
+    let mut monitor =
+        Running::start(&["arm", "monitor", bus[0], bus[1], "--listen", "--for-s", "6000", "--json"]);
     let seen = |line: &str| -> Value { serde_json::from_str(line).unwrap() };
     let mut jog = Command::new(env!("CARGO_BIN_EXE_cubectl"));
-    let jog = jog.args(["jog", "6", "--for", "600", bus[0], bus[1]]).stderr(Stdio::piped()).spawn().unwrap();
+    let jog =
+        jog.args(["jog", "6", "--for-s", "600", bus[0], bus[1]]).stderr(Stdio::piped()).spawn().unwrap();
     monitor.until("the jog", |line| seen(line)["controller"]["state"] == "jogging");
     let stop = cubectl(&["stop", bus[0], bus[1]]);
     assert_eq!(code(&stop), 0, "{}", err(&stop));
@@ -186,10 +188,10 @@ fn a_stop_says_who_stands_and_after_how_long_and_who_sent_it_until_it_is_over() 
     assert!(text.as_str().unwrap().contains("joints 1, 2, 3, 4, 5, 6 stand after 0."), "{text}");
     assert!(text.as_str().unwrap().starts_with("stopped by node "), "{text}");
     assert_eq!(seen(&line)["controller"]["state"], "stopped", "a stop is no fault: {line}");
-    let clear = cubectl(&["clear", bus[0], bus[1]]);
+    let clear = cubectl(&["controller", "clear", bus[0], bus[1]]);
     assert_eq!(code(&clear), 0, "{}", err(&clear));
     assert!(out(&clear).contains("the next motion ends the stop"), "{}", out(&clear));
-    let jog = cubectl(&["jog", "6", "--for", "0.2", bus[0], bus[1]]);
+    let jog = cubectl(&["jog", "6", "--for-s", "0.2", bus[0], bus[1]]);
     assert_eq!(code(&jog), 0, "{}", err(&jog));
     monitor.until("no stop any more", |line| seen(line)["stop"].is_null());
 }
@@ -198,17 +200,17 @@ fn a_stop_says_who_stands_and_after_how_long_and_who_sent_it_until_it_is_over() 
 fn a_monitor_that_asks_gives_way_to_who_moves_the_arm() {
     let served = homed_arm();
     let bus = ["--bus", &served.spec];
-    let mut monitor = Running::start(&["monitor", bus[0], bus[1], "--for", "6000"]);
+    let mut monitor = Running::start(&["arm", "monitor", bus[0], bus[1], "--for-s", "6000"]);
     monitor.until("it asks", |line| line.contains("joint=6 ") && line.contains("homed"));
-    let jog = cubectl(&["jog", "6", "--for", "0.3", bus[0], bus[1]]);
+    let jog = cubectl(&["jog", "6", "--for-s", "0.3", bus[0], bus[1]]);
     assert_eq!(code(&jog), 0, "{}", err(&jog));
     monitor.until("the jog", |line| line.contains("jogging"));
     let said = monitor.end();
     assert_eq!(said.matches("gives way").count(), 1, "{said}");
     // One that was asked not to does not, and the advice is no circle.
-    let mut beside = Running::start(&["monitor", bus[0], bus[1], "--for", "6000", "--beside"]);
+    let mut beside = Running::start(&["arm", "monitor", bus[0], bus[1], "--for-s", "6000", "--beside"]);
     beside.until("it asks", |line| line.contains("joint=6 ") && line.contains("homed"));
-    let jog = cubectl(&["jog", "6", "--for", "0.3", bus[0], bus[1]]);
+    let jog = cubectl(&["jog", "6", "--for-s", "0.3", bus[0], bus[1]]);
     assert_eq!(code(&jog), 7, "{}", out(&jog));
     assert!(err(&jog).contains("end the other program, which did not give way"), "{}", err(&jog));
 }
@@ -276,18 +278,18 @@ fn every_verb_reports_a_failure_as_one_object_with_json() {
     for (words, expected) in [
         (&["throw", "--target", "1,1,-1", "--robot", &none][..], 4),
         (&["throw", "--target", "here"], 2),
-        (&["check", &none], 4),
-        (&["export", &none], 4),
+        (&["plan", "check", &none], 4),
+        (&["plan", "export", &none], 4),
         (&["robot", "check", &none], 4),
-        (&["report", &none], 4),
-        (&["jog", "9", "--for", "1"], 4),
-        (&["scan", "--bus", "nosuchcan7"], 7),
-        (&["controller", "--bus", "nosuchcan7"], 7),
-        (&["record", &none, "--bus", "nosuchcan7"], 7),
-        (&["replay", &none], 4),
+        (&["log", "report", &none], 4),
+        (&["jog", "9", "--for-s", "1"], 4),
+        (&["status", "--bus", "nosuchcan7"], 7),
+        (&["controller", "run", "--bus", "nosuchcan7"], 7),
+        (&["log", "record", &none, "--bus", "nosuchcan7"], 7),
+        (&["log", "replay", &none], 4),
         (&["explain", "9999"], 4),
         (&["man", &dir, "--of", "nothing"], 2),
-        (&["config", "restore", &none], 4),
+        (&["modules", "restore", &none], 4),
     ] {
         let output = cubectl(&[words, &["--json"]].concat());
         let text = out(&output);
@@ -307,7 +309,7 @@ fn a_plan_is_exported_in_the_one_format_there_is() {
     let plan = folder.file("plan.json");
     let planned = cubectl(&["plan", "throw", "--target", "1,1,-1", "--fast", "--out", &plan]);
     assert_eq!(code(&planned), 0, "{}", err(&planned));
-    let table = cubectl(&["export", &plan]);
+    let table = cubectl(&["plan", "export", &plan]);
     assert_eq!(code(&table), 0, "{}", err(&table));
     assert!(out(&table).starts_with("t_s,q_"), "{}", out(&table));
 }
@@ -316,13 +318,15 @@ fn a_plan_is_exported_in_the_one_format_there_is() {
 fn a_setting_that_is_refused_beside_a_motion_says_that_another_program_works() {
     let served = Served::with_controller();
     let bus = ["--bus", &served.spec];
-    let mut monitor = Running::start(&["monitor", bus[0], bus[1], "--listen", "--for", "6000", "--json"]);
+    let mut monitor =
+        Running::start(&["arm", "monitor", bus[0], bus[1], "--listen", "--for-s", "6000", "--json"]);
     monitor.until("it listens", |_| true);
     let mut jog = Command::new(env!("CARGO_BIN_EXE_cubectl"));
     let mut jog =
-        jog.args(["jog", "6", "--for", "600", bus[0], bus[1]]).stderr(Stdio::piped()).spawn().unwrap();
+        jog.args(["jog", "6", "--for-s", "600", bus[0], bus[1]]).stderr(Stdio::piped()).spawn().unwrap();
     monitor.until("the jog", |line| line.contains("jogging"));
-    let output = cubectl(&["registers", "set", "cycle.period_us=4000", "--beside", bus[0], bus[1]]);
+    let output =
+        cubectl(&["controller", "registers", "set", "cycle.period_us=4000", "--beside", bus[0], bus[1]]);
     let _ = jog.kill();
     let _ = jog.wait();
     assert_ne!(code(&output), 0, "{}", out(&output));

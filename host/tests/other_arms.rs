@@ -56,7 +56,7 @@ fn throws(name: &str, robot: &str, target: &str, joints: usize) {
         assert!(report.contains(&format!("{}: position error", joint.as_str().unwrap())), "{joint}");
     }
     // The same from the files, by the verb that reads a folder.
-    let again = cubectl(&["report", &dir, "--out", &folder.file("again.html")]);
+    let again = cubectl(&["log", "report", &dir, "--out", &folder.file("again.html")]);
     assert_eq!(code(&again), 0, "{}", err(&again));
 }
 

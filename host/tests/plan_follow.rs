@@ -26,12 +26,12 @@ fn a_throw_of_the_industrial_robot_is_planned_written_and_checked() {
     let html = std::fs::read_to_string(&report).expect("written");
     assert!(html.contains("From the side") && html.contains("Axis 6: acceleration"));
 
-    let good = cubectl(&["check", &plan_path]);
+    let good = cubectl(&["plan", "check", &plan_path]);
     assert_eq!(good.status.code(), Some(0), "{}", text(&good.stderr));
     let mut broken = written;
     broken.target_m[1] = 0.2;
     std::fs::write(&plan, broken.to_json()).expect("writable");
-    let bad = cubectl(&["check", &plan_path]);
+    let bad = cubectl(&["plan", "check", &plan_path]);
     assert_eq!(bad.status.code(), Some(5));
     assert!(text(&bad.stderr).contains("landing away from the target"), "{}", text(&bad.stderr));
 }

@@ -41,11 +41,8 @@ fn the_obstacles_of_a_plan_file_bound_the_way_to_its_start_and_back() {
 fn the_ball_of_the_cell_flies_through_the_air_of_the_plan() {
     for (name, air) in [("drag", ["--drag-per-m", "0.3"]), ("spin", ["--magnus-rad-s", "0,2,0"])] {
         let folder = Folder::new(name);
-        let (summary, output) = thrown(&folder, "a", &[&TARGET[..], &air].concat());
+        let (summary, output) = thrown(&folder, "a", &["--plan", &planned(&folder, &air)]);
         assert_eq!(code(&output), 0, "{name}: {}", err(&output));
-        assert!(summary["landing_error_m"].as_f64().unwrap() < 0.005, "{name}: {summary:#}");
-        let (summary, output) = thrown(&folder, "b", &["--plan", &folder.file("a/plan.json")]);
-        assert_eq!(code(&output), 0, "{name} from its file: {}", err(&output));
         assert!(summary["landing_error_m"].as_f64().unwrap() < 0.005, "{name}: {summary:#}");
     }
 }
@@ -59,8 +56,8 @@ fn air_that_a_scenario_names_counts_more_than_that_of_the_plan() {
         "schema_version = 1\nname = \"vacuum\"\nduration_s = 60.0\n\n[gripper]\ndrag_1_m = 0.0\n",
     )
     .unwrap();
-    let words = [&TARGET[..], &["--drag-per-m", "0.3", "--scenario", &scenario]].concat();
-    assert_eq!(code(&thrown(&folder, "a", &words).1), 11);
+    let plan = planned(&folder, &["--drag-per-m", "0.3"]);
+    assert_eq!(code(&thrown(&folder, "a", &["--plan", &plan, "--scenario", &scenario]).1), 11);
 }
 
 #[test]
@@ -73,9 +70,7 @@ fn fingers_of_a_plan_file_open_in_the_cell_as_well() {
         summary["landing_error_m"].as_f64().unwrap()
     };
     let with = landing("with", &["--plan", &plan]);
-    let at_once = landing("at-once", &[&TARGET[..], &["--finger-release"]].concat());
-    assert_eq!(with, at_once);
-    assert_ne!(with, landing("without", &TARGET));
+    assert_ne!(with, landing("without", &["--plan", &planned(&folder, &[])]));
 }
 
 #[test]
@@ -98,16 +93,7 @@ fn a_throw_that_may_touch_the_arm_is_known_from_its_plan_file() {
 fn options_of_the_planner_beside_a_plan_file_are_refused_by_name() {
     let folder = Folder::new("plan-and-options");
     let plan = planned(&folder, &[]);
-    for words in [
-        &POST[..],
-        &["--clearance-m", "0.1"],
-        &["--finger-release"],
-        &["--drag-per-m", "0"],
-        &["--clean-release", "false"],
-        &["--starts", "5"],
-        &["--thorough"],
-        &["--objective", "effort"],
-    ] {
+    for words in [&POST[..], &["--starts", "5"], &["--thorough"]] {
         let output = thrown(&folder, "a", &[&["--plan", &plan], words].concat()).1;
         assert_eq!(code(&output), 4, "{words:?}: {}", err(&output));
         assert!(err(&output).contains(words[0]), "{words:?}: {}", err(&output));
@@ -119,13 +105,8 @@ fn a_robot_that_is_led_refuses_what_its_throw_does_not_have() {
     let folder = Folder::new("led-options");
     for words in [
         &["--obstacle", "1,1,1,0.1,0.1,0.1"][..],
-        &["--target-velocity", "1,0,0"],
-        &["--clearance-m", "0.1"],
-        &["--objective", "spread"],
-        &["--drag-per-m", "0.1"],
         &["--thorough"],
         &["--key-file", "no-such-file"],
-        &["--finger-release"],
         &["--gains", "no-such-file"],
         &["--back"],
     ] {
@@ -151,7 +132,7 @@ fn a_false_spread_in_a_plan_file_is_refused_and_widens_no_tolerance() {
         let mut told = whole.clone();
         *told.pointer_mut(field).unwrap() = value.into();
         std::fs::write(&plan, told.to_string()).unwrap();
-        let checked = cubectl(&["check", &plan]);
+        let checked = cubectl(&["plan", "check", &plan]);
         assert!(matches!(code(&checked), 4 | 5), "{field}: {} {}", code(&checked), out(&checked));
         let (summary, output) = thrown(&folder, "a", &["--plan", &plan]);
         assert!(matches!(code(&output), 4 | 5), "{field}: {} {}", code(&output), summary["text"]);

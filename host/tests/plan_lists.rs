@@ -29,7 +29,7 @@ fn an_opening_and_a_moving_target_are_planned_told_and_checked() {
     let told = text(&ended.stdout);
     assert!(told.contains("opening of 100 mm radius") && told.contains("meets the moving target"), "{told}");
     assert!(told.contains("probability of a hit"), "{told}");
-    let checked = cubectl(&["check", &out]);
+    let checked = cubectl(&["plan", "check", &out]);
     assert!(checked.status.success(), "{}", text(&checked.stdout));
     assert!(text(&checked.stdout).contains("rim of the opening"), "{}", text(&checked.stdout));
     assert!(std::fs::read_to_string(&report).expect("reads").contains("clear of the rim"));
@@ -38,7 +38,7 @@ fn an_opening_and_a_moving_target_are_planned_told_and_checked() {
 #[test]
 fn numbers_of_three_hundred_digits_are_refused_in_short_words() {
     let long = "9".repeat(300);
-    for option in ["--jitter-s", "--time-budget", "--drag-per-m", "--speed-use", "--clearance-m"] {
+    for option in ["--jitter-s", "--time-budget-s", "--drag-per-m", "--speed-use", "--clearance-m"] {
         let ended = cubectl(&["plan", "throw", "--target=1,1,-1", option, &long]);
         assert_eq!(ended.status.code(), Some(i32::from(host::exit::BAD_INPUT)), "{option}");
         let told = text(&ended.stderr);

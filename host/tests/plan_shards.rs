@@ -123,7 +123,7 @@ fn what_would_differ_between_machines_is_refused_before_anything_is_written() {
     let grid = ["--x=1,1,1", "--z=-1,-1,1", "--shard", "1/2", "--out"];
     let out_name = out.display().to_string();
     for (words, told) in [
-        (["--time-budget", "1"], "--time-budget does not go with a sweep"),
+        (["--time-budget-s", "1"], "--time-budget-s does not go with a sweep"),
         (["--draws", "1000001"], "at most 1000000 per target"),
         (["--objective", "hit"], "needs to know what a hit is"),
     ] {

@@ -167,8 +167,8 @@ fn program_that_cannot_be_done_is_refused_with_the_step_before_anything_moves() 
         assert_eq!(code(&output), status, "{why}: {}", err(&output));
         assert!(err(&output).contains(why) && err(&output).contains("next: "), "{why}: {}", err(&output));
     }
-    let once = cubectl(&["run", &written(&folder, PICK_AND_PLACE), "--start-in", "1"]);
-    assert!(code(&once) == 4 && err(&once).contains("--start-in is for one motion"), "{}", err(&once));
+    let once = cubectl(&["run", &written(&folder, PICK_AND_PLACE), "--start-in-s", "1"]);
+    assert!(code(&once) == 4 && err(&once).contains("--start-in-s is for one motion"), "{}", err(&once));
 }
 
 #[test]

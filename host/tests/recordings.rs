@@ -13,9 +13,9 @@ const ATTACHED: &str = "exec env --default-signal=HUP";
 /// As started under `nohup`.
 const DETACHED: &str = "trap '' HUP; exec";
 
-/// `cubectl record` of a starting controller in the simulated cell, without an end of its own.
+/// `cubectl log record` of a starting controller in the simulated cell, without an end of its own.
 fn recorder(folder: &Folder, name: &str, begin: &str) -> Child {
-    let script = format!("{begin} \"$0\" record \"$1\" --controller --for 1000000");
+    let script = format!("{begin} \"$0\" record \"$1\" --controller --for-s 1000000");
     let mut child = Command::new("sh")
         .args(["-c", &script, env!("CARGO_BIN_EXE_cubectl"), &folder.file(name)])
         .stdout(Stdio::piped())
@@ -66,7 +66,7 @@ fn a_recorder_that_is_killed_loses_at_most_what_the_flush_interval_holds() {
     // Both were flushed at the same times; what is beyond the last one is a buffer that ran full.
     assert!((text_end_s - viewer_end_s).abs() <= 0.25, "{text_end_s} against {viewer_end_s}");
     assert!(frames.len() > 1_000 && recording.lines.len() > 1_000);
-    let replayed = cubectl(&["replay", &folder.file("a.log")]);
+    let replayed = cubectl(&["log", "replay", &folder.file("a.log")]);
     assert_eq!(code(&replayed), 0, "{}{}", out(&replayed), err(&replayed));
 }
 
@@ -82,18 +82,18 @@ fn a_log_with_a_torn_last_line_is_replayed_and_reported_up_to_it_and_the_tear_is
     bytes.truncate(bytes.len() - 20);
     std::fs::write(&log, &bytes).unwrap();
     let tear = format!("the log is cut off in line {lines} ");
-    let replayed = cubectl(&["replay", &dir]);
+    let replayed = cubectl(&["log", "replay", &dir]);
     assert_eq!(code(&replayed), 0, "{}{}", out(&replayed), err(&replayed));
     assert!(err(&replayed).contains(&tear), "{}", err(&replayed));
-    let reported = cubectl(&["report", &dir]);
+    let reported = cubectl(&["log", "report", &dir]);
     assert_eq!(code(&reported), 0, "{}", err(&reported));
     assert!(err(&reported).contains(&tear), "{}", err(&reported));
     assert!(std::fs::read_to_string(folder.0.join("a/report.html")).unwrap().contains(&tear));
-    let analysed = cubectl(&["report", &dir, "--json"]);
+    let analysed = cubectl(&["log", "report", &dir, "--json"]);
     let analysis: serde_json::Value = serde_json::from_str(&out(&analysed)).unwrap();
     assert_eq!(analysis["torn"]["line"], lines);
     assert_eq!(analysis["completed"], true);
-    let not_a_folder = cubectl(&["report", &log.display().to_string()]);
+    let not_a_folder = cubectl(&["log", "report", &log.display().to_string()]);
     assert_eq!(code(&not_a_folder), 4, "{}", err(&not_a_folder));
     assert!(err(&not_a_folder).contains("next: name the folder"), "{}", err(&not_a_folder));
 }
@@ -153,13 +153,13 @@ fn files_that_are_too_long_are_refused_before_they_fill_the_memory() {
     file.write_all(b"{ \"a\": \"").unwrap();
     file.set_len(2_000_000_000).unwrap();
     let table: [(&[&str], &str); 7] = [
-        (&["replay", &long], "line 1"),
-        (&["check", &long], "more than 16777216 bytes"),
-        (&["export", &long, "--csv"], "more than 16777216 bytes"),
+        (&["log", "replay", &long], "line 1"),
+        (&["plan", "check", &long], "more than 16777216 bytes"),
+        (&["plan", "export", &long, "--csv"], "more than 16777216 bytes"),
         (&["throw", "--plan", &long, "--out", &folder.file("out")], "more than 16777216 bytes"),
         (&["plan", "throw", "--target", "1,1,-1", "--robot", &long], "more than 4194304 bytes"),
         (&["throw", "--target", "1,1,-1", "--gains", &long], "more than 4194304 bytes"),
-        (&["scan", "--scenario", &long], "more than 4194304 bytes"),
+        (&["status", "--scenario", &long], "more than 4194304 bytes"),
     ];
     for (words, expected) in table {
         let output = cubectl_with_little_memory(words);

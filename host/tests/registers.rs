@@ -1,23 +1,23 @@
-//! `cubectl registers`: the settings of a controller on a bus. The same controller is asked by another process each time, so
+//! `cubectl controller registers`: the settings of a controller on a bus. The same controller is asked by another process each time, so
 //! what is read was kept.
 
 use crate::bus_common::{Folder, Served, code, cubectl, err, out};
 use protocol::cyphal::cubecell::group_state;
 
 fn get(served: &Served, name: &str) -> serde_json::Value {
-    let output = cubectl(&["registers", "get", name, "--bus", &served.spec, "--json"]);
+    let output = cubectl(&["controller", "registers", "get", name, "--bus", &served.spec, "--json"]);
     assert_eq!(code(&output), 0, "{}", err(&output));
     serde_json::from_str::<serde_json::Value>(&out(&output)).unwrap()[name].clone()
 }
 
 fn set(served: &Served, words: &[&str]) -> std::process::Output {
-    cubectl(&[&["registers", "set", "--bus", &served.spec], words].concat())
+    cubectl(&[&["controller", "registers", "set", "--bus", &served.spec], words].concat())
 }
 
 #[test]
 fn registers_are_listed_read_and_written_with_their_types_and_ranges() {
     let served = Served::with_controller();
-    let list = cubectl(&["registers", "list", "--bus", &served.spec, "--json"]);
+    let list = cubectl(&["controller", "registers", "list", "--bus", &served.spec, "--json"]);
     assert_eq!(code(&list), 0, "{}", err(&list));
     let list: serde_json::Value = serde_json::from_str(&out(&list)).unwrap();
     let rows = list["registers"].as_array().unwrap();
@@ -33,7 +33,7 @@ fn registers_are_listed_read_and_written_with_their_types_and_ranges() {
         (row("security.key")["value"].as_str(), row("security.keyed")["value"].as_bool()),
         (Some(""), Some(false))
     );
-    let text = out(&cubectl(&["registers", "list", "host.", "--bus", &served.spec]));
+    let text = out(&cubectl(&["controller", "registers", "list", "host.", "--bus", &served.spec]));
     assert!(text.contains("host.timeout_us = 100000") && text.contains("20000 to 500000"), "{text}");
 
     let written = set(&served, &["telemetry.period_us=50000", "joint.jog_v_rad_s=0.1"]);
@@ -72,7 +72,7 @@ fn an_exported_file_puts_everything_back_in_any_order() {
     let served = Served::with_controller();
     let folder = Folder::new("registers");
     let file = folder.file("arm.toml");
-    let export = cubectl(&["registers", "export", "--bus", &served.spec, "--out", &file]);
+    let export = cubectl(&["controller", "registers", "export", "--bus", &served.spec, "--out", &file]);
     assert_eq!(code(&export), 0, "{}", err(&export));
     let text = std::fs::read_to_string(&file).unwrap();
     assert!(
@@ -92,11 +92,11 @@ fn an_exported_file_puts_everything_back_in_any_order() {
     let changed = set(&served, &other);
     assert_eq!(code(&changed), 0, "{}", err(&changed));
     assert_eq!(get(&served, "gains.certificate_crc32"), 0);
-    assert_ne!(out(&cubectl(&["registers", "export", "--bus", &served.spec])), text);
+    assert_ne!(out(&cubectl(&["controller", "registers", "export", "--bus", &served.spec])), text);
     let back = set(&served, &["--file", &file]);
     assert_eq!(code(&back), 0, "{}", err(&back));
     assert_eq!(get(&served, "gains.certificate_crc32"), certificate);
-    assert_eq!(out(&cubectl(&["registers", "export", "--bus", &served.spec])), text);
+    assert_eq!(out(&cubectl(&["controller", "registers", "export", "--bus", &served.spec])), text);
 
     for (text, part) in [
         ("schema_version = 2\n[registers]\n", "schema_version is not 1"),

@@ -58,7 +58,7 @@ fn every_generation_and_transport_throws_at_a_tracked_target_and_the_bottle_is_h
             "--out",
             &plan,
         ];
-        words.extend(["--starts", starts, "--period", period_ms]);
+        words.extend(["--starts", starts, "--period-ms", period_ms]);
         let out = cubectl(&words);
         assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
         plan
@@ -92,14 +92,14 @@ fn every_generation_and_transport_throws_at_a_tracked_target_and_the_bottle_is_h
         let predicted = summary["outcome_text"].as_str().expect("text").to_owned();
         assert!(off_mm(&told) < 10.0, "{name}: {told}; {predicted}");
         // The recorded exchange gives the same answers again, and makes a report.
-        let out = cubectl(&["replay", &results]);
+        let out = cubectl(&["log", "replay", &results]);
         assert!(
             text(&out.stdout).starts_with("identical: "),
             "{name}: {} {}",
             text(&out.stdout),
             text(&out.stderr)
         );
-        let out = cubectl(&["report", &results]);
+        let out = cubectl(&["log", "report", &results]);
         assert_eq!(out.status.code(), Some(0), "{name}: {}", text(&out.stderr));
         let html = std::fs::read_to_string(Path::new(&results).join("report.html")).expect("written");
         assert!(html.contains("Commanded against actual") && html.contains("const scene="), "{name}");
@@ -125,7 +125,7 @@ fn tracked_target_is_measured_calibrated_and_thrown_at_and_a_missing_body_is_ref
             place,
             "--room",
             "0.3,-0.2,0.1,30",
-            "--for",
+            "--for-s",
             "60",
         ];
         let mut child = robot(&words);
@@ -229,7 +229,7 @@ fn target_that_moved_while_the_robot_was_waited_for_is_not_thrown_at() {
     assert_eq!(status.code(), Some(9), "{told}");
     assert!(told.contains("moved by 20.0 mm") && told.contains("nothing was thrown"), "{told}");
     // The recorded exchange runs again with the same answers, so the throw is held there too.
-    let again = cubectl(&["replay", &results.to_string_lossy()]);
+    let again = cubectl(&["log", "replay", &results.to_string_lossy()]);
     assert!(
         text(&again.stdout).starts_with("identical: "),
         "{} {}",
@@ -244,7 +244,7 @@ fn doctor_status_record_and_replay_look_at_a_robot_that_is_held() {
     std::fs::create_dir_all(&work).expect("writable");
     let spec = format!("udp://127.0.0.1:{}?lockstep", free_port(false));
     let bus = format!("rsi:{spec}");
-    let mut child = robot(&["--rsi", &spec, "--for", "120"]);
+    let mut child = robot(&["--rsi", &spec, "--for-s", "120"]);
     let out = cubectl(&["doctor", "--bus", &bus]);
     assert_eq!(out.status.code(), Some(0), "{} {}", text(&out.stdout), text(&out.stderr));
     assert!(text(&out.stdout).contains("each telegram counts 1 more"), "{}", text(&out.stdout));
@@ -256,19 +256,19 @@ fn doctor_status_record_and_replay_look_at_a_robot_that_is_held() {
     let value: Value = serde_json::from_slice(&out.stdout).expect("JSON");
     assert!((value["actual_deg"][1].as_f64().expect("a number") + 90.0).abs() < 0.01, "{value}");
     let recording = work.join("held").to_string_lossy().into_owned();
-    let out = cubectl(&["record", &recording, "--bus", &bus, "--for", "1"]);
+    let out = cubectl(&["log", "record", &recording, "--bus", &bus, "--for-s", "1"]);
     assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
-    let out = cubectl(&["replay", &recording]);
+    let out = cubectl(&["log", "replay", &recording]);
     assert!(text(&out.stdout).starts_with("identical: "), "{} {}", text(&out.stdout), text(&out.stderr));
     // One changed digit of an answer is found.
     let log = Path::new(&recording).join("log.rsi");
     let exchange = std::fs::read_to_string(&log).expect("written");
     std::fs::write(&log, exchange.replacen("A3=\"0.000000\"", "A3=\"0.000001\"", 1)).expect("writable");
-    assert_eq!(cubectl(&["replay", &recording]).status.code(), Some(9));
+    assert_eq!(cubectl(&["log", "replay", &recording]).status.code(), Some(9));
     child.kill().expect("runs");
     let _ = child.wait();
     // A CAN verb says what it wants instead.
-    let out = cubectl(&["scan", "--bus", &bus]);
+    let out = cubectl(&["controller", "clear", "--bus", &bus]);
     assert_eq!(out.status.code(), Some(7), "{}", text(&out.stderr));
     assert!(text(&out.stderr).contains("not to a CAN bus"), "{}", text(&out.stderr));
 }

@@ -133,7 +133,7 @@ fn industrial_robot_throws_and_its_recorded_motion_sends_the_ball_to_the_target(
     // The same plan with a tolerance that no throw keeps is told as a miss.
     let plan = folder.join("plan.json").to_string_lossy().into_owned();
     let again = self::folder("robot-throw-missed").to_string_lossy().into_owned();
-    let words = ["throw", "--robot", "kr16_2", "--plan", &plan, "--out", &again, "--tolerance", "0.000001"];
+    let words = ["throw", "--robot", "kr16_2", "--plan", &plan, "--out", &again, "--tolerance-m", "0.000001"];
     let out = cubectl(&words);
     assert_eq!(out.status.code(), Some(11), "{}", text(&out.stderr));
     assert!(text(&out.stderr).contains("missed"), "{}", text(&out.stderr));
@@ -143,7 +143,7 @@ fn industrial_robot_throws_and_its_recorded_motion_sends_the_ball_to_the_target(
     std::fs::create_dir_all(blocked.join("motion.csv")).expect("writable");
     let blocked_text = blocked.to_string_lossy().into_owned();
     let words =
-        ["throw", "--robot", "kr16_2", "--plan", &plan, "--out", &blocked_text, "--tolerance", "0.000001"];
+        ["throw", "--robot", "kr16_2", "--plan", &plan, "--out", &blocked_text, "--tolerance-m", "0.000001"];
     let out = cubectl(&words);
     let told = text(&out.stderr);
     assert_eq!(out.status.code(), Some(11), "{told}");
@@ -159,7 +159,7 @@ fn industrial_robot_throws_and_its_recorded_motion_sends_the_ball_to_the_target(
     assert!(text(&out.stderr).contains("leave --bus out"), "{}", text(&out.stderr));
 
     // The exchange runs again with the same answers.
-    let out = cubectl(&["replay", &path]);
+    let out = cubectl(&["log", "replay", &path]);
     assert!(text(&out.stdout).starts_with("identical: "), "{} {}", text(&out.stdout), text(&out.stderr));
 
     // A robot that cuts out while it follows the flight is told as stopped.
@@ -217,10 +217,10 @@ fn identify_of_an_industrial_robot_refuses_the_options_of_a_joint_by_name() {
         ["--report", "r.html"],
         ["--joint", "1"],
         ["--level", "0.9"],
-        ["--speed", "0.5"],
-        ["--current", "0.5"],
+        ["--speed-share", "0.5"],
+        ["--current-share", "0.5"],
     ] {
-        let out = cubectl(&["identify", "--robot", "kr16_2", words[0], words[1]]);
+        let out = cubectl(&["arm", "identify", "--robot", "kr16_2", words[0], words[1]]);
         assert_eq!(out.status.code(), Some(4), "{words:?}: {}", text(&out.stderr));
         let refused = format!("{} has no meaning", words[0]);
         assert!(text(&out.stderr).contains(&refused), "{words:?}: {}", text(&out.stderr));

@@ -49,7 +49,7 @@ fn another_robot_gets_gains_that_are_designed_for_it_and_the_report_names_their_
     assert!(report.contains(&own) && !report.contains(&foreign));
     assert!(gains.contains("robot = \"my_arm\"") && gains.contains("acceleration_max_rad_s2 = 8.0"));
     // The recording is of these gains.
-    let replayed = cubectl(&["replay", &dir, "--robot", &my_arm]);
+    let replayed = cubectl(&["log", "replay", &dir, "--robot", &my_arm]);
     assert_eq!(code(&replayed), 0, "{}{}", out(&replayed), err(&replayed));
 }
 
@@ -57,7 +57,7 @@ fn another_robot_gets_gains_that_are_designed_for_it_and_the_report_names_their_
 fn gains_in_force_that_a_throw_writes_are_taken_by_replay() {
     let folder = Folder::new("robots-in-force");
     let dir = folder.file("a");
-    let thrown = cubectl(&["throw", "--target", "1,1,-1", "--period", "10", "--out", &dir]);
+    let thrown = cubectl(&["throw", "--target", "1,1,-1", "--period-ms", "10", "--out", &dir]);
     assert_eq!(code(&thrown), 0, "{}", err(&thrown));
     // The form in which a throw with a controller of its own writes what that controller held.
     let file: toml::Table = std::fs::read_to_string(folder.0.join("a/gains.toml")).unwrap().parse().unwrap();
@@ -80,12 +80,12 @@ fn gains_in_force_that_a_throw_writes_are_taken_by_replay() {
         in_force.insert(key.to_owned(), column(key).into());
     }
     std::fs::write(folder.0.join("a/gains.toml"), in_force.to_string()).unwrap();
-    let replayed = cubectl(&["replay", &dir]);
+    let replayed = cubectl(&["log", "replay", &dir]);
     assert_eq!(code(&replayed), 0, "{}{}", out(&replayed), err(&replayed));
     // Other gains are another controller, and that is seen.
     in_force.insert("estimator_alpha".to_owned(), 0.5.into());
     std::fs::write(folder.0.join("a/gains.toml"), in_force.to_string()).unwrap();
-    assert_eq!(code(&cubectl(&["replay", &dir])), 9);
+    assert_eq!(code(&cubectl(&["log", "replay", &dir])), 9);
 }
 
 #[test]
@@ -94,15 +94,15 @@ fn a_plan_of_unknown_kind_is_refused_by_every_verb_that_reads_plans() {
     let plan = folder.file("plan.json");
     let planned = cubectl(&["plan", "throw", "--target", "1,1,-1", "--fast", "--out", &plan]);
     assert_eq!(code(&planned), 0, "{}", err(&planned));
-    assert_eq!(code(&cubectl(&["check", &plan])), 0);
+    assert_eq!(code(&cubectl(&["plan", "check", &plan])), 0);
     let text = std::fs::read_to_string(&plan).unwrap();
     assert!(text.contains("\"kind\": \"throw\""));
     std::fs::write(&plan, text.replacen("\"kind\": \"throw\"", "\"kind\": \"dance\"", 1)).unwrap();
     for words in [
-        &["check", &plan][..],
+        &["plan", "check", &plan][..],
         &["throw", "--plan", &plan, "--out", &folder.file("out")],
-        &["export", &plan, "--csv"],
-        &["upload", &plan],
+        &["plan", "export", &plan, "--csv"],
+        &["controller", "upload", &plan],
         &["tune", "--plan", &plan],
     ] {
         let refused = cubectl(words);
@@ -120,11 +120,11 @@ fn the_paper_settings_are_refused_for_another_robot() {
     let served = crate::bus_common::Served::arm(hil_sim::CellOptions::default());
     let slower = robot(&folder, "slower.toml", &[SLOWER]);
     let refused =
-        cubectl(&["controller", "--paper", "--robot", &slower, "--bus", &served.spec, "--for", "1"]);
+        cubectl(&["controller", "run", "--paper", "--robot", &slower, "--bus", &served.spec, "--for", "1"]);
     assert_eq!(code(&refused), 4, "{}", err(&refused));
     assert!(err(&refused).contains("the settings of the paper are for powercube6"), "{}", err(&refused));
     // Without a bus nothing is settled.
-    assert_eq!(code(&cubectl(&["controller", "--paper", "--bus", &bus, "--for", "1"])), 7);
+    assert_eq!(code(&cubectl(&["controller", "run", "--paper", "--bus", &bus, "--for-s", "1"])), 7);
 }
 
 #[test]
@@ -134,7 +134,7 @@ fn a_second_controller_does_not_start_with_the_paper_settings_either() {
         let cell = hil_sim::Cell::new(&robot, &hil_sim::CellOptions::default(), 1).unwrap();
         (cell, operator::bus::sim::soft_controller_guest())
     });
-    let second = cubectl(&["controller", "--paper", "--bus", &served.spec, "--for", "1"]);
+    let second = cubectl(&["controller", "run", "--paper", "--bus", &served.spec, "--for", "1"]);
     assert_eq!(code(&second), 7, "{}{}", out(&second), err(&second));
     assert!(err(&second).contains("another controller or host speaks to the modules"), "{}", err(&second));
 }
@@ -144,7 +144,7 @@ fn a_second_controller_does_not_start_with_the_paper_settings_either() {
 fn gains_for_another_delay_are_refused_before_anything_moves() {
     let folder = Folder::new("robots-delay");
     let gains = folder.file("g.toml");
-    let tuned = cubectl(&["tune", "--period", "3", "--delay", "1", "--no-trial", "--out", &gains]);
+    let tuned = cubectl(&["tune", "--period-ms", "3", "--delay-ms", "1", "--no-trial", "--out", &gains]);
     assert_eq!(code(&tuned), 0, "{}", err(&tuned));
     let dir = folder.file("a");
     let thrown = cubectl(&["throw", "--target", "1,1,-1", "--gains", &gains, "--out", &dir]);

@@ -156,7 +156,7 @@ fn arm_moves_as_fast_as_the_options_say_and_the_obstacles_are_in_the_program() {
     let folder = Folder::new("teach-fast");
     let path = folder.file("taught.toml");
     let obstacle = "0.5,0,0.1,0.05,0.05,0.05";
-    let words = [&path, "--home", "--speed", "0.2", "--hand-speed", "0.1", "--obstacle", obstacle];
+    let words = [&path, "--home", "--speed-rad-s", "0.2", "--hand-speed-m-s", "0.1", "--obstacle", obstacle];
     let mut person = at_work(&words);
     // 0.2 rad/s are 1.15 degrees in 0.1 s; the usual speed is half of that.
     hold_until_fast(&mut person, "+", [0.8, 1.3], |status| status.joints_deg[0]);
@@ -278,8 +278,8 @@ fn file_that_is_there_or_could_not_be_written_is_refused_before_anything_moves()
         (&[&folder.file("none/taught.toml")], 4, "make the folder"),
         (&[&other, "--key-file", &folder.file("none.key")], 4, "none.key"),
         (&[&other, "--controller", "77", "--home"], 8, "no controller is heard"),
-        (&[&other, "--speed", "0.3"], 2, "at most 0.25 rad/s"),
-        (&[&other, "--hand-speed", "0.3"], 2, "at most 0.25 m/s"),
+        (&[&other, "--speed-rad-s", "0.3"], 2, "at most 0.25 rad/s"),
+        (&[&other, "--hand-speed-m-s", "0.3"], 2, "at most 0.25 m/s"),
         (&[&other], 8, "--home"),
     ] {
         let (code_of_it, said, shown) = AtTerminal::run(&[&["teach"], words].concat()).ends();

@@ -355,13 +355,13 @@ fn a_throw_that_another_host_stops_names_its_folder_and_the_clear_that_then_work
     }
     let output = throw.wait_with_output().unwrap();
     assert_eq!(code(&output), 13, "{}", err(&output));
-    let clear = format!("`cubectl clear --bus {}`", lab.served.spec);
+    let clear = format!("`cubectl controller clear --bus {}`", lab.served.spec);
     assert!(err(&output).contains("next: ") && err(&output).contains(&clear), "{}", err(&output));
     assert!(err(&output).contains(&format!("results in {}", folder.file("out"))), "{}", err(&output));
     for name in ["report.html", "summary.json", "bus.log"] {
         assert!(folder.0.join("out").join(name).metadata().unwrap().len() > 100, "{name}");
     }
     drop(lab.watch);
-    let cleared = cubectl(&["clear", "--bus", &lab.served.spec]);
+    let cleared = cubectl(&["controller", "clear", "--bus", &lab.served.spec]);
     assert_eq!(code(&cleared), 0, "{}{}", out(&cleared), err(&cleared));
 }

@@ -34,7 +34,7 @@ fn one_command_plans_homes_uploads_throws_and_tells_where_the_ball_landed() {
     }
     // The recording holds all that the controller did: it is repeated from it, bit for bit.
     let log = folder.file("a/bus.log");
-    let replayed = cubectl(&["replay", &log]);
+    let replayed = cubectl(&["log", "replay", &log]);
     assert_eq!(code(&replayed), 0, "{}{}", out(&replayed), err(&replayed));
     // The same seed is the same run.
     let again = cubectl(&["throw", "--target", "1.0,1.0,-1.0", "--out", &folder.file("b")]);
@@ -46,13 +46,13 @@ fn one_command_plans_homes_uploads_throws_and_tells_where_the_ball_landed() {
 fn a_throw_at_another_period_is_repeated_from_its_folder_bit_for_bit() {
     let folder = Folder::new("throw-replay");
     let thrown = folder.file("a");
-    let target = ["throw", "--target", "1.0,1.0,-1.0", "--period", "10", "--out", &thrown];
+    let target = ["throw", "--target", "1.0,1.0,-1.0", "--period-ms", "10", "--out", &thrown];
     assert_eq!(code(&cubectl(&target)), 0);
-    let replayed = cubectl(&["replay", &thrown]);
+    let replayed = cubectl(&["log", "replay", &thrown]);
     assert_eq!(code(&replayed), 0, "{}{}", out(&replayed), err(&replayed));
     // Without its gains it is another controller, and that is seen.
     std::fs::remove_file(folder.file("a/gains.toml")).unwrap();
-    let replayed = cubectl(&["replay", &thrown]);
+    let replayed = cubectl(&["log", "replay", &thrown]);
     assert_eq!(code(&replayed), 9, "{}{}", out(&replayed), err(&replayed));
 }
 
@@ -79,7 +79,7 @@ fn upload_and_run_take_plans_too_and_run_refuses_an_arm_that_stands_elsewhere() 
     let folder = Folder::new("throw-upload");
     let plan = folder.file("plan.json");
     assert_eq!(code(&cubectl(&["plan", "throw", "--target", "1,1,-1", "--fast", "--out", &plan])), 0);
-    let uploaded = cubectl(&["upload", &plan]);
+    let uploaded = cubectl(&["controller", "upload", &plan]);
     assert_eq!(code(&uploaded), 0, "{}", err(&uploaded));
     assert!(out(&uploaded).contains("184 bytes stored and committed"), "{}", out(&uploaded));
     let run = cubectl(&["run", &plan, "--home"]);
@@ -109,14 +109,14 @@ fn a_plan_of_kind_move_runs_from_where_the_arm_stands_at_the_time_that_was_asked
         "motion": { "joints": throw["motion"]["joints"], "knots": [knot(0.0, 0.0), knot(0.8, 0.1)], "events": [] },
     });
     std::fs::write(&moved, text.to_string()).unwrap();
-    let run = cubectl(&["run", &moved, "--home", "--start-in", "1.5", "--json"]);
+    let run = cubectl(&["run", &moved, "--home", "--start-in-s", "1.5", "--json"]);
     assert_eq!(code(&run), 0, "{}", err(&run));
     let report: serde_json::Value = serde_json::from_str(&out(&run)).unwrap();
     let took_s = report["took_s"].as_f64().unwrap();
     assert!((2.3..3.5).contains(&took_s), "waits 1.5 s and moves for 0.8 s: {report:#}");
     assert!(report["start_known_to_s"].as_f64().unwrap() < 0.002, "{report:#}");
-    assert_eq!(code(&cubectl(&["run", &moved, "--home", "--start-in", "31"])), 2);
-    let checked = cubectl(&["check", &moved]);
+    assert_eq!(code(&cubectl(&["run", &moved, "--home", "--start-in-s", "31"])), 2);
+    let checked = cubectl(&["plan", "check", &moved]);
     assert!(err(&checked).contains("kind \"move\""), "{}", err(&checked));
 }
 
@@ -130,7 +130,7 @@ fn commands_to_a_drive_keep_their_slots_and_the_certificate_covers_them() {
     for (period, period_s, frames) in [("3", 0.003, 4.0), ("17", 0.017, 2.0)] {
         let folder = Folder::new("throw-slots");
         let thrown = folder.file("a");
-        let target = ["throw", "--target", "1.0,1.0,-1.0", "--period", period, "--out", &thrown];
+        let target = ["throw", "--target", "1.0,1.0,-1.0", "--period-ms", period, "--out", &thrown];
         let output = cubectl(&target);
         assert_eq!(code(&output), 0, "{}", err(&output));
         assert!(out(&output).contains("timing inside the certificate"), "{}", out(&output));

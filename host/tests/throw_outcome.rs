@@ -1,7 +1,7 @@
 //! What `cubectl throw` says about the ball, against what the simulated cell does with it.
 
 use crate::bus_common::{Folder, code, cubectl, err, out};
-use host::cmd::report;
+use host::cmd::log::report;
 use operator::job::throw::computed_landing;
 use operator::job::verdict::judge;
 use operator::job::{BallOutcome, Order, Outcome, Record};
@@ -73,9 +73,9 @@ fn a_late_release_is_missed_with_its_own_exit_code_and_tolerance_decides() {
     let tolerance_m = summary["tolerance_m"].as_f64().unwrap();
     assert!((0.010..0.060).contains(&tolerance_m), "{tolerance_m}");
     assert!(printed.contains("missed: the ball landed ") && printed.contains("next: "), "{printed}");
-    let (code, _, summary) = throw(&folder, "wide", fault, &["--tolerance", "0.6"]);
+    let (code, _, summary) = throw(&folder, "wide", fault, &["--tolerance-m", "0.6"]);
     assert_eq!((code, &summary["outcome"], &summary["tolerance_m"]), (0, &"landed".into(), &0.6.into()));
-    let (code, _, summary) = throw(&folder, "narrow", "", &["--tolerance", "0.0001"]);
+    let (code, _, summary) = throw(&folder, "narrow", "", &["--tolerance-m", "0.0001"]);
     assert_eq!((code, &summary["outcome"]), (11, &"missed".into()));
 }
 
@@ -107,8 +107,8 @@ fn a_throw_that_is_stopped_names_cause_and_folder_and_leaves_a_report() {
         assert!(printed.contains("(fault 101)") && printed.contains("next: "), "{printed}");
         assert_eq!((&summary["ended_in_step"], &summary["ball"]), (&step.into(), &"in_hand".into()));
         assert!(summary["cause"].as_str().unwrap().contains("fault 101"));
-        // `cubectl report` makes the same page again.
-        let again = cubectl(&["report", &folder.file(name)]);
+        // `cubectl log report` makes the same page again.
+        let again = cubectl(&["log", "report", &folder.file(name)]);
         assert_eq!(crate::bus_common::code(&again), 0, "{}", err(&again));
     }
 }
@@ -175,11 +175,13 @@ fn without_a_witness_nothing_is_called_landed_and_the_measured_motion_says_where
 fn a_throw_whose_ball_would_touch_the_arm_is_refused_unless_it_is_asked_for() {
     let folder = Folder::new("outcome-touch");
     let run = |name: &str, words: &[&str]| {
-        let dir = folder.file(name);
-        let mut all = vec!["throw", "--form", "paper", "--target", "0.9,0,0.2", "--starts", "2", "--yes"];
-        all.extend(["--out", &dir]);
+        let (dir, plan) = (folder.file(name), folder.file(&format!("{name}.json")));
+        let mut all = vec!["plan", "throw", "--form", "paper", "--target", "0.9,0,0.2", "--starts", "2"];
+        all.extend(["--out", &plan]);
         all.extend(words);
-        let output = cubectl(&all);
+        let planned = cubectl(&all);
+        assert_eq!(code(&planned), 0, "{}", err(&planned));
+        let output = cubectl(&["throw", "--plan", &plan, "--yes", "--out", &dir]);
         (code(&output), format!("{}{}", out(&output), err(&output)))
     };
     let (refused, printed) = run("refused", &[]);

@@ -59,10 +59,16 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         Ok(Done::Taken)
     }
 
+    /// Time from now until the motion can still change: the set points that the drives have, or get before a change can act.
+    #[must_use]
+    pub fn committed(&self) -> Duration {
+        let profile = self.group.profile(&self.settings);
+        profile.period * COMMITTED_CYCLES + profile.lag
+    }
+
     /// First time at which the motion can still change, and time at which the end state is to be reached; both µs of the plan.
     fn reach(&self, now: Instant, clock: &PathClock, at: Instant) -> Result<(u32, u32), Refusal> {
-        let profile = self.group.profile(&self.settings);
-        let (open_us, _) = clock.at(now + profile.period * COMMITTED_CYCLES + profile.lag);
+        let (open_us, _) = clock.at(now + self.committed());
         let from_us = u32::try_from(open_us.max(0)).map_err(|_| Refusal::of(Cause::TargetTooFar))?;
         let reach_us = clock.at(at).0.saturating_sub(i64::from(from_us));
         if reach_us < i64::from(REACH_MIN_US) {

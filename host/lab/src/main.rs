@@ -3,5 +3,5 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    host::program::run(lab::cli::COMPLETE_VARIABLE, lab::cli::run)
+    host::program::run(std::env::args_os().collect(), lab::cli::COMPLETE_VARIABLE, lab::cli::run)
 }

@@ -3,7 +3,7 @@
 //!
 //! `cargo bench -p operator --bench identify [-- SEEDS [JOINT ...]]`, 100 seeds and every joint by default. SEEDS is a number or a
 //! range as `200..400`: what was suspected on some seeds is to be confirmed on others. Each seed is one whole
-//! `cubectl identify` on the simulated cell, in virtual time. Prints a table; nothing is asserted.
+//! `cubectl arm identify` on the simulated cell, in virtual time. Prints a table; nothing is asserted.
 
 use std::ops::Range;
 use std::time::Instant;

@@ -185,7 +185,7 @@ fn plan(
     Ok(FollowPlan::new(&setting, source, robot, search.form(), &found, 0.0))
 }
 
-/// The description after `cubectl identify`.
+/// The description after `cubectl arm identify`.
 fn identified(
     truth: &KrcScenario,
     described: &KrcScenario,

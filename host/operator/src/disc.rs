@@ -102,7 +102,7 @@ pub struct Moved {
 #[derive(Debug)]
 pub struct Executed {
     /// Result that the controller reported at the end.
-    pub told: Result<(), OperatorError>,
+    pub reported: Result<(), OperatorError>,
     /// Each millisecond, from the release on.
     pub moved: Vec<Moved>,
     /// When the gripper was ordered to close, s after the release: read at the drive.
@@ -139,7 +139,7 @@ pub struct Judged {
 /// Runs a plan and judges the result.
 ///
 /// # Errors
-/// [`NoRun`]: nothing has moved. A run that fails on its way is reported in [`Executed::told`].
+/// [`NoRun`]: nothing has moved. A run that fails on its way has its cause in [`Executed::reported`].
 pub fn run(
     robot: &RobotModel,
     arm: &DiscArm,
@@ -199,13 +199,14 @@ fn execute(
         let recorded = sim.world().with_participants(|participants, _| participants.0.0.0.record_trace());
         recorded.map_err(BusFailure::from)?;
     }
-    let told = session.run_trajectory_at(node, &name, Some(start), RUN_MAX, &[], &mut |_, _| {}).map(drop);
+    let reported =
+        session.run_trajectory_at(node, &name, Some(start), RUN_MAX, &[], &mut |_, _| {}).map(drop);
     let until = release + Duration::from_secs_f64(plan.motion.end_s() + AFTER_S);
     session.halt_if_moving()?;
     session.pass(until.saturating_since(session.now()))?;
     let (moved, closed_s) = recorded(&mut session, release, until);
     let period_s = f64::from(settings.cycle_period_us) * 1e-6;
-    Ok(Executed { told, moved, closed_s, clock_off_s: off.as_secs_f64(), period_s })
+    Ok(Executed { reported, moved, closed_s, clock_off_s: off.as_secs_f64(), period_s })
 }
 
 /// The plan as the file of a controller.

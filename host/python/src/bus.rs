@@ -1,6 +1,7 @@
 //! A bus: who is there, how the modules are, which frames pass. By the code of the program; nothing is set or moved.
 
-use host::cmd::{record, scan, status};
+use host::cmd::arm::status;
+use host::cmd::log::record;
 use host::error::ExpectedError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -9,21 +10,14 @@ use crate::calls::interruptible;
 use crate::errors::refused;
 use crate::logs::Columns;
 
-/// What `cubectl scan --json` tells, from words of its command line.
+/// What `cubectl arm status --json` prints, from words of its command line; see `status::for_programs`.
 #[pyfunction]
-pub(crate) fn bus_scan(py: Python<'_>, words: Vec<String>) -> PyResult<String> {
-    let told = interruptible(py, move |stop| scan::for_programs(&words, stop))?;
-    told.map(|told| told.to_string()).map_err(|error| refused(&error))
+pub(crate) fn bus_modules(py: Python<'_>, words: Vec<String>, all_must_answer: bool) -> PyResult<String> {
+    let modules = interruptible(py, move |stop| status::for_programs(&words, all_must_answer, stop))?;
+    modules.map(|modules| modules.to_string()).map_err(|error| refused(&error))
 }
 
-/// What `cubectl status --json` tells, from words of its command line.
-#[pyfunction]
-pub(crate) fn bus_status(py: Python<'_>, words: Vec<String>) -> PyResult<String> {
-    let told = interruptible(py, move |stop| status::for_programs(&words, stop))?;
-    told.map(|told| told.to_string()).map_err(|error| refused(&error))
-}
-
-/// The columns of [`crate::logs::read_log`] of the frames that pass, from words of the command line of `cubectl record`.
+/// The columns of [`crate::logs::read_log`] of the frames that pass, from words of the command line of `cubectl log record`.
 #[pyfunction]
 pub(crate) fn bus_record(py: Python<'_>, words: Vec<String>) -> PyResult<Bound<'_, PyDict>> {
     let kept =

@@ -36,7 +36,7 @@ mod _native {
     #[pymodule_export]
     use super::arm::Arm;
     #[pymodule_export]
-    use super::bus::{bus_record, bus_scan, bus_status};
+    use super::bus::{bus_modules, bus_record};
     #[pymodule_export]
     use super::catch::{catch_ball, catch_disc};
     #[pymodule_export]

@@ -57,7 +57,7 @@ def test_plans_are_read_by_the_program(tmp_path: Path) -> None:
     plan = cubecell.plan("powercube6", [1.0, 1.0, -1.0], fast=True)
     plan.write(tmp_path / "plan.json")
     assert cubecell.Plan.read(tmp_path / "plan.json").json == plan.json
-    told = cubectl("check", "--json", str(tmp_path / "plan.json"))
+    told = cubectl("plan", "check", "--json", str(tmp_path / "plan.json"))
     report = cubecell.check(plan)
     assert told.returncode == 0 and report.ok
     assert all(f'"what": "{finding.what}"' in told.stdout for finding in report.findings)
@@ -66,12 +66,12 @@ def test_plans_are_read_by_the_program(tmp_path: Path) -> None:
 def test_gains_are_those_of_the_program(tmp_path: Path) -> None:
     for period_ms, design in ((3.0, "saturated"), (17.0, "paper")):
         out = tmp_path / f"{design}.toml"
-        words = ["--period", str(period_ms), "--design", design, "--no-trial", "--out", str(out)]
+        words = ["--period-ms", str(period_ms), "--design", design, "--no-trial", "--out", str(out)]
         assert cubectl("tune", *words).returncode == 0
         gains = cubecell.tune("powercube6", period_ms=period_ms, design="paper" if design == "paper" else "saturated")
         assert gains.toml == out.read_text()
         assert gains.data["period_s"] == period_ms / 1e3 and len(gains.data["joint"]) == 6
-    told = cubectl("tune", "--period=-1.0", "--no-trial")
+    told = cubectl("tune", "--period-ms=-1.0", "--no-trial")
     with pytest.raises(cubecell.CubecellError) as refused:
         cubecell.tune("powercube6", period_ms=-1.0)
     assert refused.value.exit_code == told.returncode != 0 and str(refused.value) in told.stderr

@@ -66,7 +66,7 @@ def test_refusals_are_those_of_the_program() -> None:
 def test_the_check_is_that_of_the_program_and_finds_what_was_changed(plan: cubecell.FollowPlan, tmp_path: Path) -> None:
     plan.write(tmp_path / "plan.json")
     assert cubecell.FollowPlan.read(tmp_path / "plan.json").json == plan.json
-    told = cubectl("check", "--json", str(tmp_path / "plan.json"))
+    told = cubectl("plan", "check", "--json", str(tmp_path / "plan.json"))
     report = cubecell.check(plan)
     assert told.returncode == 0 and report.ok
     assert json.loads(told.stdout) == {"good": True, **report.__dict__}
@@ -114,5 +114,5 @@ def test_simulated_throws_are_those_of_the_program(plan: cubecell.FollowPlan, tm
     with pytest.raises(cubecell.CubecellError, match="--bus is for the program"):
         cubecell.simulate_follow(plan, options=["--bus", "rsi:udp://127.0.0.1:49152"])
     led = cubecell.plan_follow("kr16_2", TARGET_M, starts=4, lag_ms=24)
-    late = cubecell.simulate_follow(led, options=["--tolerance", "0.000001"])
+    late = cubecell.simulate_follow(led, options=["--tolerance-m", "0.000001"])
     assert late.outcome == "missed" and late.summary["exit_code"] == 11

@@ -174,7 +174,10 @@ impl Controlled {
             exit::DRIVE,
             format!("controller {} keeps registers that were changed for this command: {why}", node.get()),
         )
-        .next(format!("`cubectl registers set {}` on this bus once the arm stands", words.join(" "))))
+        .next(format!(
+            "`cubectl controller registers set {}` on this bus once the arm stands",
+            words.join(" ")
+        )))
     }
 
     /// The joints whose drives are `named`, all by default.
@@ -253,7 +256,7 @@ pub(super) fn is_soft(spec: &BusSpec, wanted: Option<Controller>) -> Result<bool
     match (wanted, present.controller) {
         _ if present.tool => in_use(
             "another cubectl speaks to a controller on this bus",
-            "end it; `cubectl monitor` watches beside it",
+            "end it; `cubectl arm monitor` watches beside it",
         ),
         (Some(Controller::Soft), Some(node)) => in_use(
             &format!("controller {} is on this bus already", node.get()),
@@ -262,7 +265,7 @@ pub(super) fn is_soft(spec: &BusSpec, wanted: Option<Controller>) -> Result<bool
         (Some(Controller::Node(_)), _) | (None, Some(_)) => Ok(false),
         (_, None) if present.drives_are_asked => in_use(
             "another host speaks to the modules, and no controller is heard",
-            "end the other program, which did not give way; `cubectl monitor` does, and `cubectl stop` stops",
+            "end the other program, which did not give way; `cubectl arm monitor` does, and `cubectl stop` stops",
         ),
         (_, None) => Ok(true),
     }

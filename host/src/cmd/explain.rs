@@ -9,7 +9,7 @@ use protocol::powercube::state::BitInfo;
 use protocol::powercube::{Config, CubeState, Setup, ShortState};
 
 use super::rsi;
-use super::target::node_id;
+use super::values::node_id;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::BusArgs;
@@ -139,7 +139,7 @@ pub fn explain(words: &[&str]) -> Result<String, ExpectedError> {
     }
 }
 
-/// What `scan`, `status` and `doctor` say of a module in plain words, with the bit that says so.
+/// What `status` and `doctor` say of a module in plain words, with the bit that says so.
 const PLAIN: &[(&str, CubeState, &str)] = &[
     ("homed", CubeState::HOME_OK, "nothing; it knows its zero"),
     (
@@ -147,11 +147,15 @@ const PLAIN: &[(&str, CubeState, &str)] = &[
         CubeState::HOME_OK,
         "`cubectl home`; a module with an absolute encoder: switch it off and on",
     ),
-    ("halted", CubeState::HALTED, "`cubectl clear`; `cubectl home` and `cubectl jog` reset it too"),
+    (
+        "halted",
+        CubeState::HALTED,
+        "`cubectl controller clear`; `cubectl home` and `cubectl jog` reset it too",
+    ),
     ("moving", CubeState::MOTION, "wait until it stands, or `cubectl stop`"),
 ];
 
-/// What `scan`, `status`, `monitor` and `doctor` say of a controller and of modules that tell nothing: word, meaning, next step.
+/// What `status`, `arm monitor` and `doctor` say of a controller and of modules that report nothing: word, meaning, next step.
 const TOLD: &[(&str, &str, &str)] = &[
     (
         "boot",
@@ -168,7 +172,7 @@ const TOLD: &[(&str, &str, &str)] = &[
     (
         "fault",
         "at rest because of a latched fault",
-        "`cubectl explain --last`; remove the cause, then `cubectl clear`",
+        "`cubectl explain --last`; remove the cause, then `cubectl controller clear`",
     ),
     ("jogging", "a joint moves while its key is held", "none needed; it stops 0.2 s after the last order"),
     ("no fault", "the controller has latched no fault", "none needed"),
@@ -177,11 +181,11 @@ const TOLD: &[(&str, &str, &str)] = &[
     (
         "no answer",
         "the module has answered no question",
-        "check its supply, its plug and its address; `cubectl scan` shows who answers",
+        "check its supply, its plug and its address; `cubectl status` shows who answers",
     ),
     (
         "state unknown",
-        "the module is there, and has not told its state",
+        "the module is there, and has not reported its state",
         "ask again; `cubectl doctor` counts lost answers",
     ),
 ];
@@ -203,7 +207,7 @@ const CAUSES: &[(CubeState, &str)] = &[
     (CubeState::CPU_OVERLOAD, "lessen the traffic to the module; if it comes again the module needs repair"),
     (CubeState::BEYOND_HARD, "drive the joint back from the limit by the maker's procedure"),
     (CubeState::BEYOND_SOFT, "`cubectl jog` the joint back inside its limits"),
-    (CubeState::SETUP_OR_LOGIC_VOLT, "check the logic supply and the settings (`cubectl config diff`)"),
+    (CubeState::SETUP_OR_LOGIC_VOLT, "check the logic supply and the settings (`cubectl modules diff`)"),
 ];
 
 /// A word of a module's state, or several with `|` between them; `None` if one is unknown.
@@ -252,10 +256,10 @@ fn next_of(bit: CubeState) -> String {
         Some(cause) if CubeState::NEEDS_POWER_CYCLE.contains(bit) => {
             format!("{cause}; then switch the module off and on, nothing else clears it")
         }
-        Some(cause) => format!("{cause}; then `cubectl clear`"),
+        Some(cause) => format!("{cause}; then `cubectl controller clear`"),
         None if bit == CubeState::ERROR => "the other words of the state name the cause".to_owned(),
         None if bit == CubeState::HALTED => {
-            "`cubectl clear`; `cubectl home` and `cubectl jog` reset it too".to_owned()
+            "`cubectl controller clear`; `cubectl home` and `cubectl jog` reset it too".to_owned()
         }
         None => "none needed".to_owned(),
     };
@@ -299,7 +303,7 @@ mod tests {
         assert_eq!(causes.len(), CAUSES.len());
         for info in causes {
             let text = explain(&[info.name]).unwrap();
-            let clears = text.contains("`cubectl clear`");
+            let clears = text.contains("`cubectl controller clear`");
             let off_and_on = CubeState::NEEDS_POWER_CYCLE.bits() >> info.bit & 1 != 0;
             assert_eq!(clears, !off_and_on, "{text}");
         }
@@ -319,13 +323,13 @@ mod tests {
         }
     }
 
-    /// The condition that `scan`, `status` and `doctor` print, for each bit of the state set alone and none set, and for a
-    /// module that has not told its state.
+    /// The condition that `status` and `doctor` print, for each bit of the state set alone and none set, and for a
+    /// module that has not reported its state.
     #[test]
     fn every_word_that_status_prints_is_explained() {
         let bits = CubeState::BITS.iter().map(|info| 1 << info.bit).chain([0]);
-        let told = bits.map(|bit| Some(CubeState::from_bits(bit | CubeState::ERROR.bits())));
-        for state in told.chain([None]) {
+        let states = bits.map(|bit| Some(CubeState::from_bits(bit | CubeState::ERROR.bits())));
+        for state in states.chain([None]) {
             let report = operator::dialogue::survey::ModuleReport {
                 module: protocol::ModuleId::new(1).unwrap(),
                 version: protocol::powercube::FirmwareVersion(0x3519),

@@ -45,10 +45,10 @@ pub(super) enum Deed {
 }
 
 const ONE_TARGET: &str = "opening_normal opening_radius_m incidence_max_deg target_velocity target_course";
-const TO_CHANCE: &str = "time_budget hit_radius_m hit_box jitter_s release_delays objective";
+const TO_CHANCE: &str = "time_budget_s hit_radius_m hit_box jitter_s release_delays objective";
 /// Of throws with the release at one instant.
 const DRIVES: &str = "speed_use acceleration_use free_spin null_delay delay_window clean_release clearance_m range_margin_rad \
-    drag_per_m magnus_rad_s finger_release weights obstacle arrival_speed arrival_descent_deg radius_m elevation_deg flight_s \
+    drag_per_m magnus_rad_s finger_release weights obstacle arrival_speed_m_s arrival_descent_deg radius_m elevation_deg flight_s \
     duration_s braking_ratio thorough";
 const TRACKER: &str = "tracker tracker_body tracker_offset tracker_frames calibration";
 
@@ -56,23 +56,23 @@ const TRACKER: &str = "tracker tracker_body tracker_offset tracker_frames calibr
 const TABLE: &[(Deed, &[&str], &str)] = &[
     (
         Deed::PlanOfFile,
-        &[DRIVES, ONE_TARGET, TO_CHANCE, "form starts"],
+        &["obstacle starts thorough"],
         "is for making a plan; the one of --plan says what is thrown",
     ),
     (
         Deed::Led,
-        &["controller gains period web back key_file"],
+        &["controller gains period_ms web back key_file"],
         "has no meaning for a robot with a controller of its own",
     ),
     (
         Deed::AllAxes,
-        &["joint home level speed current bit_rate sim_noise report"],
+        &["joint home level speed_share current_share bit_rate sim_noise_a report"],
         "has no meaning for a robot with a controller of its own: all its axes are measured together",
     ),
     (Deed::OnCan, &["rsi"], "is for a robot that is led over RSI; this one has drives on a CAN bus"),
     (
         Deed::ControllerOnBus,
-        &["period"],
+        &["period_ms"],
         "is for a controller in this program; set register cycle.period_us of the one on the bus",
     ),
     (Deed::TargetGiven, &[TRACKER], "is for --target tracker"),
@@ -87,7 +87,7 @@ const TABLE: &[(Deed, &[&str], &str)] = &[
     (
         Deed::Ordinary,
         &[
-            "lag_ms period tilt_max_deg ramps_deg_s2 limits resolution refine ramps criterion weights_w weights_g",
+            "lag_ms period_ms tilt_max_deg ramps_deg_s2 limits resolution refine ramps criterion weights_w weights_g",
         ],
         "is for throws that follow the flight: add --follow",
     ),

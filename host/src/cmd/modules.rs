@@ -1,375 +1,445 @@
-//! The modules a verb is about: named, found or missing, alone with them or not, told as JSON.
+//! `cubectl modules dump|diff|restore`
 
-use std::io::IsTerminal;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
-use can_link::BusSpec;
-use firmware::fault::Cause;
-use indicatif::{ProgressBar, ProgressStyle};
-use protocol::cyphal::cubecell::group_state::GroupState;
-use protocol::powercube::CubeState;
-use protocol::{Duration, Instant, ModuleId};
-use robot_model::RobotModel;
+use protocol::powercube::{Parameter, Reply, Request, SimpleCommand, Value, ValueKind};
+use protocol::{Duration, ModuleId};
+use serde::{Deserialize, Serialize};
 
+use super::counted;
+use super::survey::{Modules, modules_on};
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::{BusArgs, Session};
-use operator::dialogue::presence::Presence;
-use operator::dialogue::survey::{ModuleReport, survey};
-use operator::node::host_node::Heard;
+use operator::dialogue::survey::ModuleReport;
 
-/// A controller at rest has read position, state and current of every drive several times by then.
-const BESIDE_LISTEN: Duration = Duration::from_millis(1_500);
+/// Version of the file.
+const SCHEMA_VERSION: u32 = 1;
 
-/// The addresses of an option.
-#[derive(Clone, Debug)]
-pub struct Modules(pub Vec<ModuleId>);
+/// Parameters that are no settings although they can be written: motions, lines, commands in disguise; and tick forms
+/// of what is saved in radians anyway.
+const NO_SETTING: &[Parameter] = &[
+    Parameter::DioData,
+    Parameter::TargetPosInc,
+    Parameter::TargetVelInc,
+    Parameter::TargetAccInc,
+    Parameter::CurInc,
+    Parameter::HomeOffsetInc,
+    Parameter::MaxDeltaPosInc,
+    Parameter::MinPosInc,
+    Parameter::MaxPosInc,
+    Parameter::MaxVelInc,
+    Parameter::MaxAccInc,
+    Parameter::HomeVelInc,
+];
+/// Written last, and never by a restore: who a module is and how it is reached.
+const IDENTITY: &[Parameter] =
+    &[Parameter::DefAddress, Parameter::DefSerialNo, Parameter::DefCanBaud, Parameter::DefRsBaud];
 
-impl std::str::FromStr for Modules {
-    type Err = String;
-    fn from_str(text: &str) -> Result<Self, String> {
-        operator::bus::args::parse_modules(text).map(Self)
+/// What to do with parameters of modules.
+#[derive(Debug, clap::Subcommand)]
+pub enum ModulesVerb {
+    /// Write all settings of the modules to a TOML file.
+    Dump(DumpArgs),
+    /// Compare the modules with a file.
+    Diff(FileArgs),
+    /// Write the settings that differ from a file back to the modules.
+    Restore(RestoreArgs),
+}
+
+/// Arguments of `dump`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  cubectl modules dump arm.toml --bus can0")]
+pub struct DumpArgs {
+    /// Where to; `-` is standard output. A file that exists is not overwritten.
+    pub file: PathBuf,
+    /// Bus options.
+    #[command(flatten)]
+    pub bus: BusArgs,
+    /// These modules. Default: all that are there.
+    #[arg(long)]
+    pub modules: Option<Modules>,
+}
+
+/// Arguments of `diff`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  cubectl modules diff arm.toml --bus can0")]
+pub struct FileArgs {
+    /// File made by `config dump`.
+    pub file: PathBuf,
+    /// Bus options.
+    #[command(flatten)]
+    pub bus: BusArgs,
+}
+
+/// Arguments of `restore`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  cubectl modules restore arm.toml --bus can0 --save")]
+pub struct RestoreArgs {
+    /// File made by `config dump`.
+    pub file: PathBuf,
+    /// Bus options.
+    #[command(flatten)]
+    pub bus: BusArgs,
+    /// Also write them to the permanent storage of the modules.
+    #[arg(long)]
+    pub save: bool,
+    /// Write to modules whose serial numbers differ from the file's.
+    #[arg(long)]
+    pub other_serial: bool,
+}
+
+/// The file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ConfigFile {
+    /// Version of the file: 1.
+    pub schema_version: u32,
+    /// By address.
+    pub module: Vec<ModuleConfig>,
+}
+
+/// One module.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModuleConfig {
+    /// Address.
+    pub address: u8,
+    /// Serial number.
+    pub serial: u32,
+    /// Firmware, four hexadecimal digits.
+    pub firmware: String,
+    /// Name of the parameter, with its unit, and value: that of a single-precision parameter as its shortest decimal.
+    pub setting: BTreeMap<String, f64>,
+}
+
+/// `MaxVel_rad_per_s` and the like: name and unit of a setting.
+fn key(parameter: Parameter) -> String {
+    let unit = parameter.info().unit.symbol();
+    if unit.is_empty() {
+        parameter.name().to_owned()
+    } else {
+        format!("{}_{}", parameter.name(), unit.replace('/', "_per_"))
     }
 }
 
-/// Nobody answered.
-pub(super) fn nobody(bus: &str) -> ExpectedError {
-    ExpectedError::new(exit::DRIVE, format!("{bus}: no module answers")).next(
-        "check the supply of the modules and the cable, and that the bus runs \
-             at their bit rate (1000, 500 or 250 kbit/s); `cubectl doctor` tells silence from errors; motors with MIT frames and CANopen servos \
-             answer a controller only: `cubectl home --robot FILE`",
-    )
+fn settings_of(report: &ModuleReport) -> Vec<Parameter> {
+    Parameter::TABLE
+        .iter()
+        .filter(|info| info.readable(report.version) && info.writable(report.version))
+        .map(|info| info.parameter)
+        .filter(|parameter| !NO_SETTING.contains(parameter) && !IDENTITY.contains(parameter))
+        .collect()
 }
 
-/// Some of the modules that were named are silent.
-pub(super) fn missing(bus: &str, modules: &[ModuleId]) -> ExpectedError {
-    let wanted = Wanted::named(modules);
-    ExpectedError::new(exit::DRIVE, format!("{bus}: {} not answer", do_not(modules)))
-        .next(wanted.next_for_missing())
-}
-
-/// `module 3`, `modules 3, 4`.
-fn list(modules: &[ModuleId]) -> String {
-    let list: Vec<String> = modules.iter().map(ToString::to_string).collect();
-    format!("module{} {}", if modules.len() == 1 { "" } else { "s" }, list.join(", "))
-}
-
-/// `module 3 does`, `modules 3, 4 do`.
-fn do_not(modules: &[ModuleId]) -> String {
-    format!("{} {}", list(modules), if modules.len() == 1 { "does" } else { "do" })
-}
-
-/// Modules that must be there.
-pub struct Wanted {
-    pub(super) modules: Vec<ModuleId>,
-    /// Name of the robot that has them, unless they were named.
-    robot: Option<String>,
-}
-
-impl Wanted {
-    /// These.
-    pub(super) fn named(modules: &[ModuleId]) -> Self {
-        Self { modules: modules.to_vec(), robot: None }
-    }
-
-    /// The drives of a robot; none if its file describes none.
-    #[must_use]
-    pub fn of_robot(robot: &RobotModel) -> Self {
-        let drives = robot.drives().into_iter().flatten();
-        let modules = drives.filter_map(|drive| ModuleId::new(drive.address).ok()).collect();
-        Self { modules, robot: Some(robot.name().to_owned()) }
-    }
-
-    /// Those that are not among the modules that were found.
-    pub(super) fn missing(&self, found: &[ModuleReport]) -> Vec<ModuleId> {
-        let is_there = |module: &ModuleId| found.iter().any(|report| report.module == *module);
-        self.modules.iter().copied().filter(|module| !is_there(module)).collect()
-    }
-
-    /// What to do about one that is not there.
-    pub(super) fn next_for_missing(&self) -> String {
-        match &self.robot {
-            Some(robot) => format!(
-                "robot {robot} has it: check its supply, its plug and its address (two modules may have got the same one); \
-                 if other modules are on this bus, name them with --modules or their robot with --robot"
-            ),
-            None => "check its supply, its plug and its address (two modules may have got the same one); `cubectl scan` shows \
-                     who is there"
-                .to_owned(),
-        }
-    }
-}
-
-/// What is known of the modules on a bus.
-pub(super) struct Look {
-    /// The bus as a person would name it.
-    pub(super) bus: String,
-    pub(super) seen: Seen,
-    wanted: Wanted,
-    /// Nobody said which modules must be there: those of the usual robot are.
-    guessed: bool,
-}
-
-/// How it is known.
-pub(super) enum Seen {
-    /// Another node speaks to the modules: nothing was sent.
-    Heard(Beside),
-    /// They were asked.
-    Asked(Vec<ModuleReport>),
-}
-
-/// Looks for the modules on a bus, or listens if another node speaks to them. `named` are those that must be there; without names
-/// those of the robot. With `shows` a progress bar appears on a terminal.
+/// Runs the verb.
 ///
 /// # Errors
-/// The bus cannot be reached, or nobody answers.
-pub(super) fn look(
-    bus: &BusArgs,
-    named: Option<&Modules>,
-    shows: bool,
-    stop: Arc<AtomicBool>,
-) -> Result<Look, ExpectedError> {
-    let cell = bus.cell.load()?;
-    let guessed = named.is_none() && bus.bus != BusSpec::Sim && bus.cell.robot.is_none();
-    let named = named.map(|modules| modules.0.as_slice());
-    let wanted = named.map_or_else(|| Wanted::of_robot(&cell.robot), Wanted::named);
-    let mut session = bus.open_cell_until(&cell, None, stop)?;
-    let name = session.name().to_owned();
-    let seen = match listen_beside(&mut session, named, bus.beside)? {
-        Some(beside) => Seen::Heard(beside),
-        None => {
-            let all: Vec<ModuleId> = ModuleId::all().collect();
-            let found = survey_shown(&mut session, named.unwrap_or(&all), shows)?;
-            if found.is_empty() {
-                return Err(nobody(&name));
+/// The bus, a module that does not answer or refuses, a bad file, or differences.
+pub fn run(verb: &ModulesVerb) -> Result<(), ExpectedError> {
+    match verb {
+        ModulesVerb::Dump(args) => dump(args),
+        ModulesVerb::Diff(args) => diff(args),
+        ModulesVerb::Restore(args) => restore(args),
+    }
+}
+
+fn read_all(session: &mut Session, found: &[ModuleReport]) -> Result<ConfigFile, ExpectedError> {
+    let mut file = ConfigFile { schema_version: SCHEMA_VERSION, module: Vec::new() };
+    for report in found {
+        let parameters = settings_of(report);
+        let questions: Vec<_> =
+            parameters.iter().map(|parameter| (report.module, Request::Get(*parameter))).collect();
+        let mut setting = BTreeMap::new();
+        for answer in session.ask_all(&questions)? {
+            if let Reply::Value(parameter, value) = answer.map_err(operator::dialogue::ask::AskError::from)?
+                && let Some(number) = value.as_f64()
+            {
+                setting.insert(key(parameter), as_written(parameter, number));
             }
-            Seen::Asked(found)
         }
-    };
+        file.module.push(ModuleConfig {
+            address: report.module.get(),
+            serial: report.serial.unwrap_or(0),
+            firmware: report.version.to_string(),
+            setting,
+        });
+    }
+    Ok(file)
+}
+
+fn dump(args: &DumpArgs) -> Result<(), ExpectedError> {
+    let mut session = args.bus.open()?;
+    let found =
+        modules_on(&mut session, args.modules.as_ref().map(|modules| modules.0.as_slice()), args.bus.beside)?;
+    let file = read_all(&mut session, &found)?;
     session.finish()?;
-    Ok(Look { bus: name, seen, wanted, guessed })
-}
-
-impl Look {
-    /// Modules that must be there and are not.
-    pub(super) fn missing(&self) -> Vec<ModuleId> {
-        match &self.seen {
-            Seen::Asked(found) => self.wanted.missing(found),
-            Seen::Heard(beside) => {
-                let is_there = |module: &ModuleId| beside.modules.iter().any(|(there, _)| there == module);
-                self.wanted.modules.iter().copied().filter(|module| !is_there(module)).collect()
-            }
-        }
+    let text = toml::to_string(&file)
+        .map_err(|error| ExpectedError::new(exit::BUG, format!("settings do not fit into TOML: {error}")))?;
+    if args.file == Path::new("-") {
+        console::text!("{text}");
+        return Ok(());
     }
-
-    /// That modules are missing, with what to do; `None` if none is.
-    pub(super) fn told_missing(&self) -> Option<ExpectedError> {
-        let missing = self.missing();
-        if missing.is_empty() {
-            return None;
-        }
-        let next = self.wanted.next_for_missing();
-        let (what, next) = match &self.seen {
-            Seen::Asked(_) => (format!("{}: {} not answer", self.bus, do_not(&missing)), next),
-            Seen::Heard(_) => {
-                let is = if missing.len() == 1 { "is" } else { "are" };
-                let what = format!(
-                    "{}: {} {is} not heard, and nothing was asked, because a controller or another host speaks to the modules",
-                    self.bus,
-                    list(&missing)
-                );
-                let more = "`cubectl monitor`; end the other program, or add --beside to ask all the same";
-                (what, format!("{next}; {more}"))
-            }
-        };
-        Some(ExpectedError::new(exit::DRIVE, what).next(next))
-    }
-
-    /// Which modules must be there is only a guess: a missing one is no error.
-    pub(super) const fn is_guess(&self) -> bool {
-        self.guessed
-    }
-
-    /// As JSON, units in the keys.
-    pub(super) fn json(&self) -> serde_json::Value {
-        let mut told = match &self.seen {
-            Seen::Heard(beside) => beside.json(&self.bus),
-            Seen::Asked(found) => {
-                let modules: Vec<_> = found.iter().map(module_json).collect();
-                serde_json::json!({ "bus": self.bus, "modules": modules })
-            }
-        };
-        told["missing"] = self.missing().iter().map(|module| module.get()).collect();
-        told
-    }
-}
-
-/// Refuses to ask modules that another node asks.
-pub(super) fn require_alone(session: &mut Session, beside: bool) -> Result<(), ExpectedError> {
-    if !beside && session.hears_other_host()? && session.claim()?.drives_are_asked {
-        return Err(ExpectedError::new(
-            exit::BUS,
-            format!(
-                "{}: another host or a controller speaks to the modules; they were not asked, because our \
-                     questions would destroy its frames",
-                session.name()
-            ),
-        )
-        .next(
-            "`cubectl scan`, `cubectl status` and `cubectl monitor` listen, `cubectl stop` stops; end \
-                     the other program, or add --beside",
-        ));
-    }
+    let failed = |error: std::io::Error| {
+        ExpectedError::new(exit::OUTPUT, format!("{}: {error}", args.file.display()))
+            .next("name a file that does not exist yet, in a folder that may be written")
+    };
+    let mut out = std::fs::File::create_new(&args.file).map_err(failed)?;
+    std::io::Write::write_all(&mut out, text.as_bytes()).and_then(|()| out.sync_all()).map_err(failed)?;
+    console::line!("{}: {}", args.file.display(), counted(file.module.len(), "module"));
     Ok(())
 }
 
-/// Modules as they are heard beside a controller or another host.
-pub(super) struct Beside {
-    /// Who else is there.
-    pub(super) presence: Presence,
-    /// What the controller told of the group last.
-    group: Option<GroupState>,
-    /// The modules that were heard.
-    pub(super) modules: Vec<(ModuleId, Heard)>,
-    /// When the listening ended.
-    at: Instant,
+/// Reads and checks a file.
+fn load(path: &Path) -> Result<ConfigFile, ExpectedError> {
+    let text = toml_reader::read_text(path, toml_reader::DESCRIPTION_MAX_BYTES)
+        .map_err(|error| ExpectedError::io(path, &error))?;
+    let file: ConfigFile = toml::from_str(&text)
+        .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", path.display())))?;
+    if file.schema_version != SCHEMA_VERSION {
+        return Err(ExpectedError::bad_input(&format!(
+            "{}: schema_version {} is not {SCHEMA_VERSION}",
+            path.display(),
+            file.schema_version
+        ))
+        .next("use the cubectl that wrote it, or dump again"));
+    }
+    for module in &file.module {
+        for (name, value) in &module.setting {
+            let refused = match parameter_of(name) {
+                None => format!("no setting is called {name}"),
+                Some(parameter) if typed(parameter, *value).is_none() => {
+                    format!(
+                        "{name} = {value} is no value of this setting, which takes {}",
+                        range_of(parameter)
+                    )
+                }
+                Some(_) => continue,
+            };
+            return Err(ExpectedError::bad_input(&format!(
+                "{}: module {}: {refused}",
+                path.display(),
+                module.address
+            )));
+        }
+    }
+    Ok(file)
 }
 
-/// Listens instead of asking, if another node speaks to the modules and `beside` does not say to ask all the same; `None`
-/// if nobody does. Only the `named` modules are told.
-pub(super) fn listen_beside(
-    session: &mut Session,
-    named: Option<&[ModuleId]>,
-    beside: bool,
-) -> Result<Option<Beside>, ExpectedError> {
-    if beside || !session.hears_other_host()? {
-        return Ok(None);
-    }
-    let presence = session.listen_for(BESIDE_LISTEN, false)?;
-    let (at, group) = (session.now(), session.group());
-    let heard = session.host_node().heard();
-    let wanted = |module: &ModuleId| named.is_none_or(|named| named.contains(module));
-    let modules: Vec<_> =
-        heard.iter().filter(|(module, _)| wanted(module)).map(|(m, heard)| (*m, *heard)).collect();
-    Ok(Some(Beside { presence, group, modules, at }))
+fn parameter_of(name: &str) -> Option<Parameter> {
+    Parameter::TABLE.iter().map(|info| info.parameter).find(|parameter| key(*parameter) == name)
 }
 
-impl Beside {
-    /// What the controller told of the group last.
-    pub(super) const fn group(&self) -> Option<&GroupState> {
-        self.group.as_ref()
-    }
+/// Time for a module to store its settings.
+const SAVING: Duration = Duration::from_millis(50);
 
-    /// Who is there, in a line.
-    pub(super) fn line(&self) -> String {
-        match (self.presence.controller, &self.group) {
-            (Some(node), Some(group)) => {
-                let fault = Cause::from_code(group.fault_cause).map_or("no fault", Cause::name);
-                let host = if group.host_alive { "a host is alive" } else { "no host" };
-                format!("controller {}: {}, {fault}, {host}", node.get(), group.state)
+/// One setting that differs: module, parameter, the module's value, the file's.
+type Change = (ModuleId, Parameter, f64, f64);
+
+/// The modules of a file beside those on the bus.
+struct Compared {
+    session: Session,
+    wanted: ConfigFile,
+    found: Vec<ModuleReport>,
+    changes: Vec<Change>,
+    /// Settings of the file that a module does not have.
+    missing: Vec<(ModuleId, Parameter, f64)>,
+}
+
+/// Opens the bus and compares the modules of the file, all of which must answer.
+fn compare(path: &Path, bus: &BusArgs) -> Result<Compared, ExpectedError> {
+    let wanted = load(path)?;
+    let mut ids = Vec::new();
+    for module in &wanted.module {
+        ids.push(
+            ModuleId::new(module.address)
+                .map_err(|error| ExpectedError::bad_input(&format!("{}: address {error}", path.display())))?,
+        );
+    }
+    let mut session = bus.open()?;
+    let found = modules_on(&mut session, Some(&ids), bus.beside)?;
+    let present = read_all(&mut session, &found)?;
+    let (mut changes, mut missing) = (Vec::new(), Vec::new());
+    for (module, id) in wanted.module.iter().zip(ids) {
+        let Some(now) = present.module.iter().find(|now| now.address == module.address) else { continue };
+        for (name, value) in &module.setting {
+            let Some(parameter) = parameter_of(name) else { continue };
+            match now.setting.get(name) {
+                None => missing.push((id, parameter, *value)),
+                Some(actual) if typed(parameter, *actual) != typed(parameter, *value) => {
+                    changes.push((id, parameter, *actual, *value));
+                }
+                Some(_) => {}
             }
-            _ => "another host speaks to the modules".to_owned(),
         }
     }
-
-    /// As JSON, units in the keys; what only a question would tell is null.
-    pub(super) fn json(&self, bus: &str) -> serde_json::Value {
-        let modules: Vec<_> =
-            self.modules.iter().map(|(module, heard)| self.module_json(*module, heard)).collect();
-        let controller = self.presence.controller.zip(self.group).map(|(node, group)| {
-            serde_json::json!({
-                "node_id": node.get(),
-                "state": group.state.to_string(),
-                "fault_cause": group.fault_cause,
-                "fault_joint": group.fault_joint,
-                "homed_mask": group.homed_mask,
-                "host_alive": group.host_alive,
-            })
-        });
-        serde_json::json!({ "bus": bus, "asked": false, "controller": controller, "modules": modules })
-    }
-
-    fn module_json(&self, module: ModuleId, heard: &Heard) -> serde_json::Value {
-        serde_json::json!({
-            "module": module.get(),
-            "serial": null,
-            "firmware": null,
-            "homed": heard.state.map(|state| state.contains(CubeState::HOME_OK)),
-            "state": heard.state.map(|state| state.to_string()),
-            "state_bits": heard.state.map(CubeState::bits),
-            "position_rad": heard.position_rad,
-            "current_a": heard.current_a,
-            "heard_s_ago": self.at.saturating_since(heard.at).as_secs_f64(),
-        })
-    }
+    Ok(Compared { session, wanted, found, changes, missing })
 }
 
-/// A survey of `candidates` with a progress bar on a terminal.
-pub(super) fn survey_with_progress(
-    session: &mut Session,
-    candidates: &[ModuleId],
-) -> Result<Vec<ModuleReport>, ExpectedError> {
-    survey_shown(session, candidates, true)
-}
-
-fn survey_shown(
-    session: &mut Session,
-    candidates: &[ModuleId],
-    shows: bool,
-) -> Result<Vec<ModuleReport>, ExpectedError> {
-    let bar =
-        if shows && std::io::stderr().is_terminal() { ProgressBar::new(0) } else { ProgressBar::hidden() };
-    if let Ok(style) = ProgressStyle::with_template("{msg} {bar:31} {pos}/{len}") {
-        bar.set_style(style);
-    }
-    let found = survey(session, candidates.iter().copied(), &mut |what, done, all| {
-        bar.set_message(what);
-        bar.set_length(all as u64);
-        bar.set_position(done as u64);
-    });
-    bar.finish_and_clear();
-    Ok(found?)
-}
-
-/// The modules a verb is about: those named, all of which must answer, or all that are there.
-pub(super) fn modules_on(
-    session: &mut Session,
-    named: Option<&[ModuleId]>,
-    beside: bool,
-) -> Result<Vec<ModuleReport>, ExpectedError> {
-    require_alone(session, beside)?;
-    let all: Vec<ModuleId> = ModuleId::all().collect();
-    let found = survey_with_progress(session, named.unwrap_or(&all))?;
-    if let Some(named) = named {
-        let silent: Vec<ModuleId> =
-            named.iter().copied().filter(|id| !found.iter().any(|report| report.module == *id)).collect();
-        if !silent.is_empty() {
-            return Err(missing(session.name(), &silent));
+fn diff(args: &FileArgs) -> Result<(), ExpectedError> {
+    let Compared { session, wanted, found, changes, missing } = compare(&args.file, &args.bus)?;
+    session.finish()?;
+    let mut differences = changes.len() + missing.len();
+    for module in &wanted.module {
+        let serial = found.iter().find(|report| report.module.get() == module.address).and_then(|r| r.serial);
+        if serial.is_some_and(|serial| serial != module.serial) {
+            console::line!(
+                "module {}: serial {} (file: {})",
+                module.address,
+                serial.unwrap_or(0),
+                module.serial
+            );
+            differences += 1;
         }
     }
-    if found.is_empty() {
-        return Err(nobody(session.name()));
+    for (module, parameter, actual, file) in &changes {
+        console::line!("module {module}: {} {actual} (file: {file})", key(*parameter));
     }
-    Ok(found)
+    for (module, parameter, file) in &missing {
+        console::line!("module {module}: has no {} (file: {file})", key(*parameter));
+    }
+    if differences == 0 {
+        console::line!("{}: {} as in the file", args.file.display(), counted(wanted.module.len(), "module"));
+        return Ok(());
+    }
+    Err(ExpectedError::new(exit::FINDINGS, counted(differences, "difference"))
+        .next(format!("`cubectl modules restore {}` writes the file's values", args.file.display())))
 }
 
-/// A report of a module as JSON, units in the keys.
-pub(super) fn module_json(report: &ModuleReport) -> serde_json::Value {
-    serde_json::json!({
-        "module": report.module.get(),
-        "serial": report.serial,
-        "firmware": report.version.to_string(),
-        "kind": report.kind(),
-        "absolute": report.is_absolute(),
-        "homed": report.is_homed(),
-        "state": report.state.map(|state| state.to_string()),
-        "state_bits": report.state.map(CubeState::bits),
-        "position_rad": report.position_rad,
-        "current_a": report.current_a,
-        "motor_v": report.motor_v,
-        "logic_v": report.logic_v,
-        "temperature_c": report.temperature_c,
-        "unanswered": report.unanswered.iter().map(|p| p.name()).collect::<Vec<_>>(),
+fn restore(args: &RestoreArgs) -> Result<(), ExpectedError> {
+    let Compared { mut session, wanted, found, changes, missing } = compare(&args.file, &args.bus)?;
+    if let Some((module, parameter, _)) = missing.first() {
+        return Err(ExpectedError::bad_input(&format!(
+            "module {module} has no {}; nothing was written",
+            key(*parameter)
+        ))
+        .next("`cubectl modules diff` lists all of these; take them out of the file"));
+    }
+    for module in &wanted.module {
+        let Some(report) = found.iter().find(|report| report.module.get() == module.address) else {
+            continue;
+        };
+        if report.serial != Some(module.serial) && !args.other_serial {
+            return Err(ExpectedError::bad_input(&format!(
+                "module {}: serial {} is not the file's {}; nothing was written",
+                module.address,
+                report.serial.unwrap_or(0),
+                module.serial
+            ))
+            .next("check that this is the right arm, then add --other-serial"));
+        }
+        if report.state.is_none_or(|state| state.contains(protocol::powercube::CubeState::MOTION)) {
+            return Err(ExpectedError::new(
+                exit::DRIVE,
+                format!("module {} moves; nothing was written", module.address),
+            )
+            .next("`cubectl stop`"));
+        }
+    }
+    for (module, parameter, _, value) in &changes {
+        let Some(value) = typed(*parameter, *value) else { continue };
+        session.ask(*module, Request::Set(*parameter, value))?;
+    }
+    let mut touched: Vec<ModuleId> = changes.iter().map(|change| change.0).collect();
+    touched.dedup();
+    for module in &touched {
+        session.command(*module, SimpleCommand::Recalc)?;
+    }
+    let mut wrong = Vec::new();
+    for (module, parameter, _, value) in &changes {
+        let actual = session.get_f64(*module, *parameter)?;
+        if typed(*parameter, actual) != typed(*parameter, *value) {
+            let actual = as_written(*parameter, actual);
+            wrong.push(format!("module {module}: {} is {actual}, not {value}", key(*parameter)));
+        }
+    }
+    if wrong.is_empty() && args.save {
+        // Also where the values were in force already: nobody knows whether they are stored.
+        for report in &found {
+            session.command(report.module, SimpleCommand::SaveParameters)?;
+            session.sleep_until(session.now() + SAVING)?;
+        }
+    }
+    session.finish()?;
+    if !wrong.is_empty() {
+        return Err(ExpectedError::new(
+            exit::DRIVE,
+            format!(
+                "written, but not as in the file{}: {}",
+                if args.save { ", and not saved" } else { "" },
+                wrong.join("; ")
+            ),
+        )
+        .next("the value is outside what the module allows"));
+    }
+    console::line!(
+        "{} written to {}, read back{}",
+        counted(changes.len(), "setting"),
+        counted(touched.len(), "module"),
+        if args.save { format!(", {} saved", counted(found.len(), "module")) } else { String::new() }
+    );
+    Ok(())
+}
+
+/// A number as a file has it: 3.1 for the single-precision number nearest to 3.1, not 3.0999999046325684. Read as the
+/// parameter's type it is the same value again.
+fn as_written(parameter: Parameter, value: f64) -> f64 {
+    match parameter.kind() {
+        ValueKind::F32 => (value as f32).to_string().parse().unwrap_or(value),
+        _ => value,
+    }
+}
+
+/// What a parameter takes, as text.
+fn range_of(parameter: Parameter) -> &'static str {
+    match parameter.kind() {
+        ValueKind::F32 => "a finite number of single precision",
+        ValueKind::I32 => "whole numbers of 32 bits with sign",
+        ValueKind::U32 => "whole numbers from 0 to 4294967295",
+        ValueKind::I16 => "whole numbers from -32768 to 32767",
+        ValueKind::U16 => "whole numbers from 0 to 65535",
+        ValueKind::U8 => "whole numbers from 0 to 255",
+        ValueKind::PosStateDio => "nothing",
+    }
+}
+
+/// A number as the parameter's type; `None` if it is none of its values.
+fn typed(parameter: Parameter, value: f64) -> Option<Value> {
+    let exact = |low: f64, high: f64| (value.fract() == 0.0 && (low..=high).contains(&value)).then_some(());
+    Some(match parameter.kind() {
+        ValueKind::F32 => Some(value as f32).filter(|single| single.is_finite()).map(Value::F32)?,
+        ValueKind::I32 => exact(i32::MIN.into(), i32::MAX.into()).map(|()| Value::I32(value as i32))?,
+        ValueKind::U32 => exact(0.0, u32::MAX.into()).map(|()| Value::U32(value as u32))?,
+        ValueKind::I16 => exact(i16::MIN.into(), i16::MAX.into()).map(|()| Value::I16(value as i16))?,
+        ValueKind::U16 => exact(0.0, u16::MAX.into()).map(|()| Value::U16(value as u16))?,
+        ValueKind::U8 => exact(0.0, u8::MAX.into()).map(|()| Value::U8(value as u8))?,
+        ValueKind::PosStateDio => return None,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn single_precision_numbers_are_written_short_and_read_back_as_they_were() {
+        for single in [3.1_f32, 0.1, -2.0, 1e-7, 16_777_216.0, f32::MIN_POSITIVE, f32::MAX] {
+            let written = as_written(Parameter::MaxVel, single.into());
+            assert_eq!(written.to_string(), single.to_string());
+            assert_eq!(typed(Parameter::MaxVel, written), Some(Value::F32(single)));
+        }
+    }
+
+    #[test]
+    fn values_that_a_setting_cannot_have_are_none() {
+        for value in [f64::NAN, f64::INFINITY, 1e39] {
+            assert_eq!(typed(Parameter::MaxVel, value), None, "{value}");
+        }
+        let whole = Parameter::TABLE.iter().find(|info| info.kind == ValueKind::U8).unwrap().parameter;
+        for value in [0.5, -1.0, 256.0, f64::NAN] {
+            assert_eq!(typed(whole, value), None, "{value}");
+        }
+        assert_eq!(typed(whole, 255.0), Some(Value::U8(255)));
+    }
 }

@@ -26,11 +26,11 @@ pub struct RetimeArgs {
     pub retime: bool,
     /// Leave a waypoint by at most this to pass it without a stop, rad over all joints (Euclidean); 0 stops at each
     /// [default: 0.02].
-    #[arg(long, value_name = "RAD", value_parser = blend)]
+    #[arg(long, value_name = "RAD", value_parser = super::values::within(0.0..=10.0, "rad"))]
     pub blend_rad: Option<f64>,
     /// Share of the robot's speeds, accelerations and jerks on the way to the first waypoint, and where times are found
     /// [default: 0.3].
-    #[arg(long, value_name = "SHARE", value_parser = super::home::share)]
+    #[arg(long, value_name = "SHARE", value_parser = super::values::share)]
     pub speed_share: Option<f64>,
 }
 
@@ -53,13 +53,6 @@ impl RetimeArgs {
             ))
             .next(format!("leave {option} out"))),
         }
-    }
-}
-
-fn blend(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(rad) if (0.0..=10.0).contains(&rad) => Ok(rad),
-        _ => Err("must be from 0 to 10 rad".to_owned()),
     }
 }
 

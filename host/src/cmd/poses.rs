@@ -23,7 +23,7 @@ const SCHEMA_VERSION: u32 = 1;
 /// Which file the named poses are in.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PosesArgs {
-    /// File of named poses; `cubectl pose save` writes it [default: poses.toml].
+    /// File of named poses; `cubectl arm pose save` writes it [default: poses.toml].
     #[arg(long, value_name = "FILE")]
     pub poses: Option<PathBuf>,
 }
@@ -88,7 +88,7 @@ impl Poses {
         let known: Vec<String> = of_robot().map(|pose| format!("\"{}\"", pose.name)).collect();
         let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
         Err(ExpectedError::bad_input(&format!("no pose \"{name}\" of {robot}; known: {known}"))
-            .next("`cubectl pose save NAME` saves where the arm stands"))
+            .next("`cubectl arm pose save NAME` saves where the arm stands"))
     }
 
     /// Puts a pose there, in the place of one of the same name and robot; whether there was one.

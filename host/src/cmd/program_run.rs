@@ -13,11 +13,11 @@ use super::connected::Connected;
 use super::ended::outcome_last;
 use super::folder::Folder;
 use super::link::{Link, Machine};
+use super::log::report;
 use super::print_json;
 use super::program_file::{ArmProgram, Step};
 use super::program_record::{Done, Performed, table};
 use super::progress::Ui;
-use super::report;
 use super::rows::Rows;
 use super::run::Args;
 use crate::error::ExpectedError;
@@ -32,8 +32,8 @@ const QUESTION: &str = "The arm does the program. Nobody near?";
 pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
     args.retime.require_none()?;
     if args.start_in.is_some() {
-        return Err(ExpectedError::bad_input("--start-in is for one motion; a program has many")
-            .next("leave --start-in out"));
+        return Err(ExpectedError::bad_input("--start-in-s is for one motion; a program has many")
+            .next("leave --start-in-s out"));
     }
     let mut ui = args.moving.ui(QUESTION, true)?;
     let mut on = args.moving.on.of_robot()?;

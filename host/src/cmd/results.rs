@@ -12,8 +12,9 @@ use planner::record::MovePlan;
 use super::ended::{command_line, failure, off_target, outcome_last};
 use super::folder::Folder;
 use super::link::{Link, Machine};
+use super::log::report;
+use super::print_json;
 use super::progress::Ui;
-use super::{print_json, report};
 use crate::error::ExpectedError;
 
 pub(super) struct Results(Option<Folder>);

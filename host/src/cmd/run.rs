@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use protocol::Duration;
 
+use super::controller::upload::read;
 use super::link::{Link, Machine};
 use super::path_file::RetimeArgs;
 use super::program_file::is_program;
 use super::program_run;
 use super::results::Results;
 use super::target::Moving;
-use super::upload::read;
 use crate::error::ExpectedError;
 use operator::job::{Order, Tolerances, perform};
 use planner::plan::Joints;
@@ -36,10 +36,10 @@ pub struct Args {
     #[command(flatten)]
     pub moving: Moving,
     /// Begin the plan this many seconds after the order, at a time of the controller's clock; it waits armed.
-    #[arg(long, value_name = "SECONDS", value_parser = start_in)]
+    #[arg(long = "start-in-s", alias = "start-in", value_name = "SECONDS", value_parser = super::values::at_most(START_IN_MAX_S, "s"))]
     pub start_in: Option<f64>,
     /// Longest time for the run, s.
-    #[arg(long, default_value_t = 60.0, value_name = "SECONDS", value_parser = super::home::positive)]
+    #[arg(long = "timeout-s", alias = "timeout", default_value_t = 60.0, value_name = "SECONDS", value_parser = super::values::positive)]
     pub timeout: f64,
     /// Folder for plan.json, bus.log, bus.mcap, summary.json and report.html; of a program cycles.csv instead of plan.json.
     #[arg(long, value_name = "DIR", conflicts_with = "record")]
@@ -57,13 +57,13 @@ pub struct Args {
 #[command(next_help_heading = "Tolerances (as those of the JointTrajectoryController of ros2_control)")]
 pub struct ToleranceArgs {
     /// A joint farther from its motion than this is not on it: one number for all joints, or one for each, rad [default: 0.05].
-    #[arg(long, value_name = "RAD,..", value_delimiter = ',', value_parser = super::home::positive)]
+    #[arg(long, value_name = "RAD,..", value_delimiter = ',', value_parser = super::values::positive)]
     pub path_tolerance_rad: Vec<f64>,
     /// A joint farther from the end of its motion than this is not there, rad [default: 0.01].
-    #[arg(long, value_name = "RAD,..", value_delimiter = ',', value_parser = super::home::positive)]
+    #[arg(long, value_name = "RAD,..", value_delimiter = ',', value_parser = super::values::positive)]
     pub goal_tolerance_rad: Vec<f64>,
     /// The end is judged so long after the planned end, s [default: 0.25].
-    #[arg(long, value_name = "SECONDS", value_parser = goal_time)]
+    #[arg(long, value_name = "SECONDS", value_parser = super::values::within(0.0..=GOAL_TIME_MAX_S, "s"))]
     pub goal_time_s: Option<f64>,
 }
 
@@ -89,18 +89,6 @@ impl ToleranceArgs {
     }
 }
 
-fn goal_time(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(seconds) if (0.0..=GOAL_TIME_MAX_S).contains(&seconds) => Ok(seconds),
-        _ => Err(format!("must be from 0 to {GOAL_TIME_MAX_S} s")),
-    }
-}
-
-fn start_in(text: &str) -> Result<f64, String> {
-    let seconds = super::home::positive(text)?;
-    if seconds <= START_IN_MAX_S { Ok(seconds) } else { Err(format!("must be at most {START_IN_MAX_S} s")) }
-}
-
 /// Runs the verb.
 ///
 /// # Errors
@@ -119,8 +107,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     on.bus.cell.robot = Some(source.robot.clone());
     let machine = Machine::of(&on)?;
     if machine.is_led() && args.start_in.is_some() {
-        return Err(ExpectedError::bad_input("--start-in is for a controller with a clock of its own")
-            .next("leave --start-in out"));
+        return Err(ExpectedError::bad_input("--start-in-s is for a controller with a clock of its own")
+            .next("leave --start-in-s out"));
     }
     let results = Results::create(args.out.as_deref(), &mut on.bus)?;
     let order = Order {

@@ -41,7 +41,7 @@ One JSON object per line, with one of these keys, and with t_s for a command tha
 {\"pose_m_rad\": [x,y,z,roll,pitch,yaw]}  the hand in a pose\n  \
 {\"twist_m_s_rad_s\": [vx,vy,vz,wx,wy,wz]}  the hand with a speed and a turning speed\n\n\
 The arm keeps speed, acceleration, jerk, joint ranges and 10 mm from everything, whatever is asked for. It comes to rest at the end of the\ninput, \
-on Ctrl-C, and when no command comes for --hold. From a command to the arm it takes 80 ms, and the lag of the drives."
+on Ctrl-C, and when no command comes for --hold-s. From a command to the arm it takes 80 ms, and the lag of the drives."
 )]
 pub struct Args {
     /// File with commands; without it they are read from standard input.
@@ -53,7 +53,7 @@ pub struct Args {
     #[command(flatten)]
     pub bounds: Bounds,
     /// The arm comes to rest when no command has come for this long, s.
-    #[arg(long, default_value_t = 0.2, value_name = "SECONDS", value_parser = super::home::positive)]
+    #[arg(long = "hold-s", alias = "hold", default_value_t = 0.2, value_name = "SECONDS", value_parser = super::values::positive)]
     pub hold: f64,
     /// Write the states that were sent, one row per 20 ms (CSV).
     #[arg(long, value_name = "FILE")]

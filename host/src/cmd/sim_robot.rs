@@ -23,7 +23,7 @@ use crate::exit;
 
 /// Radius of the bottle, m.
 const BOTTLE_M: f64 = 0.035;
-/// Where the bottle stands unless told otherwise, m.
+/// Where the bottle stands by default, m.
 const BOTTLE: [f64; 3] = [2.5, 0.0, 0.6];
 /// Time between two tries to reach the client.
 const AGAIN: std::time::Duration = std::time::Duration::from_millis(200);
@@ -50,10 +50,10 @@ pub struct RobotArgs {
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:0", requires = "tracker")]
     pub tracker_commands: String,
     /// Where the bottle stands, m in the robot's frame.
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = super::plan::options::point, requires = "rsi")]
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = crate::cmd::values::numbers::<3>, requires = "rsi")]
     pub bottle: Option<[f64; 3]>,
     /// Pose of the tracker's room in the robot's frame: m, and degrees about the vertical.
-    #[arg(long, value_name = "X,Y,Z,DEG", allow_hyphen_values = true, value_parser = four, requires = "tracker")]
+    #[arg(long, value_name = "X,Y,Z,DEG", allow_hyphen_values = true, value_parser = super::values::numbers::<4>, requires = "tracker")]
     pub room: Option<[f64; 4]>,
     /// End after this many runs of the robot's program that a client answered.
     #[arg(long, value_name = "N", requires = "rsi")]
@@ -74,16 +74,7 @@ pub struct RobotRun<'a> {
     pub time_s: Option<f64>,
 }
 
-fn four(text: &str) -> Result<[f64; 4], String> {
-    let numbers: Vec<f64> = text
-        .split(',')
-        .map(|part| part.trim().parse::<f64>().map_err(|_| format!("\"{part}\" is not a number")))
-        .collect::<Result<_, _>>()?;
-    let count = numbers.len();
-    numbers.try_into().map_err(|_| format!("expected X,Y,Z,DEG, got {count} of the four numbers"))
-}
-
-/// Serves until Ctrl-C, `--for` or `--runs`.
+/// Serves until Ctrl-C, `--for-s` or `--runs`.
 ///
 /// # Errors
 /// A file is refused, or an address cannot be had.
@@ -195,7 +186,7 @@ impl Robot<'_> {
             match self.serve_run(scenario, &mut krc)? {
                 Some(served) if !served.answer_times_us.is_empty() => {
                     runs += 1;
-                    self.tell(runs, &krc, &served);
+                    self.print(runs, &krc, &served);
                     if self.args.industrial.runs.is_some_and(|most| runs >= most) {
                         return Ok(());
                     }
@@ -236,7 +227,7 @@ impl Robot<'_> {
         }
     }
 
-    fn tell(&self, run: u64, krc: &Krc, served: &Served) {
+    fn print(&self, run: u64, krc: &Krc, served: &Served) {
         let us = |share| served.answer_time(share).map_or(0, Duration::as_micros);
         console::line!(
             "run {run}: {} telegrams, {} late answers, {} refused, {} cycles held up; answers: median {} us, 99 % {} us, 99.9 % {} us, \

@@ -26,16 +26,8 @@ pub struct Target {
     #[command(flatten)]
     pub key: KeyArgs,
     /// Cyphal node-ID of the controller. Default: the one that is heard.
-    #[arg(long, value_name = "NODE-ID", value_parser = node_id)]
+    #[arg(long, value_name = "NODE-ID", value_parser = super::values::node_id)]
     pub controller: Option<NodeId>,
-}
-
-/// A Cyphal node-ID on the command line.
-pub(super) fn node_id(text: &str) -> Result<NodeId, String> {
-    text.parse::<u8>()
-        .ok()
-        .and_then(|id| NodeId::new(id).ok())
-        .ok_or("must be a number from 0 to 127".to_owned())
 }
 
 impl Target {
@@ -111,10 +103,10 @@ impl Moving {
 #[derive(Debug, clap::Args)]
 pub struct Bounds {
     /// Share of the robot's speeds, accelerations and jerks.
-    #[arg(long, default_value_t = 0.2, value_name = "SHARE", value_parser = super::home::share)]
+    #[arg(long, default_value_t = 0.2, value_name = "SHARE", value_parser = super::values::share)]
     pub speed_share: f64,
     /// Box that nothing may touch: centre and half edge lengths in m, base frame. May be given more than once.
-    #[arg(long, value_name = "X,Y,Z,HX,HY,HZ", allow_hyphen_values = true, value_parser = super::plan::six_numbers)]
+    #[arg(long, value_name = "X,Y,Z,HX,HY,HZ", allow_hyphen_values = true, value_parser = super::values::numbers::<6>)]
     pub obstacle: Vec<[f64; 6]>,
     /// The ball is in the hand and must not touch anything either.
     #[arg(long)]

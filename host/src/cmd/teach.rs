@@ -13,15 +13,16 @@ use planner::servo::{Command, Limited, Refused, Servo};
 use planner::store::fingerprint_of;
 use protocol::Duration;
 
+use super::arm::jog::SPEED_MAX_RAD_S;
 use super::connected::Connected;
 use super::consent::Consent;
 use super::held_key::{Keys, Pace, Pressed};
-use super::jog::SPEED_MAX_RAD_S;
 use super::link::{Link, Machine};
 use super::program_file::{ArmProgram, ProgramFile, Written, is_program};
 use super::progress::{ProgressView, Ui};
 use super::servo::limit_text;
 use super::target::{Target, scene};
+use super::values::at_most;
 use super::{counted, fixed};
 use crate::advice::{Place, quoted};
 use crate::error::ExpectedError;
@@ -57,16 +58,16 @@ pub struct Args {
     #[command(flatten)]
     pub on: Target,
     /// Speed of a joint while a key is held, rad/s, at most 0.25.
-    #[arg(long, default_value_t = 0.1, value_name = "RAD_S", value_parser = joint_speed)]
+    #[arg(long = "speed-rad-s", alias = "speed", default_value_t = 0.1, value_name = "RAD_S", value_parser = at_most(SPEED_MAX_RAD_S, "rad/s"))]
     pub speed: f64,
     /// Speed of the hand while a key is held, m/s, at most 0.25; no joint is faster than 0.25 rad/s.
-    #[arg(long, default_value_t = 0.05, value_name = "M_S", value_parser = hand_speed)]
+    #[arg(long = "hand-speed-m-s", alias = "hand-speed", default_value_t = 0.05, value_name = "M_S", value_parser = at_most(HAND_SPEED_MAX_M_S, "m/s"))]
     pub hand_speed: f64,
     /// Share of the robot's speeds, accelerations and jerks that the program has.
-    #[arg(long, default_value_t = 0.2, value_name = "SHARE", value_parser = super::home::share)]
+    #[arg(long, default_value_t = 0.2, value_name = "SHARE", value_parser = super::values::share)]
     pub speed_share: f64,
     /// Box that nothing may touch: centre and half edge lengths in m, base frame. May be given more than once.
-    #[arg(long, value_name = "X,Y,Z,HX,HY,HZ", allow_hyphen_values = true, value_parser = super::plan::six_numbers)]
+    #[arg(long, value_name = "X,Y,Z,HX,HY,HZ", allow_hyphen_values = true, value_parser = super::values::numbers::<6>)]
     pub obstacle: Vec<[f64; 6]>,
     /// Overwrite the file if it is there.
     #[arg(long)]
@@ -77,19 +78,6 @@ pub struct Args {
     /// Do not ask before the arm moves.
     #[arg(long)]
     pub yes: bool,
-}
-
-fn at_most(text: &str, most: f64, unit: &str) -> Result<f64, String> {
-    let speed = super::home::positive(text)?;
-    if speed <= most { Ok(speed) } else { Err(format!("must be at most {most} {unit}")) }
-}
-
-fn joint_speed(text: &str) -> Result<f64, String> {
-    at_most(text, SPEED_MAX_RAD_S, "rad/s")
-}
-
-fn hand_speed(text: &str) -> Result<f64, String> {
-    at_most(text, HAND_SPEED_MAX_M_S, "m/s")
 }
 
 /// Runs the verb.
@@ -137,7 +125,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if steps > 0 {
         let (file, steps) = (args.file.to_string_lossy(), counted(steps, "step"));
         let text = format!("{steps} in {file}; `cubectl run {}` does them", quoted(&file));
-        console::line!("{}", Place::of_bus(&args.on.bus).told(&text));
+        console::line!("{}", Place::of_bus(&args.on.bus).complete(&text));
     } else if taught.is_ok() {
         console::line!("no step was saved");
     }
@@ -456,7 +444,7 @@ mod tests {
     #[test]
     fn keys_lead_the_hand_along_the_base_or_along_itself_with_the_same_speed() {
         let arm = Arm::load("powercube6").unwrap();
-        let args = Words::parse_from(["teach", "p.toml", "--hand-speed", "0.1"]).args;
+        let args = Words::parse_from(["teach", "p.toml", "--hand-speed-m-s", "0.1"]).args;
         let q_rad = Joints::from_slice(&[0.4, -1.0, -1.2, 0.3, 0.7, -0.5]);
         let led = |key: u8| match Chosen::of_key(key, 6).unwrap().command(-1.0, (&arm, &q_rad), &args) {
             Command::HandSpeed(twist) => twist,

@@ -12,8 +12,8 @@ use operator::tracker::target::{Target, TargetRequest};
 use planner::store::file::write_whole;
 use robot_model::{Pose, RobotModel};
 
-use super::plan::options::point;
 use super::print_json;
+use super::values::numbers;
 use crate::error::ExpectedError;
 use crate::exit;
 
@@ -33,7 +33,7 @@ impl FromStr for TargetArg {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        if text == "tracker" { Ok(Self::Tracker) } else { point(text).map(Self::Point) }
+        if text == "tracker" { Ok(Self::Tracker) } else { numbers(text).map(Self::Point) }
     }
 }
 
@@ -49,7 +49,7 @@ pub struct TrackerArgs {
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub tracker_body: u32,
     /// The point on the body, m, in the frame of the body.
-    #[arg(long, default_value = "0,0,0", value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
+    #[arg(long, default_value = "0,0,0", value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = numbers::<3>)]
     pub tracker_offset: [f64; 3],
     /// Frames whose mean is taken.
     #[arg(long, default_value_t = 60, value_name = "K", value_parser = clap::value_parser!(u16).range(6..=6000))]
@@ -96,7 +96,7 @@ pub struct CalibrateArgs {
     #[arg(long, value_name = "FILE")]
     pub file: PathBuf,
     /// Where the tracked point is in the robot's base frame, m.
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = numbers::<3>)]
     pub tool_at: Option<[f64; 3]>,
     /// Robot whose frame it is.
     #[arg(long, default_value = "kr16_2", value_name = "ROBOT")]
@@ -165,7 +165,7 @@ impl TrackerArgs {
         Ok(Measured { robot_m: x_wr.apply(&target.mean_m), target, residual_m })
     }
 
-    /// Measures again and tells how far the target is from where it was, m.
+    /// Measures again: how far the target is from where it was, m.
     ///
     /// # Errors
     /// As [`TrackerArgs::measure`].
@@ -305,13 +305,13 @@ fn calibrate(args: &CalibrateArgs) -> Result<(), ExpectedError> {
             .map_err(|error| ExpectedError::output(&args.file, &error))?;
     }
     let judged = solve(&calibration.pairs).and_then(|solved| {
-        tell(args, &calibration, &solved);
+        print(args, &calibration, &solved);
         solved.agree()
     });
     judged.map_err(|error| ExpectedError::of(exit::FINDINGS, &error).at(args.file.display()))
 }
 
-fn tell(args: &CalibrateArgs, calibration: &Calibration, solved: &Solved) {
+fn print(args: &CalibrateArgs, calibration: &Calibration, solved: &Solved) {
     if args.json {
         let rows: Vec<Vec<f64>> =
             (0..3).map(|row| solved.x_wr.rotation.row(row).iter().copied().collect()).collect();

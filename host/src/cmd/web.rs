@@ -14,7 +14,7 @@ use operator::machine::Machine;
 use planner::plan::file::PlanFile;
 use robot_model::RobotModel;
 
-use super::report::BIT_RATE;
+use super::log::report::BIT_RATE;
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::live;

@@ -81,6 +81,11 @@ fn has(command: &Command, option: &str) -> bool {
     matches!(option, "help" | "version") || command.get_arguments().any(|arg| arg.get_long() == Some(option))
 }
 
+/// Whether a verb or one below it has an option.
+fn is_below(command: &Command, option: &str) -> bool {
+    has(command, option) || command.get_subcommands().any(|verb| is_below(verb, option))
+}
+
 /// The verb that the words of a command line name, as deep as they go; an error for one that does not exist.
 fn verb<'a>(cli: &'a Command, words: &str) -> Result<&'a Command, String> {
     let mut command = cli;
@@ -173,8 +178,6 @@ pub(crate) fn require_verbs(cli: &Command, folders: &[&str]) -> usize {
 pub(crate) fn require_options(cli: &Command, others: &[Command], cmd: &str, folders: &[&str]) -> usize {
     let cmd = root().join(cmd);
     let (mut wrong, mut seen) = (Vec::new(), 0);
-    let all: Vec<&Command> =
-        cli.get_subcommands().flat_map(|verb| std::iter::once(verb).chain(verb.get_subcommands())).collect();
     for (file, texts) in literals_of(folders) {
         // `cmd/throw/mod.rs`, `cmd/throw.rs`: the verb `throw`.
         let inside = file.strip_prefix(&cmd).ok();
@@ -187,11 +190,8 @@ pub(crate) fn require_options(cli: &Command, others: &[Command], cmd: &str, fold
                     let lines = command_lines(cli.get_name(), &text).into_iter();
                     lines.filter_map(|words| verb(cli, words).ok())
                 });
-                let within =
-                    |verb: &Command| has(verb, option) || verb.get_subcommands().any(|v| has(v, option));
                 // A message of a shared part may come from every verb that uses it.
-                let known = own.map_or_else(|| all.iter().any(|v| within(v)), within)
-                    || named.any(|verb| has(verb, option));
+                let known = is_below(own.unwrap_or(cli), option) || named.any(|verb| has(verb, option));
                 if !known && !["split -l", "cargo run"].iter().any(|other| text.contains(other)) {
                     wrong.push(format!("{}: --{option} in {text:?}", file.display()));
                 }

@@ -76,8 +76,8 @@ pub fn missing(robot: &RobotModel, file: &str, text: &str) -> Result<Vec<Missing
         for (k, section) in root.sections("joint")?.iter().enumerate() {
             let what = format!("the module that moves `{}`", section.or("name", "?", Value::text)?);
             let lines = format!(
-                "[joint.drive]\nmodule = …         # type as printed on it\naddress = {}\nfirmware = …       # `cubectl scan` shows \
-                 it\ngear_ratio = …\nencoder_slots = …\ncurrent_max_a = …\nk_b_a_s_rad = …    # `cubectl identify` measures both\n\
+                "[joint.drive]\nmodule = …         # type as printed on it\naddress = {}\nfirmware = …       # `cubectl status` shows \
+                 it\ngear_ratio = …\nencoder_slots = …\ncurrent_max_a = …\nk_b_a_s_rad = …    # `cubectl arm identify` measures both\n\
                  k_m_a_nm = …",
                 k + 1
             );

@@ -59,7 +59,7 @@ def reports(cubectl, folder):
     run("plan", "throw", "--target", "1.0,1.0,-1.0", "--out", at("plan.json"), "--report", at("plan.html"))
     run("catch", "--robot", "powercube6", "--ball", "2.2,0.1,0.4,-2.6,-0.1,3.0", "--report", at("ball.html"))
     run("catch", "--robot", "pincher4", "--disc", "flat", "--report", at("disc.html"))
-    run("identify", "--joint", "2", "--home", "--report", at("identify.html"))
+    run("arm", "identify", "--joint", "2", "--home", "--report", at("identify.html"))
     run("plan", "throw", "--robot", "kr16_2", "--target", "2.5,0,0.54", "--starts", "2", "--out", at("follow.json"), "--report", at("follow.html"))
     run("throw", "--robot", "kr16_2", "--plan", at("follow.json"), "--out", at("industrial"))
     run("tune", "--plan", at("throw/plan.json"), "--out", at("gains.toml"), "--report", at("tune.html"))

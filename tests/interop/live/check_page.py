@@ -70,10 +70,10 @@ def main(cubectl, out):
     try:
         start("sim", "sim", "--bus", bus)
         answers = lambda verb: subprocess.run([cubectl, verb, "--bus", bus], capture_output=True).returncode == 0
-        wait_for("the drives", lambda: answers("scan"))
-        controller, _ = start("controller", "controller", "--bus", bus)
+        wait_for("the drives", lambda: answers("status"))
+        controller, _ = start("controller", "controller", "run", "--bus", bus)
         wait_for("the cell", lambda: answers("status"))
-        words = ["monitor", "--bus", bus, "--web", "0", "--record", str(folder / "seen")]
+        words = ["arm", "monitor", "--bus", bus, "--web", "0", "--record", str(folder / "seen")]
         monitor, said = start("monitor", *words)
         url = wait_for("the live view", lambda: re.search(r"live view at (http://\S+/)", said()))[1]
         assert refused(url, Origin="http://evil.example") == 403

@@ -119,7 +119,7 @@ impl AnalysisError {
             Self::NoRun => "record from before the run is ordered until it has ended".to_owned(),
             Self::NoDrives { .. } => "give each [[joint]] a [joint.drive] table with its address".to_owned(),
             Self::Silent { .. } => {
-                "check that the log is of this robot; `cubectl record` must hear all drives".to_owned()
+                "check that the log is of this robot; `cubectl log record` must hear all drives".to_owned()
             }
         })
     }

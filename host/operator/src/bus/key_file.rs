@@ -44,11 +44,13 @@ impl KeyFileError {
     #[must_use]
     pub fn next(&self) -> Option<String> {
         Some(match self {
-            Self::Io { .. } => "name a key file that exists; `cubectl key make FILE` makes one".to_owned(),
+            Self::Io { .. } => {
+                "name a key file that exists; `cubectl controller key make FILE` makes one".to_owned()
+            }
             Self::Open { path, .. } => {
                 format!("`chmod 600 {}`; if others could read it, make and set a new key", path.display())
             }
-            Self::NoKey { .. } => "`cubectl key make FILE` makes one".to_owned(),
+            Self::NoKey { .. } => "`cubectl controller key make FILE` makes one".to_owned(),
         })
     }
 }

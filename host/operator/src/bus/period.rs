@@ -138,13 +138,15 @@ fn advice(timing: &CycleTiming) -> String {
     let shortest_us = timing.shortest().as_micros();
     if let Some(us) = PERIODS_US.into_iter().find(|us| u64::from(*us) >= shortest_us) {
         let ms = us / 1_000;
-        return format!("{ms} ms would hold: `--period {ms}`, or leave the period out to let it be chosen");
+        return format!(
+            "{ms} ms would hold: `--period-ms {ms}`, or leave the period out to let it be chosen"
+        );
     }
     // Whole milliseconds, with a fifth of room.
     let us = (shortest_us * 6 / 5).div_ceil(1_000) * 1_000;
     match u32::try_from(us).ok().filter(|us| *us <= PERIOD_MAX_US) {
         Some(us) => format!(
-            "{} ms would hold: `cubectl tune --period {} --out gains.toml`, then `--gains gains.toml`",
+            "{} ms would hold: `cubectl tune --period-ms {} --out gains.toml`, then `--gains gains.toml`",
             us / 1_000,
             us / 1_000
         ),
@@ -232,7 +234,7 @@ mod tests {
         let error = choose(PeriodRequest::Period(3_000), Some(&timing), &robot(), 3_000).unwrap_err();
         let text = format!("{error} {}", error.next().unwrap());
         for part in
-            ["3 ms does not hold", "4.0 ms at worst", "5 ms would hold", "--period 5", "nothing has moved"]
+            ["3 ms does not hold", "4.0 ms at worst", "5 ms would hold", "--period-ms 5", "nothing has moved"]
         {
             assert!(text.contains(part), "{part}: {text}");
         }
@@ -295,7 +297,7 @@ mod tests {
                 let text = refused.next().unwrap();
                 let named = text.split(" ms would hold").next().unwrap().parse::<f64>();
                 let option =
-                    text.split("--period ").nth(1).map(|rest| rest.split([' ', '`']).next().unwrap());
+                    text.split("--period-ms ").nth(1).map(|rest| rest.split([' ', '`']).next().unwrap());
                 let Ok(ms) = named else {
                     assert!(option.is_none(), "{needs_us}: {text}");
                     continue;

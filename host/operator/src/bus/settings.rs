@@ -41,7 +41,7 @@ impl NoSettings {
             Self::NoDrives { .. } => {
                 "give each [[joint]] of its file a [joint.drive] table with address and current, a [joint.mit] or a [joint.cia402] table".to_owned()
             }
-            Self::NoSuchModule { .. } => "name the robot of this arm with --robot; `cubectl scan` \
+            Self::NoSuchModule { .. } => "name the robot of this arm with --robot; `cubectl status` \
          shows which modules are there"
                 .to_owned(),
             _ => return None,

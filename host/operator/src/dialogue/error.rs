@@ -149,10 +149,10 @@ impl OperatorError {
             Self::NoAnswer { .. } => "`cubectl doctor`; look at the bus load".to_owned(),
             Self::Unreadable { .. } => "use a cubectl and a controller of the same version".to_owned(),
             Self::Upload(..) => "disarm, look for another host that uploads, then upload again".to_owned(),
-            Self::NoRegister { .. } => "`cubectl registers list`; use a cubectl and a controller of the same \
+            Self::NoRegister { .. } => "`cubectl controller registers list`; use a cubectl and a controller of the same \
          version".to_owned(),
             Self::InUse { .. } => "wait until it has \
-         ended (`cubectl monitor` shows it), or end it with `cubectl stop`".to_owned(),
+         ended (`cubectl arm monitor` shows it), or end it with `cubectl stop`".to_owned(),
             Self::RegisterRefused { .. } => "the value must be in the register's \
          range, go with the other settings, and nothing may move or be armed".to_owned(),
             Self::OtherContent => "look for another node that writes on this bus (`cubectl doctor`), then upload again".to_owned(),
@@ -165,7 +165,7 @@ impl OperatorError {
          the refusal in its trace (`cubectl doctor`); arm again".to_owned(),
             Self::TargetNotSaid { .. } => "send one that fits".to_owned(),
             Self::ClockJumped { .. } => "look whether the arm stands, then read the clock again".to_owned(),
-            Self::NoProgress { .. } => "`cubectl monitor`".to_owned(),
+            Self::NoProgress { .. } => "`cubectl arm monitor`".to_owned(),
             Self::Bus(error) => return error.next(),
             Self::Refused { refusal: Some(refusal), .. } => return next_of_refusal(refusal),
             Self::Stopped { cause, .. } => return recovery(*cause),
@@ -224,7 +224,7 @@ fn detail(refusal: &Refusal) -> String {
             PERIOD_MAX_US / 1_000
         ),
         Some(Cause::CycleTooShort) => {
-            format!("; {period_ms:.1} ms would do: `cubectl tune --period {period_ms}`")
+            format!("; {period_ms:.1} ms would do: `cubectl tune --period-ms {period_ms}`")
         }
         _ => format!(" (place {index})"),
     }

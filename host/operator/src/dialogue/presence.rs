@@ -79,7 +79,7 @@ impl Session {
     }
 
     /// As [`Session::listen`]. If modules get requests and no controller was found, this session becomes a node, so
-    /// that a `cubectl monitor` gives way, and listens once more.
+    /// that a `cubectl arm monitor` gives way, and listens once more.
     ///
     /// # Errors
     /// As [`Session::listen`].

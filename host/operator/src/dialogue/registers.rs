@@ -67,7 +67,7 @@ impl Numbers {
         }
     }
 
-    /// As `cubectl registers set` takes them.
+    /// As `cubectl controller registers set` takes them.
     #[must_use]
     pub fn list(&self) -> String {
         self.to_string().trim_matches(['[', ']']).replace(", ", ",")

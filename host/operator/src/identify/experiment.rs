@@ -104,9 +104,11 @@ impl ExperimentError {
             Self::Blocked { .. } => {
                 "remove what blocks the joint (brake, cable, end stop), then identify again".to_owned()
             }
-            Self::OverCurrent { .. } => "see what brakes the joint; `--current` raises the bound".to_owned(),
+            Self::OverCurrent { .. } => {
+                "see what brakes the joint; `--current-share` raises the bound".to_owned()
+            }
             Self::NoRoom { .. } => {
-                "bring the arm to another pose (`cubectl jog`), or lower --speed".to_owned()
+                "bring the arm to another pose (`cubectl jog`), or lower --speed-share".to_owned()
             }
             Self::Ask(error) => return error.next(),
         })

@@ -17,7 +17,7 @@ use crate::dialogue::registers::{Numbers, settings_of};
 pub enum Source {
     /// A controller on the bus.
     Controller(NodeId),
-    /// A file of `cubectl registers export`.
+    /// A file of `cubectl controller registers export`.
     File(String),
     /// No source.
     Assumed,

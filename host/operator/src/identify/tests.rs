@@ -1,4 +1,4 @@
-//! `cubectl identify` on the simulated cell: what the simulator was given comes back within the interval, and a
+//! `cubectl arm identify` on the simulated cell: what the simulator was given comes back within the interval, and a
 //! blocked joint or drowned data are refused.
 
 use super::experiment::{Bounds, ExperimentError};
@@ -130,7 +130,7 @@ fn mounted_settings() -> Settings {
     settings
 }
 
-/// Registers as a file of `cubectl registers export` holds them.
+/// Registers as a file of `cubectl controller registers export` holds them.
 fn of_file() -> Mounting {
     let settings = mounted_settings();
     let joints = || settings.joints().map(|joint| settings.joint.at(joint));

@@ -132,7 +132,7 @@ impl JobError {
     pub fn next(&self) -> Option<String> {
         Some(match self {
             Self::Period { controller_us, .. } => format!("tune for its period \
-         (`cubectl tune --period {}`), or set register cycle.period_us", controller_us / 1e3),
+         (`cubectl tune --period-ms {}`), or set register cycle.period_us", controller_us / 1e3),
             Self::GainsJoints { .. } => "`cubectl tune --joint all`".to_owned(),
             Self::GainsRobot(..) => "`cubectl tune --robot ROBOT --joint all`".to_owned(),
             Self::Joints { .. } => "name the robot of this controller with --robot".to_owned(),

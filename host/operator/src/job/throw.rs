@@ -13,7 +13,7 @@ use robot_model::RobotModel;
 /// Smallest default tolerance, m: the steps of encoders and clocks and the tracking of a healthy arm stay below it.
 pub const TOLERANCE_MIN_M: f64 = 0.010;
 /// Largest default tolerance, m: a ball farther off has missed its target, whatever noise the plan assumes.
-/// `--tolerance` sets a larger one.
+/// `--tolerance-m` sets a larger one.
 pub const TOLERANCE_MAX_M: f64 = 0.100;
 /// Square of the Mahalanobis distance that holds 99 % of a normal distribution in two dimensions: -2 ln 0.01.
 const CHI_SQUARE_99: f64 = 9.210_340_371_976_18;

@@ -152,7 +152,7 @@ impl ReadError {
     #[must_use]
     pub fn next(&self) -> Option<String> {
         Some(match self {
-            Self::LongLine { .. } => "name a candump log (`candump -L`, `cubectl record`)".to_owned(),
+            Self::LongLine { .. } => "name a candump log (`candump -L`, `cubectl log record`)".to_owned(),
             Self::Io(error) => return toml_reader::next_of_file(error).map(str::to_owned),
             Self::TooMany => "cut the part of interest out of it (`split -l`)".to_owned(),
             _ => return None,

@@ -414,7 +414,7 @@ impl Operator for LedRobot<'_> {
 impl Interactive for LedRobot<'_> {
     /// The controller changes the motion two cycles and the dead time of the axes after an end state has come.
     fn lead(&self) -> Duration {
-        self.station.committed() + LEAD
+        self.station.controller().committed() + LEAD
     }
 
     fn start(&mut self, _: &Trajectory) -> Result<(), OperatorError> {

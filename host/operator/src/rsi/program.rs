@@ -85,7 +85,7 @@ impl NoStation {
     #[must_use]
     pub fn next(&self) -> Option<String> {
         Some(match self {
-            Self::Period { robot_ms, .. } => format!("plan for this robot controller (`cubectl plan throw --period {robot_ms}`)"),
+            Self::Period { robot_ms, .. } => format!("plan for this robot controller (`cubectl plan throw --period-ms {robot_ms}`)"),
             Self::Correction { .. } => "widen the limits in the robot's program and in its description, or choose a start pose nearer to the plan".to_owned(),
             Self::Relative => "let the robot's program take absolute corrections (KR C2: ST_AXISCORR parameter 1 = 0; KR C4: \
          RSI_ON (#ABSOLUTE, ...)), then set relative = false in [correction] of the description".to_owned(),

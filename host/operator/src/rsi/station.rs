@@ -30,8 +30,6 @@ use crate::trajectory::{Encoded, Segment};
 
 /// Who gives the orders: this program.
 const SELF: Peer = Peer::new(1);
-/// Periods of set points that are fixed when an end state comes, as the controller has it.
-const COMMITTED_CYCLES: u64 = 2;
 /// How long an offer to arm and an arming hold.
 const VALID: Duration = Duration::from_secs(5);
 /// Longest freeze frame or trace, bytes: more than any controller has.
@@ -171,12 +169,6 @@ impl Station {
     /// The controller, for its reports.
     pub(super) const fn controller(&self) -> &Controller<RamStorage, Spline, Rsi> {
         &self.controller
-    }
-
-    /// From now to where a motion can still change.
-    pub(super) fn committed(&self) -> Duration {
-        let profile = self.controller.group().profile(self.controller.settings());
-        profile.period * COMMITTED_CYCLES + profile.lag
     }
 
     /// A new end state for the motion that runs, as a `cubecell.TargetState` on the wire.

@@ -58,7 +58,7 @@ class Bus:
     robot: Robot | str | os.PathLike[str] | None = None
     #: Seed of the simulated cell.
     seed: int | None = None
-    #: Faults of the simulated cell, as ``cubectl scan --scenario`` takes them.
+    #: Faults of the simulated cell, as ``cubectl arm status --scenario`` takes them.
     scenario: str | os.PathLike[str] | None = None
 
     def _words(self, modules: Iterable[int] | None = None) -> list[str]:
@@ -70,26 +70,26 @@ class Bus:
         return words
 
     def scan(self, modules: Iterable[int] | None = None) -> Modules:
-        """Who is there, as ``cubectl scan`` tells it; ``modules`` are the addresses that are looked for, by default all.
+        """State and position of the modules that answer; ``modules`` are the addresses that are looked for, by default all.
 
-        Modules that must be there and are not are in ``missing``.
+        Modules that must be there and do not answer are in ``missing``.
         """
-        return _modules(_native.bus_scan(self._words(modules)))
+        return _modules(_native.bus_modules(self._words(modules), False))
 
     def status(self, modules: Iterable[int] | None = None) -> Modules:
-        """State and position of the modules, as ``cubectl status`` tells them.
+        """The same, as ``cubectl arm status`` prints it.
 
         Raises :class:`CubecellError` (exit code 8) if one of ``modules`` does not answer, or one of the robot: that of the simulated
         cell, or ``robot`` of this bus.
         """
-        return _modules(_native.bus_status(self._words(modules)))
+        return _modules(_native.bus_modules(self._words(modules), True))
 
     def record(self, seconds: float, *, controller: bool = False) -> Log:
         """The frames that pass in so many seconds, as tables. Nothing is sent.
 
         In a simulated cell ``controller`` lets a controller start up, so that there is something to hear.
         """
-        words = [*self._words(), f"--for={float(seconds)!r}", *(["--controller"] if controller else [])]
+        words = [*self._words(), f"--for-s={float(seconds)!r}", *(["--controller"] if controller else [])]
         return Log.of_columns(_native.bus_record(words))
 
 

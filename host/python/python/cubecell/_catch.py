@@ -297,7 +297,7 @@ def catch_disc(
     words += ["--velocity=" + numbers(velocity_m_s, "a velocity")]
     words += ["--air"] if air else []
     words += ["--wind=" + numbers(wind_m_s, "a wind")] if wind_m_s is not None else []
-    words += [f"--spin={float(spin_rad_s)!r}"] if spin_rad_s is not None else []
+    words += [f"--spin-rad-s={float(spin_rad_s)!r}"] if spin_rad_s is not None else []
     words += ["--jerk"] if jerk else []
     words += [] if limits else ["--no-limits"]
     told = json.loads(_native.catch_disc(words, float(step_s)))

@@ -142,7 +142,7 @@ def plan_follow(
     x, y, z = to_point(target_m, "a target")
     source = source_of(robot)
     words = ["--robot", source, f"--target={x!r},{y!r},{z!r}", "--form", form, "--seed", str(seed)]
-    words += [f"--lag-ms={float(lag_ms)!r}", f"--period={float(period_ms)!r}"]
+    words += [f"--lag-ms={float(lag_ms)!r}", f"--period-ms={float(period_ms)!r}"]
     words += [f"--starts={starts}"] if starts is not None else []
     words += [f"--tilt-max-deg={float(tilt_max_deg)!r}"] if tilt_max_deg is not None else []
     words += [f"--ramps-deg-s2={float(ramps_deg_s2)!r}"] if ramps_deg_s2 is not None else []

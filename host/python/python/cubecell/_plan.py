@@ -92,7 +92,7 @@ def plan(
     words = ["--robot", source, f"--target={x!r},{y!r},{z!r}", "--form", form, "--objective", objective]
     words += ["--seed", str(seed), f"--drag-per-m={drag_per_m!r}"]
     words += [f"--starts={starts}"] if starts is not None else []
-    words += [f"--time-budget={time_budget_s!r}"] if time_budget_s is not None else []
+    words += [f"--time-budget-s={time_budget_s!r}"] if time_budget_s is not None else []
     words += ["--fast"] if fast else []
     words += [f"--hit-radius-m={hit_radius_m!r}"] if hit_radius_m is not None else []
     for box in obstacles:
@@ -136,7 +136,7 @@ def check(plan: Plan) -> Report: ...
 @overload
 def check(plan: FollowPlan) -> FollowReport: ...
 def check(plan: Plan | FollowPlan) -> Report | FollowReport:
-    """Checks a plan by other means than the planner's, as ``cubectl check`` does.
+    """Checks a plan by other means than the planner's, as ``cubectl plan check`` does.
 
     Raises :class:`CubecellError` if the plan cannot be read or is for another robot.
     """
@@ -181,5 +181,5 @@ def tune(
     ``options`` are further options of the command line, such as ``["--plan", "plan.json"]``. Raises :class:`CubecellError`, with
     the condition that binds, if a joint cannot be tuned.
     """
-    words = ["--robot", source_of(robot), f"--period={float(period_ms)!r}", "--design", design]
+    words = ["--robot", source_of(robot), f"--period-ms={float(period_ms)!r}", "--design", design]
     return Gains(_native.tune([*words, *options]))

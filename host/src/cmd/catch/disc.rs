@@ -125,10 +125,10 @@ impl Looked {
                         if air { "" } else { "; `--no-limits` shows the rule of the paper alone" }
                     )))
             }
-            Some(Ok((_, verdict))) if verdict.caught.is_none() || !verdict.within_limits(&self.arm) => {
-                Err(ExpectedError::new(exit::BUG, format!("the plan is refuted by the witness: {verdict:?}"))
-                    .next("report it with the command line"))
-            }
+            Some(Ok((_, verdict))) if verdict.caught.is_none() || !verdict.within_limits(&self.arm) => Err(
+                ExpectedError::new(exit::BUG, format!("the plan is refuted by the observer: {verdict:?}"))
+                    .next("report it with the command line"),
+            ),
             _ => self.executed.as_ref().map_or(Ok(()), on_controller::ended),
         }
     }
@@ -316,7 +316,7 @@ mod tests {
             ("catch --robot powercube6 --disc flat", exit::BAD_INPUT),
             ("catch --start 0.5,-1,-1 --velocity 0,4,0", exit::BAD_INPUT),
             ("catch --disc flat --velocity 0,400,0", exit::BAD_INPUT),
-            ("catch --disc flat --air --spin nan", exit::BAD_INPUT),
+            ("catch --disc flat --air --spin-rad-s nan", exit::BAD_INPUT),
             ("catch --start 0.5,-1,1", exit::USAGE),
         ] {
             let error = ended(words).unwrap_err();

@@ -11,7 +11,6 @@ mod witness_words;
 use std::path::PathBuf;
 
 use self::catching::Catching;
-use super::plan::options::point;
 use crate::error::ExpectedError;
 
 pub use disc::DiscName;
@@ -28,19 +27,26 @@ pub struct Args {
     #[arg(long, required_unless_present_any = ["start", "ball"])]
     pub disc: Option<DiscName>,
     /// Centre of the disc at time 0, m; instead of the one of `--disc`.
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = crate::cmd::values::numbers::<3>)]
     pub start: Option<[f64; 3]>,
     /// Velocity of the disc at time 0, m/s; instead of the one of `--disc`.
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = crate::cmd::values::numbers::<3>)]
     pub velocity: Option<[f64; 3]>,
     /// Fly the disc with lift and drag of a spinning disc instead of on a parabola.
     #[arg(long)]
     pub air: bool,
     /// Wind, m/s.
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, requires = "air")]
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = crate::cmd::values::numbers::<3>, requires = "air")]
     pub wind: Option<[f64; 3]>,
     /// Spin of the disc, rad/s.
-    #[arg(long, default_value_t = 50.0, value_name = "RAD/S", allow_hyphen_values = true, requires = "air")]
+    #[arg(
+        long = "spin-rad-s",
+        alias = "spin",
+        default_value_t = 50.0,
+        value_name = "RAD/S",
+        allow_hyphen_values = true,
+        requires = "air"
+    )]
     pub spin: f64,
     /// Only the rule of the paper, without joint limits.
     #[arg(long, conflicts_with_all = ["air", "jerk"])]
@@ -53,7 +59,7 @@ pub struct Args {
         long,
         value_name = "X,Y,Z,VX,VY,VZ",
         allow_hyphen_values = true,
-        value_parser = six,
+        value_parser = crate::cmd::values::numbers::<6>,
         conflicts_with_all = ["disc", "start", "velocity", "air", "no_limits"]
     )]
     pub ball: Option<[f64; 6]>,
@@ -69,18 +75,6 @@ pub struct Args {
     /// Print the result as JSON.
     #[arg(long)]
     pub json: bool,
-}
-
-/// Six numbers with commas between.
-fn six(text: &str) -> Result<[f64; 6], String> {
-    let numbers: Vec<f64> = text
-        .split(',')
-        .map(|part| part.trim().parse::<f64>().map_err(|_| format!("'{part}' is no number")))
-        .collect::<Result<_, _>>()?;
-    if numbers.iter().any(|x| !x.is_finite()) {
-        return Err("all six must be finite".to_owned());
-    }
-    <[f64; 6]>::try_from(numbers).map_err(|found| format!("six numbers, not {}", found.len()))
 }
 
 /// Runs the verb.

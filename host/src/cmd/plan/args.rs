@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use super::follow_options::FollowOptions;
-use super::options::point;
 use super::search::SearchOptions;
 use crate::cmd::meaning::Given;
 
@@ -17,7 +16,7 @@ pub struct Args {
     #[command(flatten)]
     pub given: Given,
     /// Where the centre of the ball comes down, in m, world frame (arm base, z up).
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = crate::cmd::values::numbers::<3>)]
     pub target: [f64; 3],
     /// How to look for the throw.
     #[command(flatten)]

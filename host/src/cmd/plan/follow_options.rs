@@ -2,7 +2,8 @@
 
 use planner::follow::limits::{AXES, Arm, LimitSource};
 
-use super::options::{FormName, two_numbers};
+use super::options::FormName;
+use crate::cmd::values::numbers;
 use crate::error::ExpectedError;
 
 /// Options of throws that follow the flight of the ball.
@@ -19,7 +20,13 @@ pub struct FollowOptions {
     #[arg(long, value_name = "MS", help_heading = "Throws that follow the flight")]
     pub lag_ms: Option<f64>,
     /// Time between two set points in ms: the cycle of the robot's controller [default: 12].
-    #[arg(long = "period", id = "period", value_name = "MS", help_heading = "Throws that follow the flight")]
+    #[arg(
+        long = "period-ms",
+        alias = "period",
+        id = "period_ms",
+        value_name = "MS",
+        help_heading = "Throws that follow the flight"
+    )]
     pub period_ms: Option<f64>,
     /// How far the hand may turn away from being across the flight, in degrees [best: 0].
     #[arg(long, value_name = "DEG", help_heading = "Throws that follow the flight")]
@@ -43,10 +50,10 @@ pub struct FollowOptions {
     #[arg(long, value_enum, help_heading = "Throws that follow the flight")]
     pub criterion: Option<CriterionName>,
     /// Diagonal of W in the first criterion.
-    #[arg(long, value_name = "W1,...,W6", value_parser = six_weights, help_heading = "Throws that follow the flight")]
+    #[arg(long, value_name = "W1,...,W6", value_parser = numbers::<AXES>, help_heading = "Throws that follow the flight")]
     pub weights_w: Option<[f64; AXES]>,
     /// Diagonal of G in the second criterion.
-    #[arg(long, value_name = "G1,G2", value_parser = two_numbers, help_heading = "Throws that follow the flight")]
+    #[arg(long, value_name = "G1,G2", value_parser = numbers::<2>, help_heading = "Throws that follow the flight")]
     pub weights_g: Option<[f64; 2]>,
 }
 
@@ -75,15 +82,6 @@ pub enum CriterionName {
     J2,
     /// The most followed points.
     Points,
-}
-
-fn six_weights(text: &str) -> Result<[f64; AXES], String> {
-    let weights: Vec<f64> = text
-        .split(',')
-        .map(|p| p.trim().parse::<f64>().map_err(|_| format!("\"{p}\" is not a number")))
-        .collect::<Result<_, _>>()?;
-    let count = weights.len();
-    weights.try_into().map_err(|_| format!("expected {AXES} numbers separated by commas, got {count}"))
 }
 
 /// Longest lag that is a lag and not a mistake, in ms.
@@ -116,7 +114,7 @@ impl FollowOptions {
             _ => Ok(()),
         };
         within("--lag-ms", self.lag_ms, 0.0, LAG_MAX_MS)?;
-        within("--period", self.period_ms, 1.0, 50.0)?;
+        within("--period-ms", self.period_ms, 1.0, 50.0)?;
         within("--tilt-max-deg", self.tilt_max_deg, 0.0, 60.0)?;
         within("--ramps-deg-s2", self.ramps_deg_s2, 1.0, 5000.0)?;
         within("--resolution", self.resolution, 0.2, 4.0)?;

@@ -1,12 +1,12 @@
 //! `cubectl plan …`
 
 pub mod args;
+pub mod check;
+pub mod export;
 pub mod follow;
 pub mod follow_options;
 pub mod for_programs;
 pub mod grid;
-pub(in crate::cmd) mod numbers;
-pub(in crate::cmd) use numbers::six_numbers;
 pub mod options;
 pub mod search;
 pub mod shards;
@@ -24,6 +24,10 @@ pub enum PlanVerb {
     Throw(Box<args::Args>),
     /// Plan throws to many targets, a grid or a list: CSV part files, made on one machine or on many.
     Sweep(Box<sweep::Args>),
+    /// Check a plan file again, by other means than the planner's.
+    Check(check::Args),
+    /// Write the joint motion of a plan as a table.
+    Export(export::Args),
     /// Print the JSON schema of plan files of every kind.
     #[command(after_help = "Example:\n  cubectl plan schema > plan.schema.json")]
     Schema,
@@ -49,6 +53,8 @@ pub fn run(verb: PlanVerb) -> Result<(), ExpectedError> {
     match verb {
         PlanVerb::Throw(args) => throw::run(&args),
         PlanVerb::Sweep(args) => sweep::run(&args),
+        PlanVerb::Check(args) => check::run(&args),
+        PlanVerb::Export(args) => export::run(&args),
         PlanVerb::Schema => {
             console::line!("{}", planner::record::schema_json().trim_end());
             Ok(())

@@ -4,16 +4,16 @@ use nalgebra::Vector3;
 use robot_model::{Pose, RobotModel};
 
 use super::super::meaning::Deed;
-use super::numbers::{numbers, six_numbers};
-pub use super::numbers::{point, two_numbers};
+use crate::cmd::values::numbers;
+use crate::error::ExpectedError;
 use planner::flight::{COURSE_MAX, Course};
 use planner::plan::opening::Opening;
-use planner::plan::problem::{Arrival, DelayWindow, Form, Obstacle, Options, Weights};
+use planner::plan::problem::{Arrival, DelayWindow, Form, Obstacle, Options, Weights, short};
 use planner::plan::{AskedBounds, GivenUp, Kept, seeds};
 use planner::store::Index;
 
 /// What is thrown how.
-#[derive(Debug, Clone, clap::Args)]
+#[derive(Debug, Clone, Default, clap::Args)]
 pub struct PlanOptions {
     /// Robot, by name or file.
     #[arg(long, default_value = "powercube6")]
@@ -35,7 +35,7 @@ pub struct PlanOptions {
     pub null_delay: Option<bool>,
     /// How far the landing may move when the gripper opens late or early: ms and mm, up to four times [paper: none,
     /// best: 10,2 and 25,10].
-    #[arg(long, value_name = "MS,MM", value_parser = two_numbers, help_heading = "Throws that are allowed")]
+    #[arg(long, value_name = "MS,MM", value_parser = numbers::<2>, help_heading = "Throws that are allowed")]
     pub delay_window: Vec<[f64; 2]>,
     /// Whether the released ball must stay clear of the arm [paper: no, best: yes].
     #[arg(long, help_heading = "Throws that are allowed")]
@@ -50,20 +50,20 @@ pub struct PlanOptions {
     #[arg(long, default_value_t = 0.0, help_heading = "Flight")]
     pub drag_per_m: f64,
     /// Spin of the ball times its lift constant (Magnus force m × v), in 1/s.
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, default_value = "0,0,0", help_heading = "Flight")]
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = crate::cmd::values::numbers::<3>, default_value = "0,0,0", help_heading = "Flight")]
     pub magnus_rad_s: [f64; 3],
-    /// Also tell the landing of a ball that leaves between fingers that open, as the table `fingers` of the robot file
+    /// Also predict the landing of a ball that leaves between fingers that open, as the table `fingers` of the robot file
     /// says, and simulate it on the bus `sim`; the plan stays the same.
     #[arg(long, help_heading = "Flight")]
     pub finger_release: bool,
     /// Weights of time, braking ratio and jerk in the objective.
-    #[arg(long, value_name = "T,B,J", value_parser = point, help_heading = "Search")]
+    #[arg(long, value_name = "T,B,J", value_parser = crate::cmd::values::numbers::<3>, help_heading = "Search")]
     pub weights: Option<[f64; 3]>,
     /// A box in the way: centre and half edges in m; may be given several times.
-    #[arg(long, value_name = "X,Y,Z,HX,HY,HZ", allow_hyphen_values = true, value_parser = six_numbers, help_heading = "Throws that are allowed")]
+    #[arg(long, value_name = "X,Y,Z,HX,HY,HZ", allow_hyphen_values = true, value_parser = numbers::<6>, help_heading = "Throws that are allowed")]
     pub obstacle: Vec<[f64; 6]>,
     /// The target is an opening: direction out of it, to the side from which the ball comes; the ball passes its centre.
-    #[arg(long, value_name = "NX,NY,NZ", allow_hyphen_values = true, value_parser = point, requires = "opening_radius_m", help_heading = "Target")]
+    #[arg(long, value_name = "NX,NY,NZ", allow_hyphen_values = true, value_parser = crate::cmd::values::numbers::<3>, requires = "opening_radius_m", help_heading = "Target")]
     pub opening_normal: Option<[f64; 3]>,
     /// Radius of the opening in m; the ball keeps the clearance from its rim.
     #[arg(long, value_name = "M", requires = "opening_normal", help_heading = "Target")]
@@ -79,25 +79,25 @@ pub struct PlanOptions {
     #[arg(long, value_name = "X,Y,Z;X,Y,Z;...", allow_hyphen_values = true, value_parser = course, help_heading = "Target")]
     pub target_course: Option<Course>,
     /// Range of the speed at the target in m/s.
-    #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers, help_heading = "Throws that are allowed")]
+    #[arg(long = "arrival-speed-m-s", alias = "arrival-speed", id = "arrival_speed_m_s", value_name = "MIN,MAX", value_parser = numbers::<2>, help_heading = "Throws that are allowed")]
     pub arrival_speed: Option<[f64; 2]>,
     /// Range of the steepness at the target in degrees below the horizontal.
-    #[arg(long, value_name = "MIN,MAX", allow_hyphen_values = true, value_parser = two_numbers, help_heading = "Throws that are allowed")]
+    #[arg(long, value_name = "MIN,MAX", allow_hyphen_values = true, value_parser = numbers::<2>, help_heading = "Throws that are allowed")]
     pub arrival_descent_deg: Option<[f64; 2]>,
     /// Range of the release's distance from the shoulder in m [default: from the robot; paper: 0.5,1].
-    #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers, help_heading = "Where the search looks")]
+    #[arg(long, value_name = "MIN,MAX", value_parser = numbers::<2>, help_heading = "Where the search looks")]
     pub radius_m: Option<[f64; 2]>,
     /// Range of the release's elevation seen from the shoulder in degrees [default: any; paper: -72,90].
-    #[arg(long, value_name = "MIN,MAX", allow_hyphen_values = true, value_parser = two_numbers, help_heading = "Where the search looks")]
+    #[arg(long, value_name = "MIN,MAX", allow_hyphen_values = true, value_parser = numbers::<2>, help_heading = "Where the search looks")]
     pub elevation_deg: Option<[f64; 2]>,
     /// Range of the time of flight in s [default: from the robot; paper: 0.3,3].
-    #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers, help_heading = "Where the search looks")]
+    #[arg(long, value_name = "MIN,MAX", value_parser = numbers::<2>, help_heading = "Where the search looks")]
     pub flight_s: Option<[f64; 2]>,
     /// Range of the duration of the motion in s [default: from the robot; paper: 0.2,2].
-    #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers, help_heading = "Where the search looks")]
+    #[arg(long, value_name = "MIN,MAX", value_parser = numbers::<2>, help_heading = "Where the search looks")]
     pub duration_s: Option<[f64; 2]>,
     /// Range of braking time over the duration of the motion [default: 0.04,0.6; paper: 0.04,0.4].
-    #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers, help_heading = "Where the search looks")]
+    #[arg(long, value_name = "MIN,MAX", value_parser = numbers::<2>, help_heading = "Where the search looks")]
     pub braking_ratio: Option<[f64; 2]>,
 }
 
@@ -116,10 +116,11 @@ pub fn note(given_up: GivenUp) -> Option<&'static str> {
 }
 
 /// Name of a form.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum FormName {
     /// The paper's eight parameters and constraints.
     Paper,
+    #[default]
     /// Free spin, insensitive to a late release, currents over the whole motion, clean release.
     Best,
 }
@@ -241,4 +242,20 @@ pub struct Starts {
     pub index: Index,
     /// Where the throws come from, for people.
     pub sources: Vec<String>,
+}
+
+/// No ball is thrown farther than this, m.
+const TARGET_MAX_M: f64 = 100.0;
+
+/// Refuses a target that lies so far away that its numbers must be millimetres.
+pub(super) fn require_metres(target_m: [f64; 3]) -> Result<(), ExpectedError> {
+    let far = target_m.iter().any(|x| x.is_finite() && x.abs() > TARGET_MAX_M);
+    if !far {
+        return Ok(());
+    }
+    let ([x, y, z], [a, b, c]) = (target_m.map(short), target_m.map(|mm| short(1e-3 * mm)));
+    Err(ExpectedError::bad_input(&format!(
+        "target {x},{y},{z} m lies more than {TARGET_MAX_M} m away: metres?"
+    ))
+    .next(format!("targets are in m; if these are millimetres, --target {a},{b},{c}")))
 }

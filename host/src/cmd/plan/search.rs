@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::{Vector2, Vector3};
 
-use super::numbers::require_metres;
-use super::options::{PlanOptions, Starts, note, two_numbers};
+use super::options::{PlanOptions, Starts, note, require_metres};
+use crate::cmd::values::numbers;
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::tables::targets::TargetRow;
@@ -23,8 +23,8 @@ use planner::request::{self, Answer, Refusal, Request, Wanted};
 use planner::store::Index;
 use robot_model::RobotModel;
 
-/// How to look for a throw: shared by `plan throw` and `throw`.
-#[derive(Debug, Clone, clap::Args)]
+/// How to look for a throw.
+#[derive(Debug, Clone, Default, clap::Args)]
 pub struct SearchOptions {
     /// What may be thrown how.
     #[command(flatten)]
@@ -35,13 +35,13 @@ pub struct SearchOptions {
     #[arg(long, help_heading = "Search")]
     pub starts: Option<usize>,
     /// Stop starting after this many seconds.
-    #[arg(long, help_heading = "Search")]
+    #[arg(long = "time-budget-s", alias = "time-budget", id = "time_budget_s", help_heading = "Search")]
     pub time_budget: Option<f64>,
     /// Radius of the disc about the target that counts as a hit, in m.
     #[arg(long, conflicts_with = "hit_box", help_heading = "Throws that are allowed")]
     pub hit_radius_m: Option<f64>,
     /// Half edges of the rectangle about the target that counts as a hit, in m.
-    #[arg(long, value_name = "HX,HY", value_parser = two_numbers, help_heading = "Throws that are allowed")]
+    #[arg(long, value_name = "HX,HY", value_parser = numbers::<2>, help_heading = "Throws that are allowed")]
     pub hit_box: Option<[f64; 2]>,
     /// Standard deviation of the release time in s.
     #[arg(long, help_heading = "Flight")]
@@ -98,9 +98,10 @@ pub(super) struct Draws {
 }
 
 /// Name of an objective.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum ObjectiveName {
     /// The paper's: time, braking and jerk, with --weights.
+    #[default]
     Effort,
     /// The duration of the motion alone.
     Time,
@@ -124,6 +125,13 @@ pub struct Planned<P = (Arm, PlanFile)> {
 }
 
 impl SearchOptions {
+    /// The search with the usual options, for a robot among boxes.
+    pub(in crate::cmd) fn usual(robot: &str, obstacle: &[[f64; 6]], starts: Option<usize>) -> Self {
+        let options =
+            PlanOptions { robot: robot.to_owned(), obstacle: obstacle.to_vec(), ..PlanOptions::default() };
+        Self { options, starts, ..Self::default() }
+    }
+
     fn region(&self) -> Result<Option<Region>, ExpectedError> {
         let positive = |v: f64| {
             if v > 0.0 && v.is_finite() {
@@ -200,7 +208,7 @@ impl SearchOptions {
         Ok(planned)
     }
 
-    /// As [`SearchOptions::plan_for`], from throws that are at hand; what was given up is not told.
+    /// As [`SearchOptions::plan_for`], from throws that are at hand; what was given up is not printed.
     ///
     /// # Errors
     /// If input is refused or no throw reaches the target.

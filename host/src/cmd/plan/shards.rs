@@ -144,10 +144,10 @@ impl Sweep<'_> {
             return Ok(());
         }
         Err(ExpectedError::bad_input(
-            &"--time-budget does not go with a sweep: how long a search takes differs between machines, \
+            &"--time-budget-s does not go with a sweep: how long a search takes differs between machines, \
                      and parts must not depend on that",
         )
-        .next("leave --time-budget out; --starts bounds a search"))
+        .next("leave --time-budget-s out; --starts bounds a search"))
     }
 
     /// Everything that the rows follow from, by name.

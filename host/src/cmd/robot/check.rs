@@ -96,7 +96,7 @@ fn uses(file: &str, text: &str) -> Result<(Vec<Missing>, String), ExpectedError>
             key: "joint".to_owned(),
             what: refused.what,
             lines: refused.next.join("\n")
-                + "\n(another value; `cubectl registers list` shows the limits of a controller)",
+                + "\n(another value; `cubectl controller registers list` shows the limits of a controller)",
         }));
     }
     let works = |name: Use| lacking.iter().all(|m| m.purpose != name);

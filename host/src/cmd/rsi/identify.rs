@@ -1,4 +1,4 @@
-//! `cubectl identify` for an industrial robot: lag and smoothing of its axes, delay of its gripper.
+//! `cubectl arm identify` for an industrial robot: lag and smoothing of its axes, delay of its gripper.
 
 use std::cell::Cell;
 use std::path::Path;
@@ -202,7 +202,7 @@ fn write(
     period_s: f64,
 ) -> Result<(), ExpectedError> {
     let head = format!(
-        "[drives] and [gripper] as `cubectl identify` measured them:\n{}",
+        "[drives] and [gripper] as `cubectl arm identify` measured them:\n{}",
         words(lag, gripper, period_s)
     );
     let text = changed.description(head.trim_end(), CONFIG);

@@ -1,4 +1,4 @@
-//! `cubectl record` on RSI.
+//! `cubectl log record` on RSI.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! `cubectl replay` on a recorded exchange over RSI.
+//! `cubectl log replay` on a recorded exchange over RSI.
 
 use std::path::Path;
 
@@ -54,14 +54,14 @@ pub fn history(folder: &Path) -> Result<[Vec<u8>; 2], ExpectedError> {
         return Err(ExpectedError::new(
             exit::FINDINGS,
             format!(
-                "{}: the controller of this version answers otherwise from {:.6} s on, so it cannot tell \
+                "{}: the controller of this version answers otherwise from {:.6} s on, so it cannot show \
                      what happened",
                 folder.join(LOG).display(),
                 at.as_secs_f64()
             ),
         )
         .next(format!(
-            "`cubectl replay {}` shows the difference; use the version that made the recording",
+            "`cubectl log replay {}` shows the difference; use the version that made the recording",
             folder.display()
         )));
     }

@@ -7,16 +7,16 @@ use firmware::settings::Settings;
 use protocol::ModuleId;
 
 use super::{Args, Done, read_gains};
+use crate::cmd::arm::doctor::examine_modules;
 use crate::cmd::controlled::{is_soft, tell_warnings};
-use crate::cmd::doctor::examine_modules;
 use crate::cmd::ended::failure;
 use crate::cmd::finding::Level;
 use crate::cmd::folder::Folder;
+use crate::cmd::log::report::BIT_RATE;
 use crate::cmd::meaning::Deed;
-use crate::cmd::modules::Wanted;
-use crate::cmd::plan::search::Planned;
+use crate::cmd::plan::search::{Planned, SearchOptions};
 use crate::cmd::progress::{ProgressView, Ui};
-use crate::cmd::report::BIT_RATE;
+use crate::cmd::survey::Wanted;
 use crate::cmd::tracker::{Measured, TargetArg};
 use crate::error::ExpectedError;
 use crate::exit;
@@ -63,13 +63,10 @@ pub(super) struct Drives {
 
 /// Plans the throw or reads it, checks it, looks at the bus, and chooses control period and gains. Nothing moves.
 pub(super) fn prepare(args: &Args) -> Result<Drives, ExpectedError> {
-    let cell_args = CellArgs {
-        robot: Some(args.search.options.robot.clone()),
-        seed: args.seed,
-        scenario: args.scenario.clone(),
-    };
+    let cell_args =
+        CellArgs { robot: Some(args.robot.clone()), seed: args.seed, scenario: args.scenario.clone() };
     let mut cell = cell_args.load()?;
-    require_gripper(&cell.robot, &args.search.options.robot)?;
+    require_gripper(&cell.robot, &args.robot)?;
     let (target_m, tracked) = args.aim()?;
     let Planned { plan: (arm, plan), took, .. } = planned(args, target_m, cell.seed)?;
     if interrupt().load(std::sync::atomic::Ordering::Relaxed) {
@@ -174,7 +171,7 @@ impl Drives {
         }
         if record.verdict.outcome == Outcome::Stopped && !session.is_simulated() {
             // Drives stay halted, and a controller of its own keeps its fault.
-            let clear = format!("; then `cubectl clear --bus {bus}`");
+            let clear = format!("; then `cubectl controller clear --bus {bus}`");
             *error.next.last_mut().unwrap_or(&mut error.what) += &clear;
         }
         error
@@ -182,13 +179,13 @@ impl Drives {
 }
 
 impl Args {
-    /// The target: as given, or as the tracker sees it, which is told.
+    /// The target: as given, or as the tracker sees it, which is printed.
     pub(super) fn aim(&self) -> Result<(Option<[f64; 3]>, Option<Measured>), ExpectedError> {
         match self.target {
             None => Ok((None, None)),
             Some(TargetArg::Point(target_m)) => Ok((Some(target_m), None)),
             Some(TargetArg::Tracker) => {
-                self.tracker.require_robot(&self.search.options.robot)?;
+                self.tracker.require_robot(&self.robot)?;
                 let measured = self.tracker.measure()?;
                 if !self.json {
                     console::line!("{}", measured.words());
@@ -216,11 +213,12 @@ fn require_gripper(robot: &RobotModel, path: &str) -> Result<(), ExpectedError> 
 fn planned(args: &Args, target_m: Option<[f64; 3]>, seed: u64) -> Result<Planned, ExpectedError> {
     let Some(path) = &args.plan else {
         let target = target_m.ok_or_else(|| ExpectedError::bad_input(&"give --target or --plan"))?;
-        return args.search.plan(target, seed, !args.thorough);
+        let search = SearchOptions::usual(&args.robot, &args.obstacle, args.starts);
+        return search.plan(target, seed, !args.thorough);
     };
     let began = WallTime::now();
     let plan = PlanFile::read(path).map_err(|error| ExpectedError::bad_input(&error))?;
-    let arm = crate::cmd::robot(&args.search.options.robot)?;
+    let arm = crate::cmd::robot(&args.robot)?;
     plan.require_robot(path, &arm).map_err(|error| ExpectedError::bad_input(&error))?;
     Ok(Planned { plan: (arm, plan), took: began.elapsed(), note: None })
 }
@@ -238,8 +236,8 @@ fn preflight(arm: &Arm, plan: &PlanFile) -> Result<(), ExpectedError> {
                 touch.what, touch.worst
             ))
             .next(
-                "plan with `--clean-release true`, or with `--clean-release false` to throw it all the \
-                     same; nothing has moved",
+                "`cubectl plan throw --clean-release true` plans one that does not touch it, `--clean-release false` one that may; \
+                     nothing has moved",
             )),
         };
     }

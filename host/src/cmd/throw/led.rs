@@ -11,7 +11,6 @@ use hil_sim::krc::KrcScenario;
 use nalgebra::Vector3;
 use planner::follow::best::BestOptions;
 use planner::follow::limits::{Arm, LimitSource, Limits};
-use planner::follow::paper::{Criterion, PaperOptions};
 use planner::follow::plan::FollowPlan;
 use planner::follow::search::Search;
 use planner::follow::setting::{CommandRange, Setting};
@@ -23,8 +22,7 @@ use crate::cmd::ended::{failure, off_target};
 use crate::cmd::folder::Folder;
 use crate::cmd::link::not_on_can;
 use crate::cmd::meaning::Deed;
-use crate::cmd::plan::follow::{REFINEMENTS, paper_grid, throw_for};
-use crate::cmd::plan::options::FormName;
+use crate::cmd::plan::follow::throw_for;
 use crate::cmd::progress::Ui;
 use crate::cmd::rsi::LOG;
 use crate::cmd::rsi::link::{Believed, Opening, RobotLink, motion_csv};
@@ -184,7 +182,7 @@ pub fn simulate(
         return Err(ExpectedError::bad_input(&"--bus is for the program: run `cubectl throw`"));
     }
     require_meaning(&args)?;
-    let arm = crate::cmd::six_axes(&args.search.options.robot)?;
+    let arm = crate::cmd::six_axes(&args.robot)?;
     let believed = believed(&args)?;
     plan.require_true(Path::new(IN_MEMORY), &arm).map_err(|error| ExpectedError::bad_input(&error))?;
     let plan = opened(&args, &arm, &believed.described, plan)?;
@@ -204,17 +202,16 @@ pub fn simulate(
 }
 
 fn believed(args: &Args) -> Result<Believed, ExpectedError> {
-    let robot = Some(args.search.options.robot.as_str());
+    let robot = Some(args.robot.as_str());
     Believed::of(&args.bus, args.rsi.as_deref(), args.scenario.as_deref(), robot)
 }
 
 /// Refuses a bus that is none of such a robot, and options that mean nothing for it.
 pub(super) fn require_meaning(args: &Args) -> Result<(), ExpectedError> {
     if !matches!(args.bus, BusSpec::Sim | BusSpec::Rsi(_)) {
-        return Err(not_on_can(&args.bus, &args.search.options.robot));
+        return Err(not_on_can(&args.bus, &args.robot));
     }
-    let form = args.search.options.form.search_of_following();
-    args.given.require_meaning(&args.deeds(&[Deed::Led, Deed::Following, form]))
+    args.given.require_meaning(&args.deeds(&[Deed::Led, Deed::Following]))
 }
 
 /// The plan of a file, or a new one for the lag of the robot; verified either way.
@@ -233,28 +230,18 @@ fn plan(
             plan
         }
         (None, Some(target_m)) => {
-            let seed = args.seed.unwrap_or(1);
-            let (search, lag_s) = match args.search.options.form {
-                FormName::Paper => {
-                    let grid = paper_grid(arm, None);
-                    let criterion = Criterion::Points;
-                    (Search::Paper(PaperOptions { criterion, refinements: REFINEMENTS, ..grid }), 0.0)
-                }
-                FormName::Best => (
-                    Search::Best(BestOptions {
-                        starts: args.search.starts.unwrap_or(STARTS),
-                        seed,
-                        ..BestOptions::default()
-                    }),
-                    described.options.lag.time_constant.as_secs_f64(),
-                ),
-            };
+            let search = Search::Best(BestOptions {
+                starts: args.starts.unwrap_or(STARTS),
+                seed: args.seed.unwrap_or(1),
+                ..BestOptions::default()
+            });
+            let lag_s = described.options.lag.time_constant.as_secs_f64();
             let period_s = described.options.cycle.as_secs_f64();
             let commands = command_range(described);
             let setting =
                 Setting { commands, lag_s, period_s, ..Setting::new(arm, Vector3::from(target_m), limits) };
             let found = throw_for(&setting, &search)?;
-            let robot = RobotId::of(&args.search.options.robot, arm);
+            let robot = RobotId::of(&args.robot, arm);
             FollowPlan::new(&setting, source, robot, search.form(), &found, 0.0)
         }
         (None, None) => return Err(ExpectedError::bad_input(&"give --target or --plan")),
@@ -280,7 +267,7 @@ fn opened(
         ))
     })?;
     let plan = plan.opened_for(arm, lag_s, jitter_s);
-    // What a plan of a file commands beyond the program's limits is told by the station, with the limits.
+    // What a plan of a file commands beyond the program's limits is reported by the station, with the limits.
     let passed = if args.plan.is_some() { CommandRange::default() } else { command_range(described) };
     match verify_commands(arm, &limits, &passed, &plan).findings.first() {
         None => Ok(plan),

@@ -16,17 +16,16 @@ use self::led::Led;
 use super::consent::Consent;
 use super::ended::{command_line, off_target, outcome_last};
 use super::folder::Folder;
-use super::home::share;
 use super::last_look::LastLook;
+use super::log::report;
 use super::meaning::{Deed, Given};
 use super::plan::follow::is_industrial;
-use super::plan::search::SearchOptions;
 use super::print_json;
 use super::progress::{ProgressView, Ui};
-use super::report;
 use super::rsi::write_description;
 use super::tracker::{Measured, TargetArg, TrackerArgs};
 use super::tune::InForce;
+use super::values::{numbers, share};
 use super::web::{WebArgs, show_end};
 use crate::error::ExpectedError;
 use crate::exit;
@@ -44,7 +43,7 @@ use tuner::gains::gains_file::GainsFile;
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl throw --target 1.0,1.0,-1.0                      # in the simulated cell\n  cubectl throw --target 1.0,1.0,-1.0 --bus can0            # a controller that is heard there, else one in this program\n  cubectl throw --plan plan.json --bus can0 --controller 10\n  cubectl throw --robot kr16_2 --target 2.5,0,0.6           # an industrial robot, inside this program, over RSI\n  cubectl throw --robot kr16_2 --target tracker --bus rsi:udp://0.0.0.0:49152\n\nWrites plan.json, gains.toml, bus.log, bus.mcap, summary.json and report.html into a new folder. Ctrl-C, SIGTERM and\nSIGHUP stop the arm along its path, then end the program with code 6. On every bus but `sim` it asks before the arm moves and\nonce more before the ball is thrown; without a terminal it needs --yes.\n\nOutcomes and exit codes: landed 0, missed 11, not released 12, stopped 13. Only the bus `sim` sees the ball. On every\nother bus the outcome is \"thrown, not observed\" (0): the program then says when the release was ordered and where the\nmeasured motion sends the ball. A drive that has lost encoder counts tells a wrong position without knowing it; nothing\nin its answers shows that."
+    after_help = "Examples:\n  cubectl throw --target 1.0,1.0,-1.0                      # in the simulated cell\n  cubectl throw --target 1.0,1.0,-1.0 --bus can0            # a controller that is heard there, else one in this program\n  cubectl throw --plan plan.json --bus can0 --controller 10\n  cubectl throw --robot kr16_2 --target 2.5,0,0.6           # an industrial robot, inside this program, over RSI\n  cubectl throw --robot kr16_2 --target tracker --bus rsi:udp://0.0.0.0:49152\n\nWrites plan.json, gains.toml, bus.log, bus.mcap, summary.json and report.html into a new folder. Ctrl-C, SIGTERM and\nSIGHUP stop the arm along its path, then end the program with code 6. On every bus but `sim` it asks before the arm moves and\nonce more before the ball is thrown; without a terminal it needs --yes.\n\nOutcomes and exit codes: landed 0, missed 11, not released 12, stopped 13. Only the bus `sim` sees the ball. On every\nother bus the outcome is \"thrown, not observed\" (0): the program then says when the release was ordered and where the\nmeasured motion sends the ball. A drive that has lost encoder counts reports a wrong position; nothing\nin its answers shows that.\n\n`cubectl plan throw` has all options of the search (form, limits, moving targets, openings, drag, regions);\n`--plan` throws its plan."
 )]
 pub struct Args {
     /// What stands on the command line.
@@ -74,7 +73,7 @@ pub struct Args {
     pub gains: Option<PathBuf>,
     /// Control period of a controller in this program, ms: 3, 5, 10, 17 or 30. Default: the shortest one that this machine
     /// and this bus hold, which is measured first.
-    #[arg(long, value_name = "MS", conflicts_with = "gains", value_parser = period_us, help_heading = "Controller")]
+    #[arg(long = "period-ms", alias = "period", id = "period_ms", value_name = "MS", conflicts_with = "gains", value_parser = period_us, help_heading = "Controller")]
     pub period: Option<u32>,
     /// Seed of the planner and of the simulated cell [default: the scenario's, or 1].
     #[arg(long, help_heading = "Simulated cell")]
@@ -82,6 +81,16 @@ pub struct Args {
     /// Scenario of the simulated cell: its options, and what goes wrong (`cubectl explain faults` lists the kinds).
     #[arg(long, value_name = "FILE", help_heading = "Simulated cell")]
     pub scenario: Option<PathBuf>,
+    /// Robot, by name or file.
+    #[arg(long, default_value = "powercube6")]
+    pub robot: String,
+    /// A box in the way: centre and half edges in m; may be given several times.
+    #[arg(long, value_name = "X,Y,Z,HX,HY,HZ", allow_hyphen_values = true, value_parser = numbers::<6>)]
+    pub obstacle: Vec<[f64; 6]>,
+    /// Random starts of the search after the stored ones [default: as many as are likely to find a better throw]. With a seed the
+    /// result is always the same.
+    #[arg(long)]
+    pub starts: Option<usize>,
     /// Folder for the results [default: throw-DATE-TIME].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -92,11 +101,11 @@ pub struct Args {
     #[arg(long)]
     pub thorough: bool,
     /// Share of the robot's speeds and accelerations on the way to the start.
-    #[arg(long, default_value_t = 0.3, value_name = "SHARE", value_parser = share)]
+    #[arg(long = "speed-share", alias = "approach-share", id = "speed_share", default_value_t = 0.3, value_name = "SHARE", value_parser = share)]
     pub approach_share: f64,
     /// A landing farther from the target than this is a miss, m [default: the distance within which 99 % of the landings
     /// of the plan lie, computed again, from 0.010 to 0.100].
-    #[arg(long, value_name = "M", value_parser = super::home::positive)]
+    #[arg(long = "tolerance-m", alias = "tolerance", id = "tolerance_m", value_name = "M", value_parser = super::values::positive)]
     pub tolerance: Option<f64>,
     /// Afterwards go back to where the arm stood. Default: stay where the throw ends.
     #[arg(long)]
@@ -114,9 +123,6 @@ pub struct Args {
     /// Where the target is measured with `--target tracker`.
     #[command(flatten)]
     pub tracker: TrackerArgs,
-    /// How to look for a throw.
-    #[command(flatten)]
-    pub search: SearchOptions,
 }
 
 /// A throw that is ready to begin.
@@ -130,9 +136,9 @@ enum Prepared {
 /// Runs the verb.
 ///
 /// # Errors
-/// No throw, a plan that does not fit, the bus, the controller, the disk, or Ctrl-C. The exit code tells them apart.
+/// No throw, a plan that does not fit, the bus, the controller, the disk, or Ctrl-C. Each has its exit code.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    let arm = super::robot(&args.search.options.robot)?;
+    let arm = super::robot(&args.robot)?;
     let led = (arm.n() == AXES && is_industrial(&arm)).then_some(arm);
     match &led {
         Some(_) => led::require_meaning(args)?,
@@ -284,7 +290,7 @@ impl Prepared {
             folder.write("summary.json", &format!("{value:#}\n")),
         ];
         match self {
-            Self::Drives(_) => results.push(report::write_into(folder, &args.search.options.robot)),
+            Self::Drives(_) => results.push(report::write_into(folder, &args.robot)),
             Self::Led(led) => {
                 results.push(folder.write("motion.csv", &led.motion_csv(done)));
                 results.push(report::write_robot(&folder.path, &folder.file("report.html")));
@@ -306,11 +312,7 @@ impl Args {
     /// What is asked here, besides `asked`.
     fn deeds(&self, asked: &[Deed]) -> Vec<Deed> {
         let mut deeds = asked.to_vec();
-        match &self.plan {
-            Some(_) => deeds.push(Deed::PlanOfFile),
-            None if asked.contains(&Deed::OnCan) => deeds.extend(self.search.options.deeds(false)),
-            None => {}
-        }
+        deeds.extend(self.plan.is_some().then_some(Deed::PlanOfFile));
         deeds.extend((!matches!(self.target, Some(TargetArg::Tracker))).then_some(Deed::TargetGiven));
         deeds.extend((self.bus != BusSpec::Sim).then_some(Deed::Live));
         deeds
@@ -325,7 +327,7 @@ pub(super) fn read_gains(path: &Path, robot: &str) -> Result<GainsFile, Expected
 
 /// `3`, `5`, … as µs.
 pub(super) fn period_us(text: &str) -> Result<u32, String> {
-    let ms = super::home::positive(text)?;
+    let ms = super::values::positive(text)?;
     let us = (1e3 * ms).round();
     if (f64::from(PERIOD_MIN_US)..=f64::from(PERIOD_MAX_US)).contains(&us) {
         Ok(us as u32)
@@ -344,7 +346,7 @@ impl From<NoPeriod> for ExpectedError {
 }
 
 /// The gains in force: the file that was given, or what the controller's registers held, in the form that
-/// `cubectl tune --rollback` and `cubectl replay` read; `None` if they were not read.
+/// `cubectl tune --rollback` and `cubectl log replay` read; `None` if they were not read.
 fn gains_toml(record: &Record, gains: Option<&GainsFile>) -> Option<String> {
     if let Some(gains) = gains {
         return Some(gains.to_toml());

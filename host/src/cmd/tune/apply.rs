@@ -210,7 +210,7 @@ impl ApplyError {
     pub(crate) fn next(&self) -> Option<String> {
         Some(match self {
             Self::Period { .. } => "tune with that \
-         --period, or change cycle.period_us of the controller".to_owned(),
+         --period-ms, or change cycle.period_us of the controller".to_owned(),
             Self::SomeJoints { .. } => "tune all joints".to_owned(),
             Self::SomeEstimators { .. } => "tune all joints, or with the --estimator-alpha and --estimator-beta of the controller".to_owned(),
             Self::Untouched(error) => return error.next.first().cloned(),

@@ -41,7 +41,7 @@ impl std::str::FromStr for Joints {
 /// Arguments of `cubectl tune`.
 #[derive(Clone, Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl tune --plan throw.json --out gains.toml --report gains.html\n  cubectl tune --period 17 --joint 2 --design paper\n  cubectl tune --plan throw.json --apply --bus can0\n  cubectl tune --rollback gains-before.toml --bus can0\n  cubectl tune --compare a.toml b.toml --log throw1\n\nThe exit code is 9 if the errors asked for cannot be certified; the gains are then for the largest that can be, and are not\napplied.\n--apply keeps the gains from before in --backup; the controller takes gains only while nothing moves\nand nothing is armed."
+    after_help = "Examples:\n  cubectl tune --plan throw.json --out gains.toml --report gains.html\n  cubectl tune --period-ms 17 --joint 2 --design paper\n  cubectl tune --plan throw.json --apply --bus can0\n  cubectl tune --rollback gains-before.toml --bus can0\n  cubectl tune --compare a.toml b.toml --log throw1\n\nThe exit code is 9 if the errors asked for cannot be certified; the gains are then for the largest that can be, and are not\napplied.\n--apply keeps the gains from before in --backup; the controller takes gains only while nothing moves\nand nothing is armed."
 )]
 pub struct Args {
     /// The controller; `--robot` names the robot model.
@@ -51,16 +51,16 @@ pub struct Args {
     #[arg(long, default_value = "all")]
     pub joint: Joints,
     /// Command period in ms; the firmware refuses gains for another one.
-    #[arg(long = "period", default_value_t = 3.0, value_name = "MS", allow_negative_numbers = true, value_parser = milliseconds)]
+    #[arg(long = "period-ms", alias = "period", default_value_t = 3.0, value_name = "MS", allow_negative_numbers = true, value_parser = milliseconds)]
     pub period_ms: f64,
     /// Relative jitter of the period that the certificate covers [default: 2 ms, at least 0.1 and at most 0.25].
     #[arg(long, value_name = "RATIO", allow_negative_numbers = true)]
     pub jitter: Option<f64>,
     /// Largest delay from position sample to action of the command in ms [default: one period].
-    #[arg(long = "delay", value_name = "MS", allow_negative_numbers = true, value_parser = milliseconds)]
+    #[arg(long = "delay-ms", alias = "delay", value_name = "MS", allow_negative_numbers = true, value_parser = milliseconds)]
     pub delay_ms: Option<f64>,
     /// Smallest delay in ms [default: the largest less the jitter].
-    #[arg(long = "delay-min", value_name = "MS", allow_negative_numbers = true, value_parser = milliseconds)]
+    #[arg(long = "delay-min-ms", alias = "delay-min", value_name = "MS", allow_negative_numbers = true, value_parser = milliseconds)]
     pub delay_min_ms: Option<f64>,
     /// Weight of a measurement on the position error in the controller's estimator, above 0 to 1 [default: 0.6, from a
     /// period of 10 ms on 1].

@@ -425,11 +425,11 @@ mod tests {
     #[test]
     fn bad_arguments_end_in_a_sentence_that_names_them() {
         let table = [
-            ("--period 0", "period is 0"),
-            ("--period NaN", "period is not a finite number"),
-            ("--period 10 --delay 11", "longer than the period"),
-            ("--delay NaN", "largest delay is not a finite number"),
-            ("--delay -1", "largest delay is -0.001"),
+            ("--period-ms 0", "period is 0"),
+            ("--period-ms NaN", "period is not a finite number"),
+            ("--period-ms 10 --delay-ms 11", "longer than the period"),
+            ("--delay-ms NaN", "largest delay is not a finite number"),
+            ("--delay-ms -1", "largest delay is -0.001"),
             ("--reference-share 1", "--reference-share is 1"),
             ("--reference-share NaN", "--reference-share is NaN"),
             ("--joint 7", "has joints 1 to 6, not 7"),
@@ -446,7 +446,7 @@ mod tests {
             };
             assert!(message.contains(want), "{line}: {message}");
         }
-        for line in ["--joint 0", "--joint x", "--design best", "--period fast", "--period 0.003"] {
+        for line in ["--joint 0", "--joint x", "--design best", "--period-ms fast", "--period-ms 0.003"] {
             assert!(Cli::try_parse_from(std::iter::once("tune").chain(line.split(' '))).is_err(), "{line}");
         }
     }
@@ -456,7 +456,7 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("cubectl-tune-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let out = folder.join("gains.toml");
-        let mut args = args("--joint 1 --period 17 --design paper --reference-share 0.5");
+        let mut args = args("--joint 1 --period-ms 17 --design paper --reference-share 0.5");
         args.out = Some(out.clone());
         let text = run_files(&args).unwrap();
         assert_eq!(text.lines().filter(|l| l.trim_start().starts_with("1 ")).count(), 1, "{text}");

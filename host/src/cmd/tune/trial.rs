@@ -311,7 +311,7 @@ mod tests {
     fn what_tune_designs_by_itself_is_no_slower_than_what_throw_takes() {
         let arm = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/robots/arm.toml");
         for (robot, period_ms) in [("powercube6", 3), ("powercube6", 17), ("pincher4", 3), (arm, 3)] {
-            let (work, file) = designed(&args(&format!("--robot {robot} --period {period_ms}")));
+            let (work, file) = designed(&args(&format!("--robot {robot} --period-ms {period_ms}")));
             let of_robot = settings_of(&work.robot).unwrap();
             let (shipped, _) = gains_for(&work.robot, 1_000 * period_ms).unwrap();
             let sets: Vec<Named> = [("shipped", &shipped), ("default", &file)]

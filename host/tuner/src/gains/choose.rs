@@ -8,7 +8,7 @@ use crate::gains::gains_file::{FORMAT, GainsFile};
 use crate::gains::machine::{Demand, Machine, MachineError, ReferenceProfile, inputs};
 
 /// Gains of `powercube6` that come with the program, shortest period first. Each is the certified saturated design of
-/// `cubectl tune --period …` for the initial errors of the firmware's start tolerance.
+/// `cubectl tune --period-ms …` for the initial errors of the firmware's start tolerance.
 const BUILT_IN: [(u32, &str); 5] = [
     (3_000, include_str!("../../gains/powercube6-3ms.toml")),
     (5_000, include_str!("../../gains/powercube6-5ms.toml")),
@@ -95,7 +95,7 @@ impl NoGains {
     pub fn next(&self) -> Option<String> {
         Some(match self {
             Self::Period { period_us, .. } => format!(
-                "`cubectl tune --robot FILE --period {} --out gains.toml`, \
+                "`cubectl tune --robot FILE --period-ms {} --out gains.toml`, \
          then `--gains gains.toml`; or one of its periods: 3, 5, 10, 17 or 30 ms",
                 f64::from(*period_us) * 1e-3
             ),
@@ -104,7 +104,7 @@ impl NoGains {
                     .to_owned()
             }
             Self::Design { period_us, .. } => format!(
-                "try the options of `cubectl tune --robot FILE --period {} --out \
+                "try the options of `cubectl tune --robot FILE --period-ms {} --out \
          gains.toml` that the cause names, then `--gains gains.toml`",
                 f64::from(*period_us) * 1e-3
             ),

@@ -258,7 +258,7 @@ impl Findings {
     pub fn patch(&self) -> String {
         let s = &self.subject;
         let mut t = format!(
-            "# Measured by `cubectl identify` on {}: joint {} ({}), {} % intervals.\n# Replace the same keys in the \
+            "# Measured by `cubectl arm identify` on {}: joint {} ({}), {} % intervals.\n# Replace the same keys in the \
              file of robot {}.\n\n[[joint]]\nname = \"{}\"\n",
             s.bus,
             s.joint,

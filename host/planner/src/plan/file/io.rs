@@ -67,8 +67,8 @@ impl PlanFileError {
 
 const fn next_for(kind: Kind) -> &'static str {
     match kind {
-        Kind::Throw => "`cubectl check`, `run` and `throw --plan` take it",
-        Kind::Follow => "`cubectl check` and `cubectl throw --robot ROBOT --plan` take it",
+        Kind::Throw => "`cubectl plan check`, `run` and `throw --plan` take it",
+        Kind::Follow => "`cubectl plan check` and `cubectl throw --robot ROBOT --plan` take it",
         Kind::Move => "`cubectl run` takes it",
     }
 }
