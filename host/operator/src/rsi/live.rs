@@ -234,7 +234,7 @@ impl Clock {
                 let left = std::time::Duration::from_micros(due.saturating_since(self.now()).as_micros());
                 (!left.is_zero()).then_some(left)
             }
-            // Time stands while the robot's answer is on its way; for a robot that stays silent, time continues without it.
+            // Time stands while the robot's telegram is on its way; for a robot that stays silent, time continues without it.
             Time::Robot(_) => {
                 if self.telegrams == 0 || self.heard.elapsed() < SILENT {
                     return Some(LOOK);
