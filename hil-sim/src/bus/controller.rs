@@ -76,7 +76,7 @@ impl Controller {
         };
     }
 
-    /// Permits recovery of a node that does not recover by itself; false if the node is in no need of it.
+    /// Permits recovery of a node that does not recover by itself; false if the node does not wait for it.
     pub fn request_recovery(&mut self) -> bool {
         let held = self.presence == Presence::HeldOff;
         if held {

@@ -67,7 +67,11 @@ fn planned_catches_are_catches_of_the_joints_as_the_drives_move_them() {
 fn a_drive_lost_in_flight_is_reported_and_is_not_a_catch() {
     let case = case(&Throw::flat(), MotionLaw::Acceleration);
     let judged = executed(&case, Some(DriveLost { joint: 1, at_s: 0.2 }));
-    assert!(matches!(judged.executed.reported, Err(OperatorError::Stopped { .. })), "{:?}", judged.executed.reported);
+    assert!(
+        matches!(judged.executed.reported, Err(OperatorError::Stopped { .. })),
+        "{:?}",
+        judged.executed.reported
+    );
     assert!(judged.verdict.caught.is_none(), "{:?}", judged.verdict);
 }
 

@@ -68,7 +68,7 @@ impl<'p, 'a> Planner<'p, 'a> {
         (record.range_m - self.range_m).hypot(record.height_m - self.problem.target.z)
     }
 
-    /// A local solve from random start number `index`: an arm at rest. If `known` has throws and there is no table,
+    /// A local solve from random start number `index`: an arm at rest. Without a table, `known` are the throws so far, and
     /// every second start moves: it launches the ball, or varies one of the cheapest throws.
     pub(super) fn solve_random(&self, seed: u64, index: u64, known: Option<&[Found]>) -> Option<Found> {
         let mut rng = SplitMix64::stream(seed, index);

@@ -33,7 +33,7 @@ impl Index {
         index
     }
 
-    /// Marks records of another robot. They are only starts: this robot may reach targets that they do not.
+    /// Index of the records of another robot. They are only starts: this robot may reach targets that they do not.
     #[must_use]
     pub fn lent(records: Vec<Record>, lender: &'static str) -> Self {
         Self { lender: Some(lender), ..Self::new(records) }
