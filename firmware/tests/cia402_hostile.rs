@@ -1,4 +1,5 @@
-//! Any frames at any time on a bus of CANopen servos: the group stays on its own ids, its work is bounded, and nothing is found by chance.
+//! Any frames at any time on a bus of CANopen servos: the group uses only its own ids, its work is bounded, and random frames
+//! do not count as drives.
 
 use canopen_protocol::{Function, NodeId};
 use firmware::group::{Command, DriveGroup, GroupEvent};
