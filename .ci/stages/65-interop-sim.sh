@@ -42,6 +42,14 @@ motors() { # client, options of serve-motors...
 }
 timed motors damiao --damiao 8009:1:0x11 --damiao 4310:2:0x12
 timed motors cia402 --canopen 3
+# Our controller with simulated ODrives: the maker's DBC reads every frame of a motion.
+odrive_frames() {
+    local out=target/interop-odrive
+    rm -rf $out
+    target/release/cubectl move --robot robots/odrive6.toml --joints 0.3,0.4,0.5,0,0.2,0 --home --yes --out $out &&
+        timeout 180 python tests/interop/sim/odrive_frames.py $out/bus.log
+}
+timed odrive_frames
 timed motors odrive --odrive 0:0.6 --odrive 1:0.6:index --odrive-watchdog-ms 500
 tail -n 1 "$log" | python -c '
 import json, sys

@@ -22,6 +22,14 @@ if [ -n "$(found)" ]; then
     exit 1
 fi
 
+# The same with another family of drives.
+for family in mit cia402 odrive; do
+    (cd $board && cargo build --quiet --release --locked --target $target --features $family)
+    [ -z "$(found)" ] || { echo "the image with drives $family can panic or has a heap:"; found; exit 1; }
+    echo "image with drives $family, bytes of flash: $(size $elf | awk 'NR == 2 { print $1 + $2 }')"
+done
+(cd $board && cargo build --quiet --release --locked --target $target)
+
 # Sizes. Banks and settings slots are flash on a real board.
 section() { size -A $elf | awk -v name="$1" '$1 == name { print $2 }'; }
 symbol() { nm --print-size --radix=d $elf | awk -v name="$1" '$4 ~ name { sum += $2 } END { print sum + 0 }'; }

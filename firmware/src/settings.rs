@@ -62,6 +62,11 @@ impl JointSettings {
         if self.inverted { -q } else { q }
     }
 
+    /// Whether a position is within the soft limits.
+    pub const fn holds(&self, q_rad: f32) -> bool {
+        q_rad >= self.q_min_rad && q_rad <= self.q_max_rad
+    }
+
     /// The drive's address; address 1 for a value that [`Settings::check`] refuses.
     pub fn module(&self) -> ModuleId {
         u8::try_from(self.address).ok().and_then(|a| ModuleId::new(a).ok()).unwrap_or(ModuleId::MIN)

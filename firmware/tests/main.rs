@@ -4,8 +4,9 @@ mod arming;
 mod authority;
 mod bench;
 mod causes;
-mod cia402_hostile;
+
 mod deadlines;
+mod families_hostile;
 mod fault_door;
 mod fault_table;
 mod faults;

@@ -19,6 +19,7 @@ mod lock_step;
 mod mit_arm;
 mod move_verb;
 mod newcomer;
+mod odrive_arm;
 mod option_walk;
 mod other_arms;
 mod output;

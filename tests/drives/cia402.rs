@@ -10,23 +10,13 @@ use firmware::state::StateKind;
 use hil_sim::drive::cia402::ServoOptions;
 use protocol::{Duration, Instant};
 
-use crate::cia402_rig::{JOINTS, PERIOD_US, Rig, node, settings, stands_rad};
-use crate::rig::{PLAN_S, joint};
+use crate::cia402_rig::{PERIOD_US, Rig, node, settings};
+use crate::rig::joint;
+use crate::six::{JOINTS, stands_rad};
 
 const PERIOD: Duration = Duration::from_micros(PERIOD_US);
 /// Longest search: boot, about 90 exchanges with each servo, the proof of 30 ms, rest.
 const FIND_MS: u64 = 1_500;
-
-/// The cause and the joint of the fault that ends the motion; it is noticed within so many periods.
-fn ends_with(rig: &mut Rig, since: Instant, periods: u64, cause: Cause, index: usize) {
-    rig.run_until(300, |rig| rig.kind() != StateKind::Running);
-    assert!(rig.now() <= since + PERIOD * periods, "{:?}", rig.now().saturating_since(since));
-    rig.run_to(1_500, StateKind::Fault);
-    let fault = rig.fault().unwrap();
-    assert_eq!((fault.cause, fault.joint), (cause, Some(joint(index))));
-    // A halt is a fault at once; the ramps take 0.2 s.
-    rig.run_us(600_000);
-}
 
 /// Healthy servos stand where they stopped, with torque.
 fn others_are_held(rig: &mut Rig, lost: usize) {
@@ -34,15 +24,9 @@ fn others_are_held(rig: &mut Rig, lost: usize) {
     rig.run_us(500_000);
     let after = rig.shafts();
     for i in (0..JOINTS).filter(|i| *i != lost) {
-        assert_eq!(rig.servo(i, |servo, _| servo.state()), State::OperationEnabled, "joint {i}");
+        assert_eq!(rig.drive(i, |servo, _| servo.state()), State::OperationEnabled, "joint {i}");
         assert!((after[i] - before[i]).abs() < 1e-3, "joint {i}: {} {}", before[i], after[i]);
     }
-}
-
-fn refused(rig: &mut Rig, cause: Cause, index: usize) {
-    rig.run_to(5_000, StateKind::Fault);
-    let fault = rig.fault().unwrap();
-    assert_eq!((fault.cause, fault.joint), (cause, Some(joint(index))));
 }
 
 #[test]
@@ -50,8 +34,8 @@ fn servos_are_found_without_a_motion_and_set_up_before_the_first_sync() {
     let mut rig = Rig::new();
     rig.run_to(FIND_MS, StateKind::Idle);
     for i in 0..JOINTS {
-        assert_eq!(rig.servo(i, |servo, _| servo.state()), State::OperationEnabled);
-        let mut object = |index, sub| rig.servo(i, |servo, _| servo.object(index, sub)).unwrap();
+        assert_eq!(rig.drive(i, |servo, _| servo.state()), State::OperationEnabled);
+        let mut object = |index, sub| rig.drive(i, |servo, _| servo.object(index, sub)).unwrap();
         assert_eq!(object(0x60C2, 1), [2]);
         assert_eq!(object(0x60C2, 2), [(-3_i8) as u8]);
         assert_eq!(object(0x6061, 0), [8]);
@@ -63,8 +47,8 @@ fn servos_are_found_without_a_motion_and_set_up_before_the_first_sync() {
         assert!(enabled >= 2);
         assert!(words.iter().all(|(_, _, q_rad)| (q_rad - stands_rad(i)).abs() < 1e-4), "{words:?}");
     }
-    let first_sync = rig.frames(Function::Sync, Instant::ZERO)[0].0;
-    let last_map = (0..JOINTS).flat_map(|i| rig.frames(Function::SdoToNode(node(i)), Instant::ZERO));
+    let first_sync = rig.frames_of(Function::Sync, Instant::ZERO)[0].0;
+    let last_map = (0..JOINTS).flat_map(|i| rig.frames_of(Function::SdoToNode(node(i)), Instant::ZERO));
     let last_map = last_map.map(|(at, _)| at).max().unwrap();
     assert!(last_map < first_sync, "{last_map:?} {first_sync:?}");
     assert_eq!(rig.controller().counters().replies_missed, 0);
@@ -87,14 +71,14 @@ fn units_modes_torque_maps_and_a_mode_that_is_not_shown_are_refused_with_the_obj
                 change(options);
             }
         });
-        refused(&mut rig, Cause::DriveSettingsDiffer, 3);
+        rig.refused(Cause::DriveSettingsDiffer, 3);
         let (at, mismatch) = *rig.controller().group().mismatch().unwrap();
         assert_eq!((at, mismatch.object.index), (joint(3), index), "{mismatch}");
-        assert!(rig.frames(Function::Sync, Instant::ZERO).is_empty());
+        assert!(rig.frames_of(Function::Sync, Instant::ZERO).is_empty());
     }
     let mut rig = Rig::new();
-    rig.servo(2, |servo, _| servo.faults_mut().mode_is_never_shown = true);
-    refused(&mut rig, Cause::DriveSettingsDiffer, 2);
+    rig.drive(2, |servo, _| servo.faults_mut().mode_is_never_shown = true);
+    rig.refused(Cause::DriveSettingsDiffer, 2);
     let (_, mismatch) = *rig.controller().group().mismatch().unwrap();
     assert_eq!((mismatch.object.index, mismatch.found, mismatch.expected), (0x6061, Found::Value(0), 8));
     assert_eq!(mismatch.to_string(), "object 6061:00 of the servo holds 0x0, the settings need 0x8");
@@ -103,24 +87,24 @@ fn units_modes_torque_maps_and_a_mode_that_is_not_shown_are_refused_with_the_obj
 #[test]
 fn a_silent_servo_a_dead_supervision_and_one_that_was_left_on_are_refused() {
     let mut rig = Rig::new();
-    rig.servo(5, |servo, _| servo.faults_mut().is_silent = true);
-    refused(&mut rig, Cause::DriveMissing, 5);
-    rig.servo(5, |servo, _| servo.faults_mut().is_silent = false);
+    rig.drive(5, |servo, _| servo.faults_mut().is_silent = true);
+    rig.refused(Cause::DriveMissing, 5);
+    rig.drive(5, |servo, _| servo.faults_mut().is_silent = false);
     rig.clear();
     rig.run_to(FIND_MS, StateKind::Idle);
     let mut rig = Rig::new();
-    rig.servo(1, |servo, _| servo.faults_mut().supervision_is_dead = true);
-    refused(&mut rig, Cause::WatchdogUnproven, 1);
+    rig.drive(1, |servo, _| servo.faults_mut().supervision_is_dead = true);
+    rig.refused(Cause::WatchdogUnproven, 1);
     // The controller before has ended: its heartbeat stayed away.
     let mut rig = Rig::new();
     rig.run_us(201_000);
-    (0..JOINTS).for_each(|i| rig.servo(i, |servo, now| servo.fail(now, 0x8130)));
+    (0..JOINTS).for_each(|i| rig.drive(i, |servo, now| servo.fail(now, 0x8130)));
     rig.run_to(FIND_MS, StateKind::Idle);
     // A servo in another fault from before.
     let mut rig = Rig::new();
     rig.run_us(201_000);
-    rig.servo(4, |servo, now| servo.fail(now, 0x4310));
-    refused(&mut rig, Cause::DrivePowerFault, 4);
+    rig.drive(4, |servo, now| servo.fail(now, 0x4310));
+    rig.refused(Cause::DrivePowerFault, 4);
     rig.clear();
     rig.run_to(FIND_MS, StateKind::Idle);
 }
@@ -133,13 +117,7 @@ fn six_joints_follow_a_plan_at_2_ms_and_the_bus_is_not_full() {
     rig.run_us(1_000_000);
     let load = rig.load(from);
     rig.run_to(1_500, StateKind::Ready);
-    let mut worst = [0.0_f64; JOINTS];
-    for (at, q) in rig.track.iter().filter(|(at, _)| *at >= start) {
-        for (i, worst) in worst.iter_mut().enumerate() {
-            let t_s = (at.as_secs_f64() - start.as_secs_f64()).min(PLAN_S);
-            *worst = worst.max((q[i] - Rig::planned_rad(i, t_s)).abs());
-        }
-    }
+    let worst = rig.away_rad(start);
     println!("away {worst:?} rad, load {load}");
     assert!(worst.iter().all(|away| (1e-5..3e-3).contains(away)), "{worst:?}");
     assert_eq!(rig.controller().counters().cycles_late, 0);
@@ -151,8 +129,8 @@ fn six_joints_follow_a_plan_at_2_ms_and_the_bus_is_not_full() {
 fn a_silent_servo_stops_all_within_three_periods() {
     let mut rig = Rig::moving();
     let cut = rig.now();
-    rig.servo(2, |servo, _| servo.faults_mut().is_silent = true);
-    ends_with(&mut rig, cut, 4, Cause::DriveSilent, 2);
+    rig.drive(2, |servo, _| servo.faults_mut().is_silent = true);
+    rig.ends_with(cut, 4, Cause::DriveSilent, 2);
     // From the next set point on each joint is slower than before.
     for i in (0..JOINTS).filter(|i| *i != 2) {
         let targets = rig.targets(i, cut + PERIOD * 3);
@@ -179,11 +157,11 @@ fn an_emergency_ends_the_motion_with_its_cause_and_code() {
         let mut rig = Rig::moving();
         let since = rig.now();
         // 8110 is a note: the drive goes on.
-        rig.servo(1, |servo, now| match code {
+        rig.drive(1, |servo, now| match code {
             0x8110 => servo.emergency(now, code),
             _ => servo.fail(now, code),
         });
-        ends_with(&mut rig, since, 2, cause, 1);
+        rig.ends_with(since, 2, cause, 1);
         let state = rig.controller().group().readings(joint(1)).state.unwrap();
         assert_eq!(state >> 16, u32::from(code));
         others_are_held(&mut rig, 1);
@@ -198,40 +176,40 @@ fn an_emergency_ends_the_motion_with_its_cause_and_code() {
 fn a_lost_heartbeat_and_a_node_that_starts_again_end_the_motion() {
     let mut rig = Rig::moving();
     let since = rig.now();
-    rig.servo(3, |servo, _| servo.faults_mut().heartbeat_is_lost = true);
-    ends_with(&mut rig, since, 101, Cause::DriveSilent, 3);
+    rig.drive(3, |servo, _| servo.faults_mut().heartbeat_is_lost = true);
+    rig.ends_with(since, 101, Cause::DriveSilent, 3);
     // Cleared while it is still lost, it is a fault again.
     rig.clear();
     rig.run_us(50_000);
-    refused(&mut rig, Cause::DriveSilent, 3);
+    rig.refused(Cause::DriveSilent, 3);
     let mut rig = Rig::moving();
     let since = rig.now();
-    rig.servo(3, |servo, now| {
+    rig.drive(3, |servo, now| {
         protocol::Node::handle_frame(servo, now, &nmt::Command::ResetNode.encode(None));
     });
-    ends_with(&mut rig, since, 4, Cause::DriveSilent, 3);
+    rig.ends_with(since, 4, Cause::DriveSilent, 3);
     others_are_held(&mut rig, 3);
     let mut rig = Rig::moving();
     let since = rig.now();
-    rig.servo(3, |servo, now| {
+    rig.drive(3, |servo, now| {
         protocol::Node::handle_frame(servo, now, &nmt::Command::PreOperational.encode(None));
     });
-    ends_with(&mut rig, since, 4, Cause::DriveSilent, 3);
+    rig.ends_with(since, 4, Cause::DriveSilent, 3);
 }
 
 #[test]
 fn one_torn_position_is_left_out_two_in_a_row_and_stale_ones_stop_the_group() {
     let mut rig = Rig::moving();
-    rig.servo(0, |servo, _| servo.faults_mut().torn_answers = 1);
+    rig.drive(0, |servo, _| servo.faults_mut().torn_answers = 1);
     rig.run_us(100_000);
     assert_eq!(rig.kind(), StateKind::Running);
     let mut rig = Rig::moving();
     let since = rig.now();
-    rig.servo(0, |servo, _| servo.faults_mut().torn_answers = 2);
-    ends_with(&mut rig, since, 4, Cause::ReplyImplausible, 0);
+    rig.drive(0, |servo, _| servo.faults_mut().torn_answers = 2);
+    rig.ends_with(since, 4, Cause::ReplyImplausible, 0);
     let mut rig = Rig::moving();
     let since = rig.now();
-    rig.servo(4, |servo, _| servo.faults_mut().answers_are_stale = true);
+    rig.drive(4, |servo, _| servo.faults_mut().answers_are_stale = true);
     rig.run_until(100, |rig| rig.kind() != StateKind::Running);
     assert!(rig.now() <= since + PERIOD * 8);
     rig.run_to(1_500, StateKind::Fault);
@@ -244,7 +222,7 @@ fn process_data_that_nobody_waits_for_change_nothing() {
     let mut rig = Rig::moving();
     for _ in 0..20 {
         // After all answers of the period, and again before the next SYNC can have been answered.
-        let sync = rig.frames(Function::Sync, Instant::ZERO).last().unwrap().0;
+        let sync = rig.frames_of(Function::Sync, Instant::ZERO).last().unwrap().0;
         for us in [1_300, 2_060] {
             let at = sync + Duration::from_micros(us);
             rig.run_us(at.saturating_since(rig.now()).as_micros());
@@ -261,7 +239,7 @@ fn process_data_that_nobody_waits_for_change_nothing() {
 #[test]
 fn lost_answers_are_bridged() {
     let mut rig = Rig::ready();
-    rig.servo(3, |servo, _| servo.faults_mut().answer_lost_every = 7);
+    rig.drive(3, |servo, _| servo.faults_mut().answer_lost_every = 7);
     rig.start();
     rig.run_us(1_000_000);
     rig.run_to(1_500, StateKind::Ready);

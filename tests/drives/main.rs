@@ -2,8 +2,12 @@
 
 mod cia402;
 mod cia402_rig;
+mod drawn;
 mod find;
+mod odrive;
+mod odrive_rig;
 mod rig;
+mod six;
 mod slow;
 mod stops;
 mod track;

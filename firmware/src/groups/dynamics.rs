@@ -89,6 +89,12 @@ impl ArmModel {
     }
 }
 
+/// [`ArmModel::torques_nm`] of a model that may be missing, or of a motion that is not finite: 0.
+pub(super) fn torques_ahead_nm(model: Option<&ArmModel>, motion: &PerJoint<Motion>) -> PerJoint<f32> {
+    let torques = model.map(|model| model.torques_nm(motion)).unwrap_or_default();
+    PerJoint(torques.0.map(|t_nm| if t_nm.is_finite() { t_nm } else { 0.0 }))
+}
+
 /// `rotation` times a turn about z.
 fn turned(rotation: &Matrix, q_rad: f32) -> Matrix {
     let (s, c) = (libm::sinf(q_rad), libm::cosf(q_rad));

@@ -2,8 +2,11 @@
 
 use protocol::{Duration, Instant, JointIndex};
 
+use super::answers::Answers;
+use super::dynamics::Motion;
 use super::shape::Axis;
-use crate::group::{Command, GroupEvent, PositionSample, SetPoint, Taken};
+use crate::fault::{Cause, Refusal};
+use crate::group::{Command, GroupEvent, InForce, PositionSample, Readings, SetPoint, Taken};
 use crate::joints::{PerJoint, at_least, clamp};
 use crate::reach::{self, SoftLimits, way_rad};
 use crate::settings::{JointSettings, Settings};
@@ -15,6 +18,8 @@ const JOG_WAY_S: f32 = 1e3;
 const WINDOW_SHARE: f32 = 0.5;
 /// A position older than this many periods bounds nothing.
 const FRESH_PERIODS: u64 = 4;
+/// Speed below which a set point stands, rad/s.
+const STANDS_RAD_S: f32 = 1e-3;
 
 /// What the set points do.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -81,7 +86,7 @@ impl Led {
     }
 
     /// Keeps the set point near the measured position, so that a drive that is held up is not pulled ever harder.
-    pub(super) fn keep_near(
+    fn keep_near(
         &mut self,
         now: Instant,
         limits: &JointSettings,
@@ -155,6 +160,75 @@ impl Leader {
         None
     }
 
+    /// The next set point of a drive that is held, kept near where its joint is at `reached_at`.
+    pub(super) fn next<const BAND: u32>(
+        &mut self,
+        settings: &Settings,
+        joint: JointIndex,
+        reached_at: Instant,
+        answers: &mut Answers<BAND>,
+        is_homed: bool,
+    ) -> Motion {
+        self.lead(settings, joint, answers.sample, is_homed);
+        let led = self.joints.at_mut(joint);
+        led.keep_near(reached_at, settings.joint.at(joint), settings.cycle_period(), answers.sample);
+        let qdd_rad_s2 = answers.send(led.set, settings.cycle_period_s());
+        Motion { q_rad: led.set.q_rad, qd_rad_s: led.set.v_rad_s, qdd_rad_s2 }
+    }
+
+    /// A motion was ordered.
+    pub(super) const fn moves(&self) -> bool {
+        matches!(self.mode, Mode::Tracking | Mode::Moving | Mode::Jogging { .. })
+    }
+
+    /// The set point and the joint behind it stand, the joint for `swing` at least.
+    pub(super) fn is_at_rest<const BAND: u32>(
+        &self,
+        now: Instant,
+        settings: &Settings,
+        joint: JointIndex,
+        answers: &Answers<BAND>,
+        swing: Duration,
+    ) -> bool {
+        let since = answers.rests_since(now, settings);
+        self.joints.at(joint).set.v_rad_s.abs() <= STANDS_RAD_S
+            && since.is_some_and(|since| now >= since + swing)
+    }
+
+    /// See [`crate::group::DriveGroup::check_group`].
+    pub(super) fn check_group(&self) -> Result<(), Refusal> {
+        let fit = !self.is_finding() && self.mode != Mode::Halted;
+        if fit { Ok(()) } else { Err(Refusal::of(Cause::DriveNotReady)) }
+    }
+
+    /// See [`crate::group::Measured`]; `in_time`: the last set point acts.
+    pub(super) fn in_force(&self, joint: JointIndex, in_time: bool) -> Option<InForce> {
+        let led = self.joints.at(joint);
+        let u_rad_s2 = if in_time { led.u_rad_s2 } else { led.u_before_rad_s2 };
+        (self.mode == Mode::Tracking).then_some(InForce { u_rad_s2, in_time })
+    }
+
+    /// What the set points know; `state` and `error` are the family's.
+    pub(super) fn readings<const BAND: u32>(
+        &self,
+        joint: JointIndex,
+        answers: &Answers<BAND>,
+        state: Option<u32>,
+        error: bool,
+    ) -> Readings {
+        let led = self.joints.at(joint);
+        Readings {
+            qdd_command_rad_s2: led.qdd_rad_s2,
+            position_limited: led.position_limited,
+            error,
+            halted: self.mode == Mode::Halted,
+            missed_in_row: answers.missed_in_row,
+            state,
+            short_state: state.unwrap_or(0) as u8,
+            ..Readings::default()
+        }
+    }
+
     /// Acceleration with which a joint brakes: slow motions end slowly.
     const fn braking_rad_s2(&self, limits: &JointSettings) -> f32 {
         match self.mode {
@@ -213,7 +287,7 @@ impl Leader {
     }
 
     /// The set point of a joint for the next period, unless the law gave it.
-    pub(super) fn lead(
+    fn lead(
         &mut self,
         settings: &Settings,
         joint: JointIndex,
@@ -239,6 +313,15 @@ impl Leader {
             }
             _ => set.drive(0.0, braking_rad_s2, dt_s),
         }
+    }
+}
+
+/// See [`crate::group::DriveGroup::check_drive`].
+pub(super) fn check_drive(joint: JointIndex, is_homed: bool, is_fit: bool) -> Result<(), Refusal> {
+    match (is_homed, is_fit) {
+        (false, _) => Err(Refusal::at(Cause::NotHomed, joint)),
+        (true, false) => Err(Refusal::at(Cause::DriveNotReady, joint)),
+        (true, true) => Ok(()),
     }
 }
 

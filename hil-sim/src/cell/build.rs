@@ -4,7 +4,7 @@ use protocol::powercube::BaudRate;
 use protocol::{Duration, Instant, ModuleId};
 use robot_model::{Drive, JointVec, RobotModel};
 
-use super::drives::{Drives, MitArm, servos};
+use super::drives::{Drives, MitArm, axes, servos};
 use super::finger_release::FingerRelease;
 use super::throw::Throw;
 use super::{Cell, Mounting};
@@ -74,7 +74,7 @@ impl Default for CellOptions {
 pub enum CellError {
     /// The robot file describes no drives.
     #[error(
-        "robot {robot} has no drives: give each [[joint]] of its file a [joint.drive], a [joint.mit] or a [joint.cia402] table"
+        "robot {robot} has no drives: give each [[joint]] of its file a [joint.drive], [joint.mit], [joint.cia402] or [joint.odrive] table"
     )]
     NoDrives {
         /// Name of the robot.
@@ -126,6 +126,7 @@ impl Cell {
             Some(described) => {
                 Drives::PowerCubes(powercubes(model, options, described, &deviations, &q, seed)?)
             }
+            None if model.odrive_axes().is_some() => Drives::Odrive(axes(model, options, q.as_slice())),
             None if model.cia402_servos().is_some() => Drives::Cia402(servos(model, options, q.as_slice())?),
             None => Drives::Mit(Box::new(MitArm::new(model, options, q.as_slice())?)),
         };

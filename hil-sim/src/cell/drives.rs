@@ -1,10 +1,10 @@
-//! Drives of the joints and of the gripper: PowerCubes, motors with MIT frames, or CANopen servos.
+//! Drives of the joints and of the gripper: PowerCubes, motors with MIT frames, CANopen servos, or ODrives.
 
 use std::borrow::Cow;
 
 use protocol::powercube::{Address, BaudRate, Channel};
-use protocol::{Frame, Id, Instant, ModuleId, Node};
-use robot_model::{MitGripper, MitMotor as Described, RobotModel};
+use protocol::{Duration, Frame, Id, Instant, ModuleId, Node};
+use robot_model::{MitGripper, MitMotor as Described, OdriveAxis as DescribedAxis, RobotModel};
 
 use super::{CellError, CellOptions};
 use crate::bus::TxOrder;
@@ -12,14 +12,19 @@ use crate::drive::PowerCubeDrive;
 use crate::drive::bench::{ShaftMotor, turn};
 use crate::drive::cia402::{CanopenServo, ServoOptions};
 use crate::drive::mit::{MitMotor, MitOptions};
+use crate::drive::odrive::{OdriveAxis, OdriveOptions};
 use crate::mechanics::{AxisInput, AxisState};
 use crate::participants::BusConnection;
+
+/// Time without a frame after which an ODrive gives no torque.
+const ODRIVE_WATCHDOG: Duration = Duration::from_millis(50);
 
 /// The drives of a cell, base first.
 pub(super) enum Drives {
     PowerCubes(Vec<PowerCubeDrive>),
     Mit(Box<MitArm>),
     Cia402(Vec<CanopenServo>),
+    Odrive(Vec<OdriveAxis>),
 }
 
 /// One motor for each joint, and perhaps one for the fingers.
@@ -117,18 +122,37 @@ pub(super) fn servos(
     Ok((0..described.len()).map(servo).collect())
 }
 
+/// The axes of `[joint.odrive]`, configured as `docs/moving.md` says: their watchdog is on, estimates come when they are asked for.
+pub(super) fn axes(model: &RobotModel, options: &CellOptions, q_rad: &[f64]) -> Vec<OdriveAxis> {
+    let described = model.odrive_axes().unwrap_or_default();
+    let axis = |(joint, described): (usize, &DescribedAxis)| {
+        let options_of = OdriveOptions {
+            gear: described.gear_ratio,
+            counted: described.counted(),
+            torque_nm_a: described.torque_nm_a,
+            current_max_a: described.current_max_a,
+            brakes: described.brake,
+            watchdog: Some(ODRIVE_WATCHDOG),
+            estimates: None,
+            ..OdriveOptions::new(described.node, described.version)
+        };
+        OdriveAxis::new(options_of, options.mounting_of(joint).drive_rad(q_rad[joint]))
+    };
+    described.iter().enumerate().map(axis).collect()
+}
+
 impl Drives {
     pub(super) fn powercubes(&self) -> &[PowerCubeDrive] {
         match self {
             Self::PowerCubes(drives) => drives,
-            Self::Mit(_) | Self::Cia402(_) => &[],
+            Self::Mit(_) | Self::Cia402(_) | Self::Odrive(_) => &[],
         }
     }
 
     pub(super) fn powercubes_mut(&mut self) -> &mut [PowerCubeDrive] {
         match self {
             Self::PowerCubes(drives) => drives,
-            Self::Mit(_) | Self::Cia402(_) => &mut [],
+            Self::Mit(_) | Self::Cia402(_) | Self::Odrive(_) => &mut [],
         }
     }
 
@@ -138,6 +162,7 @@ impl Drives {
             Self::PowerCubes(drives) => drives.len(),
             Self::Mit(arm) => arm.joints.len() + usize::from(arm.fingers.is_some()),
             Self::Cia402(servos) => servos.len(),
+            Self::Odrive(axes) => axes.len(),
         }
     }
 
@@ -147,6 +172,7 @@ impl Drives {
             Self::PowerCubes(drives) => drives.len(),
             Self::Mit(arm) => arm.joints.len(),
             Self::Cia402(servos) => servos.len(),
+            Self::Odrive(axes) => axes.len(),
         }
     }
 
@@ -158,6 +184,7 @@ impl Drives {
                 _ => &mut arm.joints[index],
             },
             Self::Cia402(servos) => &mut servos[index],
+            Self::Odrive(axes) => &mut axes[index],
         }
     }
 
@@ -172,6 +199,7 @@ impl Drives {
                 _ => format!("motor {} ({})", index + 1, arm.joints[index].name()),
             },
             Self::Cia402(servos) => format!("joint {} ({})", index + 1, servos[index].name()),
+            Self::Odrive(axes) => format!("joint {} ({})", index + 1, axes[index].name()),
         })
     }
 
@@ -184,7 +212,7 @@ impl Drives {
                 }
                 _ => false,
             },
-            Self::Mit(_) | Self::Cia402(_) => matches!(frame.id(), Id::Standard(_)),
+            Self::Mit(_) | Self::Cia402(_) | Self::Odrive(_) => matches!(frame.id(), Id::Standard(_)),
         }
     }
 
@@ -207,6 +235,7 @@ impl Drives {
             Self::PowerCubes(drives) => drives[joint].input(middle),
             Self::Mit(arm) => arm.joints[joint].input(),
             Self::Cia402(servos) => servos[joint].input_at(middle),
+            Self::Odrive(axes) => axes[joint].input(),
         }
     }
 
@@ -229,7 +258,7 @@ impl Drives {
             }
             Self::Mit(arm) => arm.fingers.as_ref().map(|fingers| (fingers.is_open, fingers.changed)),
             // Nothing opens the hand.
-            Self::Cia402(_) => None,
+            Self::Cia402(_) | Self::Odrive(_) => None,
         }
     }
 }

@@ -36,6 +36,7 @@ use crate::drive::PowerCubeDrive;
 use crate::drive::bench::ShaftMotor;
 use crate::drive::cia402::CanopenServo;
 use crate::drive::mit::MitMotor;
+use crate::drive::odrive::OdriveAxis;
 use crate::fault::FaultTarget;
 use crate::mechanics::{AxisInput, Plant, Supply};
 use crate::participants::{BusConnection, Participants};
@@ -85,6 +86,11 @@ impl Cell {
     /// The CANopen servos, in joint order; empty for an arm with other drives.
     pub fn servos_mut(&mut self) -> &mut [CanopenServo] {
         if let Drives::Cia402(servos) = &mut self.drives { servos } else { &mut [] }
+    }
+
+    /// The axes of ODrives, in joint order; none in an arm of other drives.
+    pub fn odrives_mut(&mut self) -> &mut [OdriveAxis] {
+        if let Drives::Odrive(axes) = &mut self.drives { axes } else { &mut [] }
     }
 
     pub fn plant(&self) -> &dyn Plant {
@@ -158,6 +164,11 @@ impl Cell {
             Drives::Mit(arm) => {
                 for (index, motor) in arm.joints.iter_mut().enumerate() {
                     motor.tick(self.mounting[index].axis(self.plant.axis(index)), dt_s);
+                }
+            }
+            Drives::Odrive(axes) => {
+                for (index, axis) in axes.iter_mut().enumerate() {
+                    axis.tick(self.mounting[index].axis(self.plant.axis(index)), dt_s);
                 }
             }
             Drives::Cia402(servos) => {

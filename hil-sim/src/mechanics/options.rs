@@ -56,13 +56,9 @@ impl MechanicsOptions {
     }
 
     fn rotor_kg_m2(&self, model: &RobotModel, i: usize) -> f64 {
-        if let Some(motors) = model.mit_motors() {
-            return motors.joints[i].rotor_kg_m2;
-        }
-        if let Some(servos) = model.cia402_servos() {
-            return servos[i].rotor_kg_m2;
-        }
-        self.rotor_share * Self::torque_max_nm(model, i) / model.joints()[i].limits.a_control_max_rad_s2
+        model.rotor_kg_m2(i).unwrap_or_else(|| {
+            self.rotor_share * Self::torque_max_nm(model, i) / model.joints()[i].limits.a_control_max_rad_s2
+        })
     }
 
     /// The arm at rest in `q_rad`, with deviations of each joint from its model.

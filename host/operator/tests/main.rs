@@ -8,6 +8,7 @@ mod common;
 mod disc;
 mod live;
 mod mit_arm;
+mod odrive_arm;
 mod online;
 mod operators;
 mod rsi_common;

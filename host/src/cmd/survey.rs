@@ -37,7 +37,7 @@ impl std::str::FromStr for Modules {
 pub(super) fn nobody(bus: &str) -> ExpectedError {
     ExpectedError::new(exit::DRIVE, format!("{bus}: no module answers")).next(
         "check the supply of the modules and the cable, and that the bus runs \
-             at their bit rate (1000, 500 or 250 kbit/s); `cubectl doctor` distinguishes silence from errors; motors with MIT frames and CANopen servos \
+             at their bit rate (1000, 500 or 250 kbit/s); `cubectl doctor` distinguishes silence from errors; motors with MIT frames, CANopen servos and ODrives \
              answer a controller only: `cubectl home --robot FILE`",
     )
 }

@@ -81,19 +81,26 @@ pub enum Problem {
     /// Some joints have a drive and others do not.
     #[error("joint `{0}` has no drive, though others have: all or none")]
     DriveMissing(String),
-    /// Some joints have an MIT motor and others do not.
-    #[error("joint `{0}` has no MIT motor, though others have: all or none")]
-    MitMissing(String),
-    /// A joint has two drives.
-    #[error("joint `{0}` has a drive module too; give one or the other")]
-    MitBesideDrive(String),
-    /// Some joints have a CANopen servo and others do not.
-    #[error("joint `{0}` has no CANopen servo, though others have: all or none")]
-    Cia402Missing(String),
+    /// Some joints have a drive of this family and others do not.
+    #[error("joint `{joint}` has no {what}, though others have: all or none")]
+    FamilyMissing {
+        /// The drive, for people.
+        what: &'static str,
+        /// A joint without one.
+        joint: String,
+    },
     /// A joint has two drives.
     #[error("joint `{0}` has another drive too; give one or the other")]
-    Cia402BesideDrive(String),
-    /// Two servos have one node.
+    TwoFamilies(String),
+    /// A limit of a joint that the set points of its ODrive cannot hold.
+    #[error("{value:.1} is more than the set points of this ODrive hold ({max:.1})")]
+    BeyondOdriveRange {
+        /// The limit, in the file's unit.
+        value: f64,
+        /// Largest value that fits.
+        max: f64,
+    },
+    /// Two drives have one node.
     #[error("node {node} already belongs to {owner}")]
     DuplicateNode {
         /// The node.

@@ -63,6 +63,8 @@ mod load;
 mod mat3;
 mod mit;
 mod model;
+mod odrive;
+mod on_bus;
 mod per_joint;
 mod pose;
 pub mod release;
@@ -86,5 +88,6 @@ pub use mit::{MitGripper, MitMotor, MitMotors};
 pub use model::{
     Drive, DriveLoop, Gripper, Joint, JointLimits, Link, LinkInertia, RobotModel, Supply, World,
 };
+pub use odrive::OdriveAxis;
 pub use per_joint::{JOINTS_MAX, JointVec, PerJoint};
 pub use pose::Pose;

@@ -7,6 +7,7 @@ use crate::cia402::Cia402Servo;
 use crate::family::Family;
 use crate::fingers::Fingers;
 use crate::mit::MitMotors;
+use crate::odrive::OdriveAxis;
 use crate::per_joint::{JointVec, PerJoint};
 use crate::pose::Pose;
 
@@ -28,6 +29,7 @@ pub struct RobotModel {
     pub(crate) drives: Option<Vec<Drive>>,
     pub(crate) mit_motors: Option<MitMotors>,
     pub(crate) cia402_servos: Option<Vec<Cia402Servo>>,
+    pub(crate) odrive_axes: Option<Vec<OdriveAxis>>,
     pub(crate) supplies: Vec<Supply>,
     pub(crate) drive_loop: Option<DriveLoop>,
     pub(crate) world: World,
@@ -334,6 +336,12 @@ impl RobotModel {
     #[must_use]
     pub fn cia402_servos(&self) -> Option<&[Cia402Servo]> {
         self.cia402_servos.as_deref()
+    }
+
+    /// Axes of ODrives, base first, if the robot file describes them (all joints or none).
+    #[must_use]
+    pub fn odrive_axes(&self) -> Option<&[OdriveAxis]> {
+        self.odrive_axes.as_deref()
     }
 
     /// True if the drives are computed from speed and torque of the joints (`[generic_drives]`): the file describes no real

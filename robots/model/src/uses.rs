@@ -59,8 +59,8 @@ pub fn missing(robot: &RobotModel, file: &str, text: &str) -> Result<Vec<Missing
     let mut add = |purpose, key: String, what: String, lines: String| {
         out.push(Missing { purpose, key, what, lines });
     };
-    // The tables of motors and servos have what the cell and the bus need.
-    let described = robot.mit_motors().is_some() || robot.cia402_servos().is_some();
+    // The tables of motors and servos say what the cell and the bus need.
+    let described = robot.drives().is_none() && robot.addresses().is_some();
     if robot.drives().is_none() && !described {
         for (k, joint) in robot.joints().iter().enumerate().filter(|(_, j)| j.limits.torque_max_nm.is_none())
         {

@@ -68,9 +68,12 @@ fn each_joint_has_its_servo_and_every_mistake_in_one_is_named_with_its_key() {
 fn servos_on_some_joints_only_or_beside_other_drives_are_refused() {
     const FIRST: &str = r#"cia402 = { node = 3, counts_per_turn = 655360, rated_nm = 120, rotor_kg_m2 = 1.0, encoder = "absolute" }"#;
     let error = refused(FIRST, "");
-    assert_eq!(error.problem, Problem::Cia402Missing("turntable".to_owned()));
+    assert_eq!(
+        error.problem,
+        Problem::FamilyMissing { what: "CANopen servo", joint: "turntable".to_owned() }
+    );
     let error = refused(FIRST, &format!("{FIRST}\ndrive = {{ address = 1 }}"));
-    assert_eq!(error.problem, Problem::Cia402BesideDrive("turntable".to_owned()));
+    assert_eq!(error.problem, Problem::TwoFamilies("turntable".to_owned()));
     let error = refused("[drive_loop]", "[generic_drives]\nvoltage_v = 48\n\n[drive_loop]");
     assert_eq!(error.problem, Problem::GenericBeside("[joint.cia402]"));
 }

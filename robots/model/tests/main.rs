@@ -8,6 +8,7 @@ mod ik_numeric;
 mod inverse_kinematics;
 mod jacobian;
 mod kr16_2;
+mod odrive6;
 mod openarm7;
 mod padded;
 mod pincher4;

@@ -136,10 +136,10 @@ fn motors_on_some_joints_only_or_beside_drives_are_refused() {
     let error = refused(FIRST, "");
     assert_eq!(
         (error.key.as_str(), &error.problem),
-        ("joint[0].mit", &Problem::MitMissing("shoulder flexion".to_owned()))
+        ("joint[0].mit", &Problem::FamilyMissing { what: "MIT motor", joint: "shoulder flexion".to_owned() })
     );
     let error = refused(FIRST, &format!("{FIRST}\ndrive = {{ address = 1 }}"));
-    assert_eq!(error.problem, Problem::MitBesideDrive("shoulder flexion".to_owned()));
+    assert_eq!(error.problem, Problem::TwoFamilies("shoulder flexion".to_owned()));
     let bare: String =
         TEXT.lines().filter(|line| !line.starts_with("mit =")).map(|line| format!("{line}\n")).collect();
     assert!(RobotModel::from_toml("arm.toml", &bare).expect("no motors").mit_motors().is_none());

@@ -21,7 +21,14 @@ mod stack;
 use cortex_m_rt::entry;
 use firmware::ControllerNode;
 use firmware::authority::Seed;
-use firmware::groups::powercube::PowerCubes;
+#[cfg(feature = "cia402")]
+use firmware::groups::cia402::Cia402 as Drives;
+#[cfg(feature = "mit")]
+use firmware::groups::mit::Mit as Drives;
+#[cfg(feature = "odrive")]
+use firmware::groups::odrive::Odrive as Drives;
+#[cfg(not(any(feature = "mit", feature = "cia402", feature = "odrive")))]
+use firmware::groups::powercube::PowerCubes as Drives;
 use firmware::host_link::Identity;
 #[cfg(feature = "script")]
 use firmware::settings::Settings;
@@ -33,7 +40,7 @@ use protocol::Instant;
 pub const CORE_MHZ: u32 = 168;
 
 /// The controller with storage in a place of its own: flash on a real board.
-pub type Node = ControllerNode<&'static mut RamStorage, &'static mut Spline, PowerCubes>;
+pub type Node = ControllerNode<&'static mut RamStorage, &'static mut Spline, Drives>;
 
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {

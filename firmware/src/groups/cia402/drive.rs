@@ -8,25 +8,8 @@ use protocol::{Frame, Instant};
 use super::finding::{Step, cause_of};
 use super::options::Servo;
 use crate::fault::Cause;
-use crate::group::PositionSample;
-use crate::rest::Rest;
+use crate::groups::answers::{Answers, Worth};
 use crate::settings::JointSettings;
-use crate::supervisor::is_plausible;
-
-/// An answer is stale if it does not change in any bit while the set points move by this, rad.
-const STALE_RAD: f32 = 3e-3;
-
-/// What an answer is worth.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Worth {
-    Measured,
-    /// Not process data of this servo.
-    Nothing,
-    /// Torn, or the first stale one; true for the second torn one in a row.
-    Implausible(bool),
-    /// Stale again.
-    Frozen,
-}
 
 /// See the [module](self).
 #[derive(Clone, Debug, Default)]
@@ -48,24 +31,9 @@ pub(super) struct Drive {
     pub(super) is_reported: bool,
     /// Last heartbeat.
     pub(super) heard_at: Instant,
-    /// Process data are due.
-    pub(super) awaited: bool,
-    /// The answer before was missed: the next one may be that one, late.
-    pub(super) is_doubtful: bool,
-    /// The answer that came may be that of the SYNC before; then the right one still comes.
-    pub(super) may_follow: bool,
-    pub(super) missed_in_row: u32,
-    implausible_in_row: u32,
+    pub(super) answers: Answers,
     pub(super) status: Option<Status>,
-    /// Last answer, and how far the set point has moved since it first came.
-    answer: Option<[u8; 6]>,
-    pub(super) moved_rad: f32,
-    /// Set point sent last, rad.
-    pub(super) sent_rad: f32,
-    pub(super) sent_v_rad_s: f32,
     pub(super) torque_nm: f32,
-    pub(super) sample: Option<PositionSample>,
-    pub(super) rest: Rest,
     pub(super) is_proven: bool,
     pub(super) is_homed: bool,
     /// This group gave it torque.
@@ -105,7 +73,7 @@ impl Drive {
 
     /// It is held and answers, and nothing is wrong with it.
     pub(super) fn is_sound(&self, missed_max: u32) -> bool {
-        self.is_held() && self.missed_in_row <= missed_max && self.trouble().is_none()
+        self.is_held() && self.answers.missed_in_row <= missed_max && self.trouble().is_none()
     }
 
     /// What it reports about itself.
@@ -117,7 +85,7 @@ impl Drive {
         (self.status.is_some() && self.is_held() && !has_torque).then_some(Cause::DriveError)
     }
 
-    /// Takes process data of the SYNC at `at`.
+    /// Takes process data of the SYNC at `at`; `None`: they are none of this servo.
     pub(super) fn take(
         &mut self,
         frame: &Frame,
@@ -125,33 +93,22 @@ impl Drive {
         at: Instant,
         servo: Servo,
         limits: &JointSettings,
-    ) -> Worth {
-        let Some([status, counts, ..]) = map.unpack(frame.data()) else { return Worth::Nothing };
-        let data = frame.data().first_chunk::<6>().copied();
-        if data != self.answer {
-            (self.answer, self.moved_rad) = (data, 0.0);
-        }
+    ) -> Option<Worth> {
+        let [status, counts, ..] = map.unpack(frame.data())?;
         let status = Status(status as u16);
         let q_rad = limits.to_joint_rad(servo.to_rad(counts));
-        let is_stale = self.step == Step::Held
-            && status.state() == Some(State::OperationEnabled)
-            && self.moved_rad >= STALE_RAD;
-        if is_stale || !is_plausible(q_rad, at, self.sample, limits.v_max_rad_s) {
-            self.implausible_in_row = self.implausible_in_row.saturating_add(1);
-            let again = self.implausible_in_row > 1;
-            return if again && is_stale { Worth::Frozen } else { Worth::Implausible(again) };
+        let follows = self.step == Step::Held && status.state() == Some(State::OperationEnabled);
+        let worth = self.answers.take(frame, q_rad, at, limits, follows);
+        if worth == Worth::Measured {
+            self.status = Some(status);
         }
-        let sample = PositionSample { q_rad, at };
-        self.implausible_in_row = 0;
-        (self.status, self.sample) = (Some(status), Some(sample));
-        self.rest.take(sample);
-        Worth::Measured
+        Some(worth)
     }
 
     /// The encoder is absolute, or its zero was found: the joint is at home if it is within its limits.
     pub(super) fn home(&mut self, limits: &JointSettings) -> bool {
-        let is_inside = |q_rad: f32| q_rad >= limits.q_min_rad && q_rad <= limits.q_max_rad;
-        self.is_homed = self.is_held() && self.sample.is_some_and(|sample| is_inside(sample.q_rad));
+        self.is_homed =
+            self.is_held() && self.answers.sample.is_some_and(|sample| limits.holds(sample.q_rad));
         self.is_homed
     }
 }

@@ -487,7 +487,8 @@ impl Cia402 {
             let drive = self.drives.at_mut(joint);
             let waits = matches!(drive.step, Step::Enabling | Step::Clearing);
             if waits && now.saturating_since(drive.since) > STEP_MAX {
-                let cause = if drive.missed_in_row > 0 { Cause::DriveMissing } else { Cause::DriveError };
+                let cause =
+                    if drive.answers.missed_in_row > 0 { Cause::DriveMissing } else { Cause::DriveError };
                 return self.refuse(joint, cause);
             }
         }

@@ -41,25 +41,22 @@ use canopen_protocol::{Function, NodeId, nmt};
 use heapless::Deque;
 use protocol::{Duration, Frame, Id, Instant, JointIndex};
 
-use self::drive::{Drive, Worth};
+use self::drive::Drive;
 pub use self::finding::{Found, Mismatch};
 use self::finding::{HEARTBEAT, Step};
 pub use self::options::{Home, Options, OptionsError, Servo};
-use super::leading::{Leader, Mode};
+use super::answers::Worth;
+use super::leading::{Leader, Mode, check_drive};
 use crate::fault::{Cause, Fault, Refusal};
 use crate::group::{
-    Command, DriveGroup, GroupCounters, GroupEvent, InForce, Law, Measured, PositionSample, Profile,
-    Readings, SetPoint, Standing, Taken,
+    Command, DriveGroup, GroupCounters, GroupEvent, Law, Measured, PositionSample, Profile, Readings,
+    SetPoint, Standing, Taken,
 };
 use crate::joints::PerJoint;
 use crate::settings::Settings;
 
 /// Periods from the order to run to the start of the plan: a set point acts two periods after it is made.
 const LEAD_PERIODS: u64 = 3;
-/// A position older than this many periods does not show that a joint rests.
-const AGE_PERIODS: u64 = 4;
-/// Speed below which a set point stands, rad/s.
-const STANDS_RAD_S: f32 = 1e-3;
 /// From the end of a ramp to the rest of the joint behind its loop.
 const SETTLING: Duration = Duration::from_millis(60);
 /// Shortest SYNC, and shortest process data of six bytes, at 1 Mbit/s.
@@ -161,7 +158,7 @@ impl Cia402 {
         self.send(nmt::sync());
         for joint in settings.joints() {
             let drive = self.drives.at_mut(joint);
-            drive.awaited = drive.has_process_data();
+            drive.answers.awaited = drive.has_process_data();
         }
     }
 
@@ -169,14 +166,10 @@ impl Cia402 {
     fn count_missed(&mut self, settings: &Settings) {
         for joint in settings.joints() {
             let drive = self.drives.at_mut(joint);
-            drive.is_doubtful = core::mem::take(&mut drive.awaited);
-            drive.may_follow = false;
-            if drive.is_doubtful {
-                drive.missed_in_row = drive.missed_in_row.saturating_add(1);
-                let in_row = drive.missed_in_row;
-                if drive.is_held() {
-                    self.push(GroupEvent::Missed(joint, in_row));
-                }
+            if let Some(in_row) = drive.answers.close()
+                && drive.is_held()
+            {
+                self.push(GroupEvent::Missed(joint, in_row));
             }
         }
     }
@@ -220,31 +213,28 @@ impl Cia402 {
         let at = self.sync_at + SYNC_FRAME;
         let is_early = now < at + DATA_FRAME;
         let drive = self.drives.at_mut(joint);
-        if is_early || !(drive.awaited || drive.may_follow) {
+        if is_early || !drive.answers.admits(drive.is_held()) {
             return;
         }
-        (drive.awaited, drive.missed_in_row) = (false, 0);
-        if drive.is_held() && core::mem::take(&mut drive.is_doubtful) {
-            drive.may_follow = true;
-            return;
-        }
-        drive.may_follow = false;
+        drive.answers.came();
         if !matches!(drive.step, Step::Held | Step::Off) {
             // A homing moves the zero; nothing else moves.
-            (drive.sample, drive.rest) =
-                (None, if drive.is_held() { Default::default() } else { drive.rest });
+            drive.answers.sample = None;
+            if drive.is_held() {
+                drive.answers.rest.forget();
+            }
         }
         match drive.take(frame, &map, at, servo, settings.joint.at(joint)) {
-            Worth::Measured => {}
-            Worth::Nothing => return,
-            Worth::Frozen => return self.fail(joint, Cause::PositionFrozen),
-            Worth::Implausible(again) => return self.push(GroupEvent::Implausible(joint, again)),
+            Some(Worth::Measured) => {}
+            None => return,
+            Some(Worth::Frozen) => return self.fail(joint, Cause::PositionFrozen),
+            Some(Worth::Implausible(again)) => return self.push(GroupEvent::Implausible(joint, again)),
         }
         if drive.step != Step::Held {
             self.take_search_state(now, joint);
         }
         let drive = self.drives.at_mut(joint);
-        let Some(sample) = drive.sample else { return };
+        let Some(sample) = drive.answers.sample else { return };
         let has_torque = drive.state() == Some(canopen_protocol::cia402::State::OperationEnabled);
         if drive.step != Step::Held && !(drive.step == Step::Enabled && has_torque) {
             // The target stays at the position until the servo has torque.
@@ -259,9 +249,7 @@ impl Cia402 {
             drive.go_to(now, Step::Off);
         }
         // After the control step the set point that it gave is not yet in force.
-        let (led, in_time) = (self.leader.joints.at(joint), self.is_half);
-        let u_rad_s2 = if in_time { led.u_rad_s2 } else { led.u_before_rad_s2 };
-        let in_force = (self.leader.mode == Mode::Tracking).then_some(InForce { u_rad_s2, in_time });
+        let in_force = self.leader.in_force(joint, self.is_half);
         self.push(GroupEvent::Measured(Measured { joint, sample, in_force, trouble }));
         if let Some(cause) = trouble.filter(|_| self.leader.is_finding()) {
             self.refuse(joint, cause);
@@ -404,8 +392,7 @@ impl DriveGroup for Cia402 {
         self.lead_all(settings);
         for joint in settings.joints() {
             let Some(frame) = self.data_to(settings, joint) else { continue };
-            let moves = matches!(self.leader.mode, Mode::Tracking | Mode::Moving | Mode::Jogging { .. });
-            if moves && self.drives.at(joint).is_held() {
+            if self.leader.moves() && self.drives.at(joint).is_held() {
                 self.counters.motions = self.counters.motions.saturating_add(1);
             }
             self.send(frame);
@@ -423,7 +410,7 @@ impl DriveGroup for Cia402 {
     fn command(&mut self, now: Instant, settings: &Settings, command: Command) {
         self.homing = None;
         if let Some(joint) = self.leader.command(now, settings, command) {
-            self.drives.at_mut(joint).rest.forget();
+            self.drives.at_mut(joint).answers.rest.forget();
         }
         match command {
             Command::Find { .. } => {
@@ -453,7 +440,7 @@ impl DriveGroup for Cia402 {
     }
 
     fn set_point(&mut self, settings: &Settings, joint: JointIndex, set_point: &SetPoint) -> Taken {
-        let sample = self.drives.at(joint).sample;
+        let sample = self.drives.at(joint).answers.sample;
         self.leader.given(settings.joint.at(joint), joint, set_point, sample)
     }
 
@@ -469,22 +456,17 @@ impl DriveGroup for Cia402 {
     }
 
     fn check_group(&self, _: Instant, _: &Settings) -> Result<(), Refusal> {
-        let fit = !self.leader.is_finding() && self.leader.mode != Mode::Halted;
-        if fit { Ok(()) } else { Err(Refusal::of(Cause::DriveNotReady)) }
+        self.leader.check_group()
     }
 
     fn check_drive(&self, now: Instant, settings: &Settings, joint: JointIndex) -> Result<(), Refusal> {
-        if !self.is_homed(joint) {
-            return Err(Refusal::at(Cause::NotHomed, joint));
-        }
         let drive = self.drives.at(joint);
         let is_sound = drive.trouble().is_none() && drive.step == Step::Held;
-        let fit = is_sound && self.is_at_rest(now, settings, joint);
-        if fit { Ok(()) } else { Err(Refusal::at(Cause::DriveNotReady, joint)) }
+        check_drive(joint, drive.is_homed, is_sound && self.is_at_rest(now, settings, joint))
     }
 
     fn position(&self, joint: JointIndex) -> Option<PositionSample> {
-        self.drives.at(joint).sample
+        self.drives.at(joint).answers.sample
     }
 
     fn is_homed(&self, joint: JointIndex) -> bool {
@@ -492,12 +474,11 @@ impl DriveGroup for Cia402 {
     }
 
     fn is_at_rest(&self, now: Instant, settings: &Settings, joint: JointIndex) -> bool {
-        let since = self.drives.at(joint).rest.since(now, settings.cycle_period() * AGE_PERIODS);
-        self.leader.joints.at(joint).set.v_rad_s.abs() <= STANDS_RAD_S && since.is_some()
+        self.leader.is_at_rest(now, settings, joint, &self.drives.at(joint).answers, Duration::ZERO)
     }
 
     fn is_moving(&self, now: Instant, settings: &Settings, joint: JointIndex) -> bool {
-        self.drives.at(joint).rest.is_moving(now, settings.cycle_period() * AGE_PERIODS)
+        self.drives.at(joint).answers.is_moving(now, settings)
     }
 
     fn standing(&self, joint: JointIndex, _: bool) -> Standing {
@@ -506,19 +487,10 @@ impl DriveGroup for Cia402 {
     }
 
     fn readings(&self, joint: JointIndex) -> Readings {
-        let (drive, led) = (self.drives.at(joint), self.leader.joints.at(joint));
-        let status = drive.status.map(|status| status.0);
-        Readings {
-            qdd_command_rad_s2: led.qdd_rad_s2,
-            position_limited: led.position_limited,
-            error: drive.trouble().is_some(),
-            halted: self.leader.mode == Mode::Halted,
-            missed_in_row: drive.missed_in_row,
-            // The emergency code above the status word.
-            state: status.map(|status| u32::from(drive.emergency) << 16 | u32::from(status)),
-            short_state: status.unwrap_or(0) as u8,
-            ..Readings::default()
-        }
+        let drive = self.drives.at(joint);
+        // The emergency code above the status word.
+        let state = drive.status.map(|status| u32::from(drive.emergency) << 16 | u32::from(status.0));
+        self.leader.readings(joint, &drive.answers, state, drive.trouble().is_some())
     }
 
     fn counters(&self) -> GroupCounters {
@@ -530,6 +502,6 @@ impl DriveGroup for Cia402 {
     }
 
     fn is_cycle_done(&self, settings: &Settings) -> bool {
-        settings.joints().all(|joint| !self.drives.at(joint).awaited)
+        settings.joints().all(|joint| !self.drives.at(joint).answers.awaited)
     }
 }

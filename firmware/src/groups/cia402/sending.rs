@@ -6,7 +6,7 @@ use protocol::{Duration, Frame, Id, Instant, JointIndex, StandardId};
 
 use super::finding::{self, Step};
 use super::{Cia402, SYNC_FRAME};
-use crate::groups::dynamics::Motion;
+use crate::groups::dynamics::{Motion, torques_ahead_nm};
 use crate::joints::{PerJoint, clamp};
 use crate::settings::Settings;
 
@@ -17,40 +17,32 @@ impl Cia402 {
     /// The set points of this period, and the torques that they need.
     pub(super) fn lead_all(&mut self, settings: &Settings) {
         let mut motion = PerJoint::default();
-        let (dt_s, period) = (settings.cycle_period_s(), settings.cycle_period());
         // The line to a set point ends two SYNCs after the last one.
-        let reached_at = self.sync_at + SYNC_FRAME + period * 2;
+        let reached_at = self.sync_at + SYNC_FRAME + settings.cycle_period() * 2;
         for joint in settings.joints() {
-            let drive = self.drives.at(joint);
-            let (sample, is_homed) = (drive.sample, drive.is_homed);
-            if drive.step == Step::Held {
-                self.leader.lead(settings, joint, sample, is_homed);
-                let led = self.leader.joints.at_mut(joint);
-                led.keep_near(reached_at, settings.joint.at(joint), period, sample);
-            }
-            let set = self.leader.joints.at(joint).set;
             let drive = self.drives.at_mut(joint);
-            let qdd_rad_s2 = (set.v_rad_s - drive.sent_v_rad_s) / dt_s;
-            drive.moved_rad += (set.q_rad - drive.sent_rad).abs();
-            (drive.sent_rad, drive.sent_v_rad_s) = (set.q_rad, set.v_rad_s);
-            motion.set(joint, Motion { q_rad: set.q_rad, qd_rad_s: set.v_rad_s, qdd_rad_s2 });
+            let at = if drive.step == Step::Held {
+                self.leader.next(settings, joint, reached_at, &mut drive.answers, drive.is_homed)
+            } else {
+                let set = self.leader.joints.at(joint).set;
+                let qdd_rad_s2 = drive.answers.send(set, settings.cycle_period_s());
+                Motion { q_rad: set.q_rad, qd_rad_s: set.v_rad_s, qdd_rad_s2 }
+            };
+            motion.set(joint, at);
         }
-        let Some(torques) = self.options.model().map(|model| model.torques_nm(&motion)) else { return };
-        for joint in settings.joints() {
-            let t_nm = torques.get(joint);
-            self.drives.at_mut(joint).torque_nm = if t_nm.is_finite() { t_nm } else { 0.0 };
-        }
+        let torques = torques_ahead_nm(self.options.model(), &motion);
+        settings.joints().for_each(|joint| self.drives.at_mut(joint).torque_nm = torques.get(joint));
     }
 
     /// Process data to a servo.
     pub(super) fn data_to(&self, settings: &Settings, joint: JointIndex) -> Option<Frame> {
         let (servo, map) = (self.options.servo(joint)?, self.options.to_servo()?);
         let (drive, limits) = (self.drives.at(joint), settings.joint.at(joint));
-        if !drive.has_process_data() || drive.sample.is_none() {
+        if !drive.has_process_data() || drive.answers.sample.is_none() {
             return None;
         }
         let Control(control) = self.control_of(joint);
-        let target = servo.to_counts(limits.to_drive_rad(drive.sent_rad));
+        let target = servo.to_counts(limits.to_drive_rad(drive.answers.sent.q_rad));
         let turned_nm = if limits.inverted { -drive.torque_nm } else { drive.torque_nm };
         let share = clamp(turned_nm * 1e6 / servo.rated_mnm as f32, -TORQUE_MAX, TORQUE_MAX);
         let torque = if drive.is_held() { libm::roundf(share) as i32 } else { 0 };

@@ -43,29 +43,26 @@ use heapless::Deque;
 use mit_protocol::{RegisterAnswer, RegisterRequest, State};
 use protocol::{Duration, Frame, Id, Instant, JointIndex};
 
-use self::drive::{Drive, Worth};
+use self::drive::Drive;
 pub use self::finding::Mismatch;
 use self::finding::{STEP_PERIODS, Step};
 pub use self::options::{GripperMotor, Motor, Options, OptionsError};
-use super::leading::{Leader, Mode};
+use super::answers::Worth;
+use super::leading::{Leader, Mode, check_drive};
 use crate::fault::{Cause, Fault, Refusal};
 use crate::group::{
-    Command, DriveGroup, GroupCounters, GroupEvent, InForce, Law, Measured, PositionSample, Profile,
-    Readings, SetPoint, Standing, Taken,
+    Command, DriveGroup, GroupCounters, GroupEvent, Law, Measured, PositionSample, Profile, Readings,
+    SetPoint, Standing, Taken,
 };
 use crate::joints::{PerJoint, at_least, at_most, clamp};
 use crate::settings::{JointSettings, Settings};
 
 /// From the order to run to the start of the plan.
 const LEAD_PERIODS: u64 = 2;
-/// A position older than this many periods does not show that a joint rests.
-const AGE_PERIODS: u64 = 4;
 /// From the end of a ramp to the rest of the joint behind its gains: a joint at 25 rad/s leaves 2 % of its distance by then.
 const SETTLING: Duration = Duration::from_millis(160);
 /// Time for which a joint must stand. A joint with soft gains swings, and is slow for a moment where it turns back.
 const SWING: Duration = Duration::from_millis(200);
-/// Speed below which a set point stands, rad/s.
-const STANDS_RAD_S: f32 = 1e-3;
 /// Duration of a homing, in which no joint turns. A state that lasts a few milliseconds may not reach the host.
 const HOMING: Duration = Duration::from_millis(100);
 /// See the [module](self).
@@ -182,11 +179,7 @@ impl Mit {
         for joint in self.places(settings) {
             let is_gripper = self.gripper_place(settings) == Some(joint);
             let drive = self.drives.at_mut(joint);
-            drive.is_doubtful = core::mem::take(&mut drive.awaited);
-            drive.may_follow = false;
-            if drive.is_doubtful {
-                drive.missed_in_row = drive.missed_in_row.saturating_add(1);
-                let in_row = drive.missed_in_row;
+            if let Some(in_row) = drive.answers.close() {
                 any |= !is_gripper;
                 match drive.is_held() {
                     true if !is_gripper => self.push(GroupEvent::Missed(joint, in_row)),
@@ -231,7 +224,7 @@ impl Mit {
             let waits = matches!(drive.step, Step::Held | Step::Silence { .. });
             if !waits && drive.periods > STEP_PERIODS {
                 let trouble = drive.state.and_then(|state| finding::cause(state.status));
-                let answers = drive.missed_in_row == 0;
+                let answers = drive.answers.missed_in_row == 0;
                 self.refuse(joint, trouble.filter(|_| answers).unwrap_or(Cause::DriveMissing));
                 return;
             }
@@ -260,23 +253,18 @@ impl DriveGroup for Mit {
         let is_early = now < self.after_command(joint, 1);
         let at = self.after_command(joint, 0);
         let drive = self.drives.at_mut(joint);
-        if is_early || !(drive.awaited || drive.may_follow) {
+        if is_early || !drive.answers.admits(drive.is_held()) {
             return;
         }
-        if drive.is_held() && core::mem::take(&mut drive.is_doubtful) {
-            (drive.awaited, drive.may_follow, drive.missed_in_row) = (false, true, 0);
-            return;
-        }
-        drive.may_follow = false;
         if let Some(asked @ (RegisterRequest::Read(_) | RegisterRequest::Write(..))) = drive.asked {
             if let Some(answer) = RegisterAnswer::decode(frame, motor.id, motor.master, &asked) {
-                (drive.awaited, drive.missed_in_row) = (false, 0);
+                drive.answers.came();
                 self.take_register(settings, joint, &motor, answer);
             }
             return;
         }
         let Some(state) = State::decode(frame, motor.id, motor.master, &motor.ranges) else { return };
-        (drive.awaited, drive.missed_in_row) = (false, 0);
+        drive.answers.came();
         let is_gripper = self.gripper_place(settings) == Some(joint);
         let limits = self.limits(settings, joint);
         let drive = self.drives.at_mut(joint);
@@ -296,13 +284,12 @@ impl DriveGroup for Mit {
             }
             return;
         }
-        let u_rad_s2 = self.leader.joints.at(joint).u_rad_s2;
-        let in_force = (self.leader.mode == Mode::Tracking).then_some(InForce { u_rad_s2, in_time: true });
+        let in_force = self.leader.in_force(joint, true);
         let trouble = drive.trouble(self.options.hot_c);
         if finding::cause(state.status).is_some() {
             drive.go_to(Step::Off);
         }
-        if let Some(sample) = drive.sample {
+        if let Some(sample) = drive.answers.sample {
             self.push(GroupEvent::Measured(Measured { joint, sample, in_force, trouble }));
         }
         if let Some(cause) = trouble.filter(|_| self.leader.is_finding()) {
@@ -347,8 +334,8 @@ impl DriveGroup for Mit {
         self.homing = None;
         if let Some(joint) = self.leader.command(now, settings, command) {
             let (drive, led) = (self.drives.at_mut(joint), self.leader.joints.at_mut(joint));
-            led.load_rad = drive.sample.map_or(0.0, |sample| led.set.q_rad - sample.q_rad);
-            drive.rest.forget();
+            led.load_rad = drive.answers.sample.map_or(0.0, |sample| led.set.q_rad - sample.q_rad);
+            drive.answers.rest.forget();
         }
         match command {
             Command::Find { .. } => {
@@ -378,7 +365,7 @@ impl DriveGroup for Mit {
             None => return Taken::default(),
         };
         let limits = JointSettings { v_max_rad_s: clamp(limits.v_max_rad_s, 0.0, range_rad_s), ..limits };
-        let sample = self.drives.at(joint).sample;
+        let sample = self.drives.at(joint).answers.sample;
         self.leader.given(&limits, joint, set_point, sample)
     }
 
@@ -407,21 +394,17 @@ impl DriveGroup for Mit {
     }
 
     fn check_group(&self, _: Instant, _: &Settings) -> Result<(), Refusal> {
-        let fit = !self.leader.is_finding() && self.leader.mode != Mode::Halted;
-        if fit { Ok(()) } else { Err(Refusal::of(Cause::DriveNotReady)) }
+        self.leader.check_group()
     }
 
     fn check_drive(&self, now: Instant, settings: &Settings, joint: JointIndex) -> Result<(), Refusal> {
-        if !self.is_homed(joint) {
-            return Err(Refusal::at(Cause::NotHomed, joint));
-        }
         let is_sound = self.standing(joint, true).trouble.is_none() && self.drives.at(joint).is_held();
-        let fit = is_sound && self.is_at_rest(now, settings, joint);
-        if fit { Ok(()) } else { Err(Refusal::at(Cause::DriveNotReady, joint)) }
+        let is_fit = is_sound && self.is_at_rest(now, settings, joint);
+        check_drive(joint, self.is_homed(joint), is_fit)
     }
 
     fn position(&self, joint: JointIndex) -> Option<PositionSample> {
-        self.drives.at(joint).sample
+        self.drives.at(joint).answers.sample
     }
 
     fn is_homed(&self, joint: JointIndex) -> bool {
@@ -429,14 +412,11 @@ impl DriveGroup for Mit {
     }
 
     fn is_at_rest(&self, now: Instant, settings: &Settings, joint: JointIndex) -> bool {
-        let drive = self.drives.at(joint);
-        let since = drive.rest.since(now, settings.cycle_period() * AGE_PERIODS);
-        self.leader.joints.at(joint).set.v_rad_s.abs() <= STANDS_RAD_S
-            && since.is_some_and(|since| now >= since + SWING)
+        self.leader.is_at_rest(now, settings, joint, &self.drives.at(joint).answers, SWING)
     }
 
     fn is_moving(&self, now: Instant, settings: &Settings, joint: JointIndex) -> bool {
-        self.drives.at(joint).rest.is_moving(now, settings.cycle_period() * AGE_PERIODS)
+        self.drives.at(joint).answers.is_moving(now, settings)
     }
 
     fn standing(&self, joint: JointIndex, _: bool) -> Standing {
@@ -446,18 +426,10 @@ impl DriveGroup for Mit {
     }
 
     fn readings(&self, joint: JointIndex) -> Readings {
-        let (drive, led) = (self.drives.at(joint), self.leader.joints.at(joint));
-        let status = drive.state.map(|state| state.status.code());
-        Readings {
-            qdd_command_rad_s2: led.qdd_rad_s2,
-            position_limited: led.position_limited,
-            error: drive.trouble(self.options.hot_c).is_some(),
-            halted: self.leader.mode == Mode::Halted,
-            missed_in_row: drive.missed_in_row,
-            state: status.map(u32::from),
-            short_state: status.unwrap_or(0),
-            ..Readings::default()
-        }
+        let drive = self.drives.at(joint);
+        let status = drive.state.map(|state| state.status.code().into());
+        let error = drive.trouble(self.options.hot_c).is_some();
+        self.leader.readings(joint, &drive.answers, status, error)
     }
 
     fn counters(&self) -> GroupCounters {
@@ -469,6 +441,6 @@ impl DriveGroup for Mit {
     }
 
     fn is_cycle_done(&self, settings: &Settings) -> bool {
-        settings.joints().all(|joint| !self.drives.at(joint).awaited)
+        settings.joints().all(|joint| !self.drives.at(joint).answers.awaited)
     }
 }

@@ -5,8 +5,7 @@ use protocol::{Frame, Instant, JointIndex};
 
 use super::finding::{Ask, Step};
 use super::{Mit, Motor};
-use crate::groups::dynamics::Motion;
-use crate::groups::leading::Mode;
+use crate::groups::dynamics::{Motion, torques_ahead_nm};
 use crate::joints::PerJoint;
 use crate::settings::Settings;
 
@@ -39,7 +38,7 @@ impl Mit {
             let below = if is_odd { -BELOW_ZERO } else { 0.0 };
             let (v_rad_s, t_nm) = (v_rad_s + below * ranges.v_max_rad_s(), t_nm + below * ranges.t_max_nm());
             let command = SetPoint { p_rad, v_rad_s, kp_nm_rad, kd_nm_s_rad, t_nm };
-            if matches!(self.leader.mode, Mode::Tracking | Mode::Moving | Mode::Jogging { .. }) {
+            if self.leader.moves() {
                 self.counters.motions = self.counters.motions.saturating_add(1);
             }
             return encode(Command::Mit(command), &motor);
@@ -65,21 +64,14 @@ impl Mit {
         for joint in settings.joints() {
             let drive = self.drives.at_mut(joint);
             let at = if drive.is_held() {
-                self.leader.lead(settings, joint, drive.sample, drive.is_homed);
-                let led = self.leader.joints.at_mut(joint);
-                led.keep_near(now, settings.joint.at(joint), settings.cycle_period(), drive.sample);
-                let qdd_rad_s2 = drive.send_set_point(led.set, settings.cycle_period_s());
-                Motion { q_rad: led.set.q_rad, qd_rad_s: led.set.v_rad_s, qdd_rad_s2 }
+                self.leader.next(settings, joint, now, &mut drive.answers, drive.is_homed)
             } else {
-                Motion { q_rad: drive.sample.map_or(0.0, |sample| sample.q_rad), ..Motion::default() }
+                Motion { q_rad: drive.answers.sample.map_or(0.0, |sample| sample.q_rad), ..Motion::default() }
             };
             motion.set(joint, at);
         }
-        let Some(torques) = self.options.model().map(|model| model.torques_nm(&motion)) else { return };
-        for joint in settings.joints() {
-            let t_nm = torques.get(joint);
-            self.drives.at_mut(joint).ahead_nm = if t_nm.is_finite() { t_nm } else { 0.0 };
-        }
+        let torques = torques_ahead_nm(self.options.model(), &motion);
+        settings.joints().for_each(|joint| self.drives.at_mut(joint).ahead_nm = torques.get(joint));
     }
 
     /// The command of the fingers: where they were ordered to, or where they were found.
@@ -111,7 +103,7 @@ impl Mit {
             };
             frames.set(joint, None);
             let drive = self.drives.at_mut(joint);
-            (drive.awaited, drive.place) = (true, place);
+            (drive.answers.awaited, drive.place) = (true, place);
             self.counters.bits = self.counters.bits.wrapping_add(frame.nominal_bits());
             // There is room for one frame per motor.
             let _ = self.out.push_back(frame);

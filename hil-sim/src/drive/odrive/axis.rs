@@ -4,12 +4,13 @@ use std::collections::VecDeque;
 use std::f64::consts::TAU;
 
 use odrive_protocol::{
-    AxisState as State, ControlMode, Errors, Heartbeat, InputMode, NodeId, Order, Report, Request, Version,
+    AxisState as State, ControlMode, Errors, Heartbeat, InputMode, NodeId, Order, Report, Request, Sdo,
+    Version,
 };
 use protocol::{Duration, Frame, Instant, Node};
 
 use super::input::{SetPoint, Trapezoid};
-use super::options::{OdriveFaults, OdriveOptions};
+use super::options::{OdriveFaults, OdriveOptions, OdriveParameter};
 use crate::drive::bench::ShaftMotor;
 use crate::mechanics::{AxisInput, AxisState};
 
@@ -76,6 +77,10 @@ pub struct OdriveAxis {
     estimates_at: Option<Instant>,
     axis: AxisState,
     last_estimates: Report,
+    /// Steps of the velocity and torque fields in a unit.
+    scales: [u32; 2],
+    watchdog_s: f32,
+    requests: u32,
     answers: VecDeque<(Instant, Frame)>,
     ready: VecDeque<Frame>,
 }
@@ -123,6 +128,9 @@ impl OdriveAxis {
             estimates_at: None,
             axis: AxisState { q_rad, ..AxisState::default() },
             last_estimates: Report::Estimates { rev: 0.0, rev_s: 0.0 },
+            scales: [1_000; 2],
+            watchdog_s: options.watchdog.map_or(0.0, |after| after.as_secs_f64() as f32),
+            requests: 0,
             answers: VecDeque::new(),
             ready: VecDeque::new(),
         };
@@ -140,22 +148,37 @@ impl OdriveAxis {
         self.state = State::Idle;
     }
 
+    /// What it is configured to.
+    pub fn options(&self) -> &OdriveOptions {
+        &self.options
+    }
+
+    /// An error with these bits, as its version counts them: no torque.
+    pub fn fail(&mut self, error: u32) {
+        (self.state, self.errors, self.disarm_reason) = (State::Idle, self.errors | error, error);
+    }
+
+    /// Where the shaft of the joint stands, rad.
+    pub fn shaft_rad(&self) -> f64 {
+        self.axis.q_rad
+    }
+
     /// What it does.
     pub fn state(&self) -> State {
         self.state
     }
 
-    /// Position as the axis reports it, turns of the motor.
+    /// Position as the axis reports it, turns.
     pub fn rev(&self) -> f64 {
         self.turns() - self.origin_rev
     }
 
     fn turns(&self) -> f64 {
-        self.axis.q_rad / TAU * self.options.gear
+        self.axis.q_rad / TAU * self.options.counted
     }
 
     fn rev_s(&self) -> f64 {
-        self.axis.v_rad_s / TAU * self.options.gear
+        self.axis.v_rad_s / TAU * self.options.counted
     }
 
     /// Switches the power off or on. What was not configured is lost, and whole turns, and without an absolute encoder the place in a turn.
@@ -174,7 +197,7 @@ impl OdriveAxis {
         (self.control, self.input) = (ControlMode::Position, InputMode::Direct);
         self.trajectory_done = true;
         self.is_indexed = options.absolute;
-        let turns = axis.q_rad / TAU * options.gear;
+        let turns = axis.q_rad / TAU * options.counted;
         self.origin_rev = if options.absolute { turns.round() } else { turns };
         self.answers.clear();
         self.ready.clear();
@@ -228,7 +251,9 @@ impl OdriveAxis {
                 self.stand_here();
             }
             Order::Position { rev, rev_s, nm } => {
-                self.wanted = SetPoint { rev: rev.into(), rev_s: rev_s.into(), nm: nm.into() };
+                let [rev_s, nm] = [(rev_s, self.scales[0]), (nm, self.scales[1])]
+                    .map(|(field, scale)| f64::from(field) * 1_000.0 / f64::from(scale));
+                self.wanted = SetPoint { rev: rev.into(), rev_s, nm };
                 self.trajectory_done &= self.input != InputMode::Trapezoid;
             }
             Order::Velocity { rev_s, nm } => (self.wanted.rev_s, self.wanted.nm) = (rev_s.into(), nm.into()),
@@ -249,8 +274,53 @@ impl OdriveAxis {
             Order::ClearErrors => (self.errors, self.disarm_reason) = (0, 0),
             Order::CountHere(counts) => self.count_from(f64::from(counts) / COUNTS_PER_REV),
             Order::PositionHere(rev) => self.count_from(rev.into()),
-            Order::Sdo(_) => {}
+            Order::Sdo(sdo) => self.exchange(now, sdo),
         }
+    }
+
+    /// Reads or writes a parameter. One that is read is answered, one without a number is not.
+    fn exchange(&mut self, now: Instant, Sdo { endpoint, value }: Sdo) {
+        let mut known = self.options.endpoints.iter();
+        let Some((_, parameter)) = known.find(|(number, _)| *number == endpoint) else { return };
+        let Some(bytes) = value else {
+            let report = Report::Sdo { endpoint, value: self.parameter(*parameter) };
+            let answer = report.encode(self.options.node, self.options.version);
+            self.answers.push_back((now + self.options.answer_after, answer));
+            return;
+        };
+        if self.faults.parameters_are_fixed {
+            return;
+        }
+        let whole = u32::from_le_bytes(bytes);
+        match parameter {
+            OdriveParameter::EstimatesPeriod => {
+                self.options.estimates = (whole > 0).then(|| Duration::from_millis(whole.into()));
+                self.estimates_at = self.options.estimates.map(|every| now + every);
+            }
+            OdriveParameter::VelocityScale => self.scales[0] = whole,
+            OdriveParameter::TorqueScale => self.scales[1] = whole,
+            OdriveParameter::WatchdogTime => self.watchdog_s = f32::from_le_bytes(bytes),
+            OdriveParameter::WatchdogOn => {
+                let after = Duration::from_secs_f64(self.watchdog_s.into());
+                self.options.watchdog = (bytes[0] != 0).then_some(after);
+            }
+            OdriveParameter::ControlMode | OdriveParameter::InputMode => {}
+        }
+    }
+
+    fn parameter(&self, parameter: OdriveParameter) -> [u8; 4] {
+        let whole = match parameter {
+            OdriveParameter::EstimatesPeriod => {
+                self.options.estimates.map_or(0, |every| (every.as_micros() / 1_000) as u32)
+            }
+            OdriveParameter::VelocityScale => self.scales[0],
+            OdriveParameter::TorqueScale => self.scales[1],
+            OdriveParameter::WatchdogTime => return self.watchdog_s.to_le_bytes(),
+            OdriveParameter::WatchdogOn => self.options.watchdog.is_some().into(),
+            OdriveParameter::ControlMode => self.control as u32,
+            OdriveParameter::InputMode => u32::from(self.input == InputMode::Direct),
+        };
+        whole.to_le_bytes()
     }
 
     /// The motor is at `rev` from now on; the shaft does not move by it.
@@ -276,6 +346,11 @@ impl OdriveAxis {
 
     fn estimates(&mut self) -> Report {
         let now = Report::Estimates { rev: self.rev() as f32, rev_s: self.rev_s() as f32 };
+        if self.faults.torn_estimates > 0 {
+            self.faults.torn_estimates -= 1;
+            let rev = self.rev() + 0.5 * self.options.counted;
+            return Report::Estimates { rev: rev as f32, rev_s: self.rev_s() as f32 };
+        }
         if !self.faults.estimates_are_stale {
             self.last_estimates = now;
         }
@@ -312,6 +387,9 @@ impl OdriveAxis {
     }
 
     fn send(&mut self, report: Report) {
+        if self.faults.is_silent {
+            return;
+        }
         self.ready.push_back(report.encode(self.options.node, self.options.version));
     }
 
@@ -337,8 +415,8 @@ impl ShaftMotor for OdriveAxis {
 
     fn input(&self) -> AxisInput {
         let (options, limits) = (&self.options, &self.limits);
-        // N·m at the joint per turn/s of the motor, per rad/s of the joint.
-        let damping_nms_rad = options.gear * limits.velocity_gain * options.gear / TAU;
+        // N·m at the joint per counted turn/s, per rad/s of the joint.
+        let damping_nms_rad = options.gear * limits.velocity_gain * options.counted / TAU;
         let torque_max_nm = options.gear * options.torque_nm_a * limits.current_a;
         let at_speed = |rev_s: f64, nm: f64| AxisInput {
             damping_nms_rad,
@@ -361,13 +439,13 @@ impl ShaftMotor for OdriveAxis {
                         return at_speed(wanted, self.set.nm + self.integral_nm);
                     }
                     AxisInput {
-                        reference_rad: (self.set.rev + self.origin_rev) * TAU / options.gear,
+                        reference_rad: (self.set.rev + self.origin_rev) * TAU / options.counted,
                         stiffness_nm_rad: damping_nms_rad * limits.position_gain,
                         ..at_speed(self.set.rev_s, self.set.nm + self.integral_nm)
                     }
                 }
             },
-            _ => AxisInput::default(),
+            _ => AxisInput { brake: self.options.brakes, ..AxisInput::default() },
         }
     }
 
@@ -403,7 +481,15 @@ impl Node for OdriveAxis {
         self.handle_timeout(now);
         let (own, version) = (self.options.node, self.options.version);
         if let Some((node, request)) = Request::decode(frame, version) {
-            if node == own && self.answers.len() < ANSWERS_MAX {
+            if node != own {
+                return;
+            }
+            if self.options.requests_feed {
+                self.fed_at = now;
+            }
+            self.requests = self.requests.wrapping_add(1);
+            let is_lost = self.requests.checked_rem(self.faults.answer_lost_every) == Some(0);
+            if !is_lost && self.answers.len() < ANSWERS_MAX {
                 let answer = self.answer_to(request).encode(own, version);
                 self.answers.push_back((now + self.options.answer_after, answer));
             }
@@ -425,7 +511,9 @@ impl Node for OdriveAxis {
             && at <= now
         {
             self.answers.pop_front();
-            self.ready.push_back(frame);
+            if !self.faults.is_silent {
+                self.ready.push_back(frame);
+            }
         }
         if self.heartbeat_at <= now {
             self.heartbeat_at = next(self.heartbeat_at, self.options.heartbeat, now);

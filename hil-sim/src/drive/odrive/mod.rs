@@ -32,7 +32,7 @@
 //! * The watchdog, if it is on, starves only while there is torque; each order feeds it, a request does not.
 //! * Entering closed loop, and a change of the mode, put the set point where the shaft stands.
 //! * Calibrations other than the index search and homing end with an error: there is nothing to calibrate, and no switch.
-//! * Parameters by number (`Rx_Sdo`) have no answer: the numbers differ per build of the firmware.
+//! * Parameters by number (`Rx_Sdo`) are those of [`OdriveOptions::endpoints`]: the numbers differ per build of the firmware.
 //! * Estimates are sent in every state, with the position counted from power-on if the index was not found.
 
 mod axis;
@@ -40,4 +40,4 @@ mod input;
 mod options;
 
 pub use axis::OdriveAxis;
-pub use options::{OdriveFaults, OdriveOptions};
+pub use options::{OdriveFaults, OdriveOptions, OdriveParameter};

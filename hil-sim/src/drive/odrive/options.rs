@@ -3,7 +3,26 @@
 use odrive_protocol::{NodeId, Version};
 use protocol::Duration;
 
-/// An axis as it is configured. Turns, torques and gains are those of the motor's shaft, in front of the gear.
+/// A parameter that a host reaches by its number (0.6). What no other message changes is kept here.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OdriveParameter {
+    /// Between two estimates, ms; 0: when asked only.
+    EstimatesPeriod,
+    /// Steps of the velocity field in a turn/s.
+    VelocityScale,
+    /// Steps of the torque field in a N·m.
+    TorqueScale,
+    /// Time-out of the watchdog, s.
+    WatchdogTime,
+    /// Whether it is on.
+    WatchdogOn,
+    /// What the loop controls; read only.
+    ControlMode,
+    /// How set points become what is controlled; read only.
+    InputMode,
+}
+
+/// An axis as it is configured. Torques are those of the motor's shaft, in front of the gear; turns are those of the shaft that is counted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OdriveOptions {
     /// Its number on the bus.
@@ -12,6 +31,8 @@ pub struct OdriveOptions {
     pub version: Version,
     /// Turns of the motor per turn of the joint.
     pub gear: f64,
+    /// Turns that are counted per turn of the joint: the gear, or 1 with an encoder at the joint.
+    pub counted: f64,
     /// Torque per current, N·m/A.
     pub torque_nm_a: f64,
     /// Largest current of a new axis, A.
@@ -32,8 +53,14 @@ pub struct OdriveOptions {
     pub estimates: Option<Duration>,
     /// The encoder knows its place within a turn at power-on. One that does not needs an index search.
     pub absolute: bool,
+    /// A brake that closes without torque.
+    pub brakes: bool,
     /// From a request to its answer.
     pub answer_after: Duration,
+    /// A request feeds the watchdog as an order does.
+    pub requests_feed: bool,
+    /// Numbers of parameters. Each firmware has its own.
+    pub endpoints: &'static [(u16, OdriveParameter)],
 }
 
 impl OdriveOptions {
@@ -43,6 +70,7 @@ impl OdriveOptions {
             node,
             version,
             gear: 8.0,
+            counted: 8.0,
             torque_nm_a: 8.27 / 270.0,
             current_max_a: 40.0,
             velocity_max_rev_s: 20.0,
@@ -53,7 +81,10 @@ impl OdriveOptions {
             heartbeat: Duration::from_millis(100),
             estimates: Some(Duration::from_millis(10)),
             absolute: true,
+            brakes: false,
             answer_after: Duration::from_micros(150),
+            requests_feed: false,
+            endpoints: &[],
         }
     }
 }
@@ -67,4 +98,12 @@ pub struct OdriveFaults {
     pub estimates_are_nan: bool,
     /// Estimates hold what was measured last before.
     pub estimates_are_stale: bool,
+    /// So many of the next estimates are torn: 0.5 turns of the joint off.
+    pub torn_estimates: u32,
+    /// Every so many requests one has no answer; 0: each has one.
+    pub answer_lost_every: u32,
+    /// Nothing is sent.
+    pub is_silent: bool,
+    /// Parameters are not written.
+    pub parameters_are_fixed: bool,
 }

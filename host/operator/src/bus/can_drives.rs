@@ -8,22 +8,37 @@ use firmware::group::{
 use firmware::groups::cia402::{self, Cia402, Home, Servo};
 use firmware::groups::dynamics::{ArmModel, Body};
 use firmware::groups::mit::{GripperMotor, Mit, Motor, Options};
+use firmware::groups::odrive::{self, Axis, Odrive};
 use firmware::groups::powercube::PowerCubes;
 use firmware::settings::Settings;
 use nalgebra::{Matrix3, Vector3};
-use protocol::{Frame, Instant, JointIndex};
-use robot_model::{Cia402Servo, MitMotor, RobotModel};
+use protocol::powercube::Address;
+use protocol::{Frame, Id, Instant, JointIndex, StandardId};
+use robot_model::{Cia402Servo, MitMotor, OdriveAxis, RobotModel};
 
 use super::settings::NoSettings;
 
-/// The drives of one family.
-// One controller has one of them: the smaller one may take the memory of the larger.
-#[allow(clippy::large_enum_variant)]
-pub enum CanDrives {
-    PowerCubes(PowerCubes),
-    Mit(Mit),
-    Cia402(Cia402),
+/// The families: an enum of them, and a macro that calls the one that is there.
+macro_rules! families {
+    ($($family:ident),*) => {
+        /// The drives of one family.
+        // One controller has one of them: the smaller one may take the memory of the larger.
+        #[allow(clippy::large_enum_variant)]
+        pub enum CanDrives {
+            $($family($family),)*
+        }
+
+        macro_rules! each {
+            ($own:expr, $drives:ident => $call:expr) => {
+                match $own {
+                    $(CanDrives::$family($drives) => $call,)*
+                }
+            };
+        }
+    };
 }
+
+families!(PowerCubes, Mit, Cia402, Odrive);
 
 impl Default for CanDrives {
     fn default() -> Self {
@@ -41,9 +56,16 @@ impl CanDrives {
         if let Some(servos) = robot.cia402_servos() {
             let joints: Vec<Servo> = servos.iter().map(servo_of).collect();
             let options = cia402::Options::new(&joints).and_then(|all| all.with_model(model_of(robot)));
-            return options
-                .map(|options| Self::Cia402(Cia402::new(options)))
-                .map_err(|error| invalid(error.to_string()));
+            let options = options.map_err(|error| invalid(error.to_string()))?;
+            alone(options.ids()).map_err(invalid)?;
+            return Ok(Self::Cia402(Cia402::new(options)));
+        }
+        if let Some(axes) = robot.odrive_axes() {
+            let joints: Vec<Axis> = axes.iter().map(axis_of).collect();
+            let options = odrive::Options::new(&joints).and_then(|all| all.with_model(model_of(robot)));
+            let options = options.map_err(|error| invalid(error.to_string()))?;
+            alone(options.ids()).map_err(invalid)?;
+            return Ok(Self::Odrive(Odrive::new(options)));
         }
         let Some(motors) = robot.mit_motors() else { return Ok(Self::default()) };
         let joints: Vec<Motor> = motors.joints.iter().map(motor_of).collect();
@@ -56,18 +78,29 @@ impl CanDrives {
             }),
             None => Ok(options),
         });
-        options.map(|options| Self::Mit(Mit::new(options))).map_err(|error| invalid(error.to_string()))
+        let options = options.map_err(|error| invalid(error.to_string()))?;
+        alone(options.ids()).map_err(invalid)?;
+        Ok(Self::Mit(Mit::new(options)))
+    }
+}
+
+/// Refuses ids on which other frames of these programs go: those of PowerCubes, which `status`, `doctor` and their like send on any bus.
+/// Frames of the host link have 29 bits and meet no drive.
+fn alone(ids: impl Iterator<Item = StandardId>) -> Result<(), String> {
+    let mut ids = ids.map(Id::Standard);
+    match ids.find(|id| Address::of(*id).is_some()) {
+        Some(id) => Err(format!(
+            "id {id} of a drive is also one of a PowerCube, to which other verbs speak: give the drive another number (ODrives: 1, 2, 4, \
+             9 to 31; CANopen servos: 1 to 31)"
+        )),
+        None => Ok(()),
     }
 }
 
 /// The arm with its ball in the hand, as the torques ahead see it.
 fn model_of(robot: &RobotModel) -> ArmModel {
     let robot = &robot.holding_ball().unwrap_or_else(|| robot.clone());
-    let rotor_kg_m2 = |joint: usize| match (robot.mit_motors(), robot.cia402_servos()) {
-        (Some(motors), _) => motors.joints[joint].rotor_kg_m2,
-        (None, Some(servos)) => servos[joint].rotor_kg_m2,
-        (None, None) => 0.0,
-    };
+    let rotor_kg_m2 = |joint: usize| robot.rotor_kg_m2(joint).unwrap_or(0.0);
     let vector = |v: &Vector3<f64>| v.map(|x| x as f32).into();
     let rows = |m: &Matrix3<f64>| m.transpose().map(|x| x as f32).into();
     let bodies = robot.joints().iter().zip(robot.links()).enumerate().map(|(index, (joint, link))| Body {
@@ -91,6 +124,19 @@ fn motor_of(motor: &MitMotor) -> Motor {
     }
 }
 
+fn axis_of(axis: &OdriveAxis) -> Axis {
+    Axis {
+        node: axis.node,
+        version: axis.version,
+        gear: axis.gear_ratio as f32,
+        home: if axis.is_at_joint { odrive::Home::Joint } else { odrive::Home::Motor },
+        current_max_a: axis.current_max_a as f32,
+        position_gain_1_s: axis.position_gain_1_s as f32,
+        velocity_gain_nm_s: axis.velocity_gain_nm_s as f32,
+        integral_gain_nm: axis.integral_gain_nm as f32,
+    }
+}
+
 fn servo_of(servo: &Cia402Servo) -> Servo {
     Servo {
         node: servo.node,
@@ -104,18 +150,10 @@ fn servo_of(servo: &Cia402Servo) -> Servo {
 macro_rules! forward {
     ($(fn $name:ident(&mut self $(, $arg:ident: $kind:ty)*) $(-> $out:ty)?;)* ; $(fn $look:ident(&self $(, $la:ident: $lk:ty)*) -> $lo:ty;)*) => {
         $(fn $name(&mut self $(, $arg: $kind)*) $(-> $out)? {
-            match self {
-                Self::PowerCubes(drives) => drives.$name($($arg),*),
-                Self::Mit(drives) => drives.$name($($arg),*),
-                Self::Cia402(drives) => drives.$name($($arg),*),
-            }
+            each!(self, drives => drives.$name($($arg),*))
         })*
         $(fn $look(&self $(, $la: $lk)*) -> $lo {
-            match self {
-                Self::PowerCubes(drives) => drives.$look($($la),*),
-                Self::Mit(drives) => drives.$look($($la),*),
-                Self::Cia402(drives) => drives.$look($($la),*),
-            }
+            each!(self, drives => drives.$look($($la),*))
         })*
     };
 }

@@ -39,7 +39,7 @@ impl NoSettings {
     pub fn next(&self) -> Option<String> {
         Some(match self {
             Self::NoDrives { .. } => {
-                "give each [[joint]] of its file a [joint.drive] table with address and current, a [joint.mit] or a [joint.cia402] table".to_owned()
+                "give each [[joint]] of its file a [joint.drive] table with address and current, or a [joint.mit], [joint.cia402] or [joint.odrive] table".to_owned()
             }
             Self::NoSuchModule { .. } => "name the robot of this arm with --robot; `cubectl status` \
          shows which modules are there"
@@ -89,32 +89,18 @@ pub fn settings_of(model: &RobotModel) -> Result<Settings, NoSettings> {
             ..*place
         };
     }
-    match (model.drives(), model.mit_motors(), model.cia402_servos()) {
-        (Some(drives), ..) => {
-            for (place, drive) in places.iter_mut().zip(drives) {
-                place.address = drive.address.into();
-                place.current_max_a = drive.current_max_a as f32;
-                place.slow_current_a = (SLOW_CURRENT_SHARE * drive.current_max_a) as f32;
-            }
-            // The gripper hangs on the last drive, as in the simulated cell.
-            settings.gripper_address = drives.last().map_or(0, |drive| drive.address.into());
-        }
-        (None, Some(motors), _) => {
-            for (place, motor) in places.iter_mut().zip(&motors.joints) {
-                place.address = motor.id.get().into();
-            }
-            settings.gripper_address = 0;
-            if let Some(gripper) = &motors.gripper {
-                settings.gripper_opening_us = (1e6 * gripper.opening_s()).round() as u32;
-            }
-        }
-        (None, None, Some(servos)) => {
-            for (place, servo) in places.iter_mut().zip(servos) {
-                place.address = servo.node.get().into();
-            }
-            settings.gripper_address = 0;
-        }
-        (None, None, None) => return Err(NoSettings::NoDrives { robot: robot() }),
+    let addresses = model.addresses().ok_or_else(|| NoSettings::NoDrives { robot: robot() })?;
+    for (place, address) in places.iter_mut().zip(&addresses) {
+        place.address = (*address).into();
+    }
+    for (place, drive) in places.iter_mut().zip(model.drives().unwrap_or_default()) {
+        place.current_max_a = drive.current_max_a as f32;
+        place.slow_current_a = (SLOW_CURRENT_SHARE * drive.current_max_a) as f32;
+    }
+    // The gripper hangs on the last PowerCube, as in the simulated cell.
+    settings.gripper_address = model.drives().and(addresses.last().copied()).unwrap_or(0).into();
+    if let Some(gripper) = model.mit_motors().and_then(|motors| motors.gripper) {
+        settings.gripper_opening_us = (1e6 * gripper.opening_s()).round() as u32;
     }
     if let Some(drive) = model.drive_loop() {
         settings.drive_lag_us = (2e6 * drive.damping_ratio / drive.natural_frequency_rad_s).round() as u32;

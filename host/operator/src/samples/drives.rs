@@ -20,11 +20,7 @@ impl Drives {
     /// Drives of the robot file, mounted so that each reads its joint's angle; `None` if the file has no drives.
     #[must_use]
     pub fn of(arm: &Arm) -> Option<Self> {
-        let address = match (arm.drives(), arm.mit_motors(), arm.cia402_servos()) {
-            (Some(drives), ..) => drives.iter().map(|drive| drive.address).collect(),
-            (None, Some(motors), _) => motors.joints.iter().map(|motor| motor.id.get()).collect(),
-            (None, None, servos) => servos?.iter().map(|servo| servo.node.get()).collect(),
-        };
+        let address = arm.addresses()?;
         Some(Self { address, inverted: vec![false; arm.n()], offset_rad: vec![0.0; arm.n()] })
     }
 
@@ -68,9 +64,12 @@ mod tests {
     #[test]
     fn an_arm_of_each_family_names_the_drive_of_each_joint_and_an_industrial_robot_has_none() {
         let robots = concat!(env!("CARGO_MANIFEST_DIR"), "/../../robots/");
-        for (name, first, joints) in
-            [("powercube6.toml", 1, 6), ("openarm7.toml", 1, 7), ("canopen6.toml", 3, 6)]
-        {
+        for (name, first, joints) in [
+            ("powercube6.toml", 1, 6),
+            ("openarm7.toml", 1, 7),
+            ("canopen6.toml", 3, 6),
+            ("odrive6.toml", 9, 6),
+        ] {
             let drives = Drives::of(&Arm::load(&format!("{robots}{name}")).unwrap()).unwrap();
             assert_eq!((drives.address.len(), drives.address[0]), (joints, first), "{name}");
         }

@@ -4,10 +4,11 @@ use std::f64::consts::TAU;
 
 use canopen_protocol::Function;
 use mit_protocol::{State, Status};
+use odrive_protocol::{Report, Request as Asked};
 use protocol::bits;
 use protocol::powercube::{MotionCommand, Parameter, Reply, Request, Value};
 use protocol::{Duration, Frame, Instant};
-use robot_model::{Cia402Servo, MitMotor};
+use robot_model::{Cia402Servo, MitMotor, OdriveAxis};
 
 use super::drives::Drives;
 use super::{
@@ -25,7 +26,7 @@ impl Samples {
     /// Samples of a log in ascending time; `drives` are those of the joints of `arm`.
     ///
     /// A position is measured where the answer that carries it begins: drives measure just before they answer. CANopen servos measure
-    /// at the SYNC. Motors with MIT frames and servos are those of the robot file.
+    /// at the SYNC, ODrives when they are asked. Motors with MIT frames, servos and axes are those of the robot file.
     #[must_use]
     pub fn of_log(lines: Vec<Line>, drives: Drives, arm: &Arm, bit_rate_bit_s: u32) -> Self {
         let frames = lines.into_iter().map(|line| BusFrame { at: line.at, frame: line.frame }).collect();
@@ -39,6 +40,8 @@ impl Samples {
             motors: arm.mit_motors().map_or(&[], |motors| &motors.joints),
             servos: arm.cia402_servos().unwrap_or_default(),
             synchronized_at: None,
+            axes: arm.odrive_axes().unwrap_or_default(),
+            of_axes: vec![Axis::default(); drives.address.len()],
             samples: Self { joints: vec![JointSamples::default(); drives.address.len()], ..Self::default() },
             ramps: vec![Ramp::default(); drives.address.len()],
         };
@@ -52,6 +55,7 @@ impl Samples {
             }
             reader.take_motor(begun, frame);
             reader.take_servo(*at, frame);
+            reader.take_axis(*at, begun, frame);
         }
         let samples = reader.samples;
         Self { bus: Some(bus), ..samples }
@@ -65,12 +69,26 @@ struct Ramp {
     a_rad_s2: Option<f64>,
 }
 
+/// What an ODrive was asked, and what it counts.
+#[derive(Clone, Copy, Default)]
+struct Axis {
+    /// End of the last request for estimates.
+    asked_at: Option<Instant>,
+    /// Last position, of the joint, if whole turns that are counted are right.
+    counted_rad: Option<f64>,
+    /// Whole turns by which it is wrong, rad: the controller knows the zero.
+    shift_rad: f64,
+}
+
 struct Reader<'a> {
     drives: &'a Drives,
     /// Of the joints, if they have MIT frames.
     motors: &'a [MitMotor],
     /// Of the joints, if they are CANopen servos.
     servos: &'a [Cia402Servo],
+    /// Of the joints, if they are ODrives.
+    axes: &'a [OdriveAxis],
+    of_axes: Vec<Axis>,
     /// End of the last SYNC.
     synchronized_at: Option<Instant>,
     samples: Samples,
@@ -102,6 +120,7 @@ impl Reader<'_> {
                     let joint =
                         usize::from(*number).checked_sub(1).and_then(|j| self.samples.joints.get_mut(j));
                     joint.into_iter().for_each(|joint| joint.told.push((at, *sample)));
+                    self.align(*number, f64::from(sample.q_rad));
                 }
             }
             _ => {}
@@ -141,6 +160,41 @@ impl Reader<'_> {
                 f64::from(i32::from_le_bytes(*counts)) / f64::from(self.servos[joint].counts_per_turn);
             let q_rad = self.drives.joint_rad(joint, TAU * turns);
             self.samples.joints[joint].positions.push(At { at, value: q_rad });
+        }
+    }
+
+    /// Estimates of an axis, which hold for the time of the last request.
+    fn take_axis(&mut self, at: Instant, begun: Instant, frame: &Frame) {
+        for (joint, axis) in self.axes.iter().enumerate() {
+            let of_axis = &mut self.of_axes[joint];
+            if *frame == Asked::Estimates.encode(axis.node) {
+                of_axis.asked_at = Some(at);
+            } else if let Some((node, Report::Estimates { rev, .. })) = Report::decode(frame, axis.version)
+                && node == axis.node
+            {
+                let drive_rad = TAU * f64::from(rev) / axis.counted();
+                let q_rad = self.drives.joint_rad(joint, drive_rad);
+                of_axis.counted_rad = Some(q_rad).filter(|q_rad| q_rad.is_finite());
+                let at = of_axis.asked_at.take().unwrap_or(begun);
+                if let Some(q_rad) = of_axis.counted_rad {
+                    let value = q_rad + of_axis.shift_rad;
+                    self.samples.joints[joint].positions.push(At { at, value });
+                }
+            }
+        }
+    }
+
+    /// Takes the zero of an axis from what the controller reports of its joint. A joint moves by less than a quarter of a turn that is counted
+    /// until its report is on the bus.
+    fn align(&mut self, number: u8, reported_rad: f64) {
+        let joint = usize::from(number).wrapping_sub(1);
+        let (Some(axis), Some(of_axis)) = (self.axes.get(joint), self.of_axes.get_mut(joint)) else { return };
+        let turn_rad = TAU / axis.counted();
+        if let Some(counted_rad) = of_axis.counted_rad {
+            let turns = (reported_rad - counted_rad) / turn_rad;
+            if (turns - turns.round()).abs() < 0.25 {
+                of_axis.shift_rad = turns.round() * turn_rad;
+            }
         }
     }
 

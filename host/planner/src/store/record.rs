@@ -116,13 +116,8 @@ pub fn robot_fingerprint(arm: &RobotModel) -> u64 {
         arm.world(),
         arm.collision().boxes(),
     );
-    // Only where there are some: stored throws of other arms keep their fingerprint.
-    if let Some(motors) = arm.mit_motors() {
-        text += &format!("{motors:?}");
-    }
-    if let Some(servos) = arm.cia402_servos() {
-        text += &format!("{servos:?}");
-    }
+    // Stored throws of an arm of PowerCubes keep their fingerprint.
+    text += &arm.motors_text();
     text.bytes().fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
 }
 

@@ -196,9 +196,9 @@ impl Args {
     }
 }
 
-/// CANopen servos have no output for a gripper, and a robot file describes none of its own beside them.
+/// Refuses an arm whose hand nothing opens.
 fn require_gripper(robot: &RobotModel, path: &str) -> Result<(), ExpectedError> {
-    if robot.cia402_servos().is_none() {
+    if robot.opens_its_hand() {
         return Ok(());
     }
     let zeros = vec!["0"; robot.n()].join(",");

@@ -3,9 +3,9 @@
 use canopen_protocol::NodeId;
 use toml_reader::Value;
 
-use super::Section;
+use super::{Section, families};
 use crate::cia402::Cia402Servo;
-use crate::error::{LoadError, Problem};
+use crate::error::LoadError;
 use crate::model::Joint;
 
 /// Highest node of a servo: the one above is the controller's.
@@ -16,29 +16,8 @@ pub(super) fn read(
     sections: &[Section<'_>],
     joints: &[Joint],
 ) -> Result<Option<Vec<Cia402Servo>>, LoadError> {
-    let (mut servos, mut bare) = (Vec::<Cia402Servo>::new(), None);
-    for (section, joint) in sections.iter().zip(joints) {
-        let Some(part) = section.optional("cia402", Value::section)? else {
-            bare = bare.or(Some((section, joint)));
-            continue;
-        };
-        if section.has("drive") || section.has("mit") {
-            return Err(section.error("cia402", Problem::Cia402BesideDrive(joint.name.clone())));
-        }
-        let servo = read_servo(&part)?;
-        if let Some(first) = servos.iter().position(|other| other.node == servo.node) {
-            let (node, owner) = (servo.node.get(), joints[first].name.clone());
-            return Err(part.error("node", Problem::DuplicateNode { node, owner }));
-        }
-        part.finish()?;
-        servos.push(servo);
-    }
-    match bare {
-        Some((section, joint)) if !servos.is_empty() => {
-            Err(section.error("cia402", Problem::Cia402Missing(joint.name.clone())))
-        }
-        _ => Ok(Some(servos).filter(|servos| !servos.is_empty())),
-    }
+    let node = |servo: &Cia402Servo| servo.node.get();
+    families::read(("cia402", "CANopen servo"), sections, joints, node, |part, _, _| read_servo(part))
 }
 
 fn read_servo(part: &Section<'_>) -> Result<Cia402Servo, LoadError> {

@@ -12,6 +12,7 @@
 use toml_reader::Value;
 
 use super::Section;
+use super::families::FAMILIES;
 use crate::error::{LoadError, Problem};
 use crate::model::{Drive, Joint, Supply};
 use crate::per_joint::PerJoint;
@@ -55,15 +56,10 @@ pub(super) fn read(section: &Section<'_>, joints: &[Joint]) -> Result<(Vec<Drive
 
 /// Refuses `[generic_drives]` beside drives, motors or supplies of the file's own.
 pub(super) fn require_alone(root: &Section<'_>, joints: &[Section<'_>]) -> Result<(), LoadError> {
-    let has = |key| joints.iter().any(|joint| joint.has(key));
-    let rows = [
-        (has("drive"), "[joint.drive]"),
-        (has("mit"), "[joint.mit]"),
-        (has("cia402"), "[joint.cia402]"),
-        (root.has("supply"), "[[supply]]"),
-    ];
-    match rows.into_iter().find(|(is_there, _)| *is_there) {
-        Some((_, beside)) => Err(root.error("generic_drives", Problem::GenericBeside(beside))),
+    let mut beside = FAMILIES.into_iter().filter(|(key, _)| joints.iter().any(|joint| joint.has(key)));
+    let beside = beside.next().map(|(_, table)| table).or(root.has("supply").then_some("[[supply]]"));
+    match beside {
+        Some(beside) => Err(root.error("generic_drives", Problem::GenericBeside(beside))),
         None => Ok(()),
     }
 }

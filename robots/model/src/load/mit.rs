@@ -33,9 +33,6 @@ pub(super) fn read(
     for (section, joint) in sections.iter().zip(joints) {
         match section.optional("mit", Value::section)? {
             Some(part) => {
-                if section.has("drive") {
-                    return Err(section.error("mit", Problem::MitBesideDrive(joint.name.clone())));
-                }
                 let motor = read_motor(&part, &joint.name, &mut ids)?;
                 require_range(section, joint, &motor.motor)?;
                 part.finish()?;
@@ -47,7 +44,7 @@ pub(super) fn read(
     let gripper_part = gripper.optional("mit", Value::section)?;
     match (bare, gripper_part) {
         (Some((section, joint)), _) if !motors.is_empty() => {
-            Err(section.error("mit", Problem::MitMissing(joint.name.clone())))
+            Err(section.error("mit", Problem::FamilyMissing { what: "MIT motor", joint: joint.name.clone() }))
         }
         (Some(_), Some(_)) => Err(gripper.error("mit", Problem::MitGripperAlone)),
         (Some(_), None) => Ok(None),

@@ -4,10 +4,12 @@
 
 mod bodies;
 mod cia402;
+mod families;
 mod fingers;
 mod frames;
 mod generic;
 mod mit;
+mod odrive;
 
 pub(crate) use frames::turn_z_to;
 
@@ -132,8 +134,10 @@ fn read_model(root: &Section<'_>) -> Result<RobotModel, LoadError> {
     let x_ne = frames.x_jl[n - 1] * x_le;
 
     let gripper_section = root.required("gripper", Value::section)?;
+    families::require_one(&joint_sections, &joints)?;
     let mit_motors = mit::read(&joint_sections, &gripper_section, &joints)?;
     let cia402_servos = cia402::read(&joint_sections, &joints)?;
+    let odrive_axes = odrive::read(&joint_sections, &joints)?;
     let mut drives = read_drives(&joint_sections)?;
     let mut supplies = read_supplies(root, &joints, drives.is_some())?;
     if let Some(section) = root.optional("generic_drives", Value::section)? {
@@ -170,6 +174,7 @@ fn read_model(root: &Section<'_>) -> Result<RobotModel, LoadError> {
         drives,
         mit_motors,
         cia402_servos,
+        odrive_axes,
         supplies,
         drive_loop,
         world,

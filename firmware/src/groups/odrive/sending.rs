@@ -1,0 +1,118 @@
+//! The frames of a period.
+
+use heapless::Vec;
+use odrive_protocol::{Order, Request};
+use protocol::{Duration, Frame, Instant, JointIndex};
+
+use super::finding::{Message, Step};
+use super::{Axis, FRAMES_MAX, Odrive};
+use crate::groups::dynamics::{Motion, torques_ahead_nm};
+use crate::groups::shape::Axis as Set;
+use crate::joints::PerJoint;
+use crate::settings::Settings;
+
+/// Shortest time of estimates on the bus at 1 Mbit/s.
+const ANSWER: Duration = Duration::from_micros(111);
+
+/// Shortest time of a frame on the bus at 1 Mbit/s.
+pub(super) fn span_of(frame: &Frame) -> Duration {
+    Duration::from_micros(frame.nominal_bits().into())
+}
+
+impl Odrive {
+    /// The set points of this period, and the torques that they need.
+    fn lead_all(&mut self, settings: &Settings) {
+        let (mut motion, dt_s) = (PerJoint::default(), settings.cycle_period_s());
+        for joint in settings.joints() {
+            let drive = self.drives.at_mut(joint);
+            let at = if drive.is_held() {
+                let reached_at = self.at + settings.cycle_period();
+                let at = self.leader.next(settings, joint, reached_at, &mut drive.answers, drive.is_homed);
+                drive.middle = Set {
+                    q_rad: at.q_rad - 0.5 * at.qd_rad_s * dt_s,
+                    v_rad_s: at.qd_rad_s - 0.5 * at.qdd_rad_s2 * dt_s,
+                };
+                at
+            } else {
+                self.leader.joints.at_mut(joint).set.v_rad_s = 0.0;
+                let q_rad = drive.answers.sample.map_or(0.0, |sample| sample.q_rad);
+                Motion { q_rad, ..Motion::default() }
+            };
+            motion.set(joint, at);
+        }
+        let torques = torques_ahead_nm(self.options.model(), &motion);
+        settings.joints().for_each(|joint| self.drives.at_mut(joint).ahead_nm = torques.get(joint));
+    }
+
+    fn frame_of(
+        &self,
+        settings: &Settings,
+        joint: JointIndex,
+        axis: Axis,
+        message: Message,
+    ) -> Option<Frame> {
+        let order = match message {
+            Message::Request(request) => return Some(request.encode(axis.node)),
+            Message::Order(order) => order,
+            Message::SetPoint => {
+                let (drive, limits) = (self.drives.at(joint), settings.joint.at(joint));
+                let (rev, rev_s) = drive.for_axis(axis, limits);
+                let turned_nm = if limits.inverted { -drive.ahead_nm } else { drive.ahead_nm };
+                Order::Position { rev, rev_s, nm: turned_nm / axis.gear }
+            }
+        };
+        order.encode(axis.node, axis.version).ok().map(|(frame, _)| frame)
+    }
+
+    /// The frames of a period, in the order of the bus.
+    pub(super) fn send_burst(&mut self, now: Instant, settings: &Settings) {
+        self.out.clear();
+        self.lead_all(settings);
+        let mut frames: Vec<Option<(Frame, JointIndex)>, FRAMES_MAX> = Vec::new();
+        for joint in settings.joints() {
+            let Some(axis) = self.options.axis(joint) else { continue };
+            let step = self.drives.at(joint).step;
+            let may_ask = match step {
+                Step::Held => true,
+                Step::Off => !self.abandoned,
+                _ => self.leader.is_finding(),
+            };
+            if !may_ask {
+                continue;
+            }
+            for message in self.ask(now, settings, joint, axis).into_iter().flatten() {
+                if message == Message::SetPoint && step == Step::Held && self.leader.moves() {
+                    self.counters.motions = self.counters.motions.saturating_add(1);
+                }
+                if let Some(frame) = self.frame_of(settings, joint, axis, message) {
+                    // There is room for two frames of each axis.
+                    let _ = frames.push(Some((frame, joint)));
+                }
+                self.drives.at_mut(joint).answers.awaited |= message == Message::Request(Request::Estimates);
+            }
+        }
+        self.put_out(&mut frames);
+    }
+
+    /// Sends the frames, and notes when each is on the bus.
+    fn put_out(&mut self, frames: &mut Vec<Option<(Frame, JointIndex)>, FRAMES_MAX>) {
+        // Without the answers of the axes before, and with them.
+        let (mut earliest, mut usual) = (Duration::ZERO, Duration::ZERO);
+        for _ in 0..FRAMES_MAX {
+            let waiting = frames.iter_mut().filter(|frame| frame.is_some());
+            let next = waiting.min_by_key(|frame| frame.map(|(frame, _)| frame.arbitration_key()));
+            let Some((frame, joint)) = next.and_then(Option::take) else { break };
+            let span = span_of(&frame);
+            (earliest, usual) = (earliest + span, usual + span);
+            let drive = self.drives.at_mut(joint);
+            if frame.data().is_empty() {
+                drive.asked_after = [earliest, usual];
+                usual += ANSWER;
+            } else {
+                drive.acts_after = usual;
+            }
+            self.counters.bits = self.counters.bits.wrapping_add(frame.nominal_bits());
+            let _ = self.out.push_back(frame);
+        }
+    }
+}

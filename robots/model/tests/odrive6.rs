@@ -1,0 +1,84 @@
+//! An arm of ODrives.
+
+use robot_model::survey::{Weight, survey};
+use robot_model::uses::missing;
+use robot_model::{LoadError, Problem, RobotModel};
+
+const TEXT: &str = include_str!("../../odrive6.toml");
+
+fn arm() -> RobotModel {
+    RobotModel::from_toml("odrive6.toml", TEXT).expect("the file is read")
+}
+
+/// The error of the file with the first occurrence of `from` replaced.
+fn refused(from: &str, to: &str) -> LoadError {
+    assert!(TEXT.contains(from), "`{from}` is not in the file");
+    RobotModel::from_toml("arm.toml", &TEXT.replacen(from, to, 1)).expect_err(to)
+}
+
+#[test]
+fn nothing_is_implausible_or_missing_to_plan_to_simulate_or_on_a_real_bus() {
+    let findings = survey("odrive6.toml", TEXT).expect("TOML");
+    let wrong: Vec<_> = findings.iter().filter(|f| f.weight != Weight::Assumed).collect();
+    assert!(wrong.is_empty(), "{wrong:#?}");
+    let missing = missing(&arm(), "odrive6.toml", TEXT).expect("TOML");
+    assert!(missing.is_empty(), "{missing:?}");
+}
+
+#[test]
+fn the_arm_weighs_6_kg_and_holds_itself_with_half_of_its_currents() {
+    let arm = arm();
+    let mass_kg: f64 = arm.links().iter().map(|link| link.inertia.mass_kg()).sum();
+    assert!((mass_kg - 6.0).abs() < 0.01, "{mass_kg}");
+    let axes = arm.odrive_axes().expect("axes");
+    for (held_nm, axis) in arm.holding_torques().iter().zip(axes) {
+        assert!(*held_nm <= 0.5 * axis.torque_max_nm(), "{held_nm} {axis:?}");
+    }
+    assert_eq!(arm.addresses(), Some(vec![9, 10, 11, 12, 13, 14]));
+}
+
+#[test]
+fn every_mistake_in_an_axis_is_named_with_its_key() {
+    for (from, to, key, message) in [
+        ("node = 11", "node = 10", "joint[2].odrive.node", "node 10 already belongs to shoulder"),
+        ("node = 9", "node = 32", "joint[0].odrive.node", "32"),
+        ("version = \"0.6\"", "version = \"0.4\"", "joint[0].odrive.version", "0.5"),
+        ("encoder = \"joint\"", "encoder = \"none\"", "joint[0].odrive.encoder", "motor"),
+        ("velocity_gain_nm_s = 12.6, ", "", "joint[0].odrive.velocity_gain_nm_s", "missing"),
+        ("position_gain_1_s = 30", "position_gain_1_s = 0", "joint[0].odrive.position_gain_1_s", "0"),
+        ("brake = true, ", "", "joint[0].odrive.brake", "missing"),
+    ] {
+        let error = refused(from, to);
+        assert_eq!(error.key, key, "{error}");
+        assert!(error.to_string().contains(message), "{error}");
+    }
+}
+
+/// 72 deg/s are 0.2 turns/s of the joint, and 32.8 turns/s of a motor behind a gear of 164: the field ends at 32.767.
+#[test]
+fn a_speed_or_a_torque_that_the_set_points_cannot_hold_is_refused_when_the_file_is_read() {
+    const AT_JOINT: &str = r#"gear_ratio = 50, encoder = "joint""#;
+    for (gear, fits) in [(163, true), (164, false)] {
+        let text = TEXT.replacen(AT_JOINT, &format!(r#"gear_ratio = {gear}, encoder = "motor""#), 1);
+        match RobotModel::from_toml("arm.toml", &text) {
+            Ok(_) => assert!(fits, "{gear}"),
+            Err(error) => {
+                assert!(!fits && error.key == "joint[0].velocity_max_deg_s", "{error}");
+                assert!(matches!(error.problem, Problem::BeyondOdriveRange { .. }), "{error}");
+            }
+        }
+    }
+    assert_eq!(refused("current_max_a = 40", "current_max_a = 39").key, "joint[0].torque_max_nm");
+}
+
+#[test]
+fn axes_on_some_joints_only_or_beside_other_drives_are_refused() {
+    let first = TEXT.lines().find(|line| line.starts_with("odrive =")).unwrap();
+    let error = refused(first, "");
+    let joint = "turntable".to_owned();
+    assert_eq!(error.problem, Problem::FamilyMissing { what: "ODrive axis", joint });
+    let error = refused(first, &format!("{first}\ndrive = {{ address = 1 }}"));
+    assert_eq!(error.problem, Problem::TwoFamilies("turntable".to_owned()));
+    let error = refused("[drive_loop]", "[generic_drives]\nvoltage_v = 48\n\n[drive_loop]");
+    assert_eq!(error.problem, Problem::GenericBeside("[joint.odrive]"));
+}
