@@ -1,8 +1,8 @@
 //! What a call of the controller costs on this machine: `cargo bench -p firmware`.
 //!
-//! A whole throw over the host link (start-up, upload, arming, run; the script that the emulated board plays too) is
-//! recorded once and played many times; each call's time is the median over the plays. Frames out are taken within the
-//! call's time. Nothing is asserted.
+//! A whole throw over the host link (start-up, upload, arming, run; the emulated board plays the same script) is
+//! recorded once and played many times; each call's time is the median over the plays. To take the frames that a
+//! call sends is part of its time. Nothing is asserted.
 
 #[path = "../tests/bench/mod.rs"]
 #[allow(dead_code, unused_imports, reason = "made for the tests")]

@@ -1,5 +1,6 @@
-//! Records a whole throw of the bench (start-up, upload, arming, run), then a run with new end states at 120 Hz, as a script of calls, and the frames that the
-//! library answers with: the emulated board plays the same script and must send the same frames.
+//! Records a script of calls: a whole throw of the bench (start-up, upload, arming, run), then a run with new end
+//! states at 120 Hz. Also records the frames that the library answers with: the emulated board plays the same
+//! script and must send the same frames.
 //!
 //! `record_throw DIR` writes `DIR/script.bin` and `DIR/expected.bin`, 24 bytes per record, little endian:
 //! time in µs (u64); id (u32: bit 31 extended, bit 30 remote, bit 29 no frame but a deadline); DLC (u8); three zeros;

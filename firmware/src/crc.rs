@@ -1,7 +1,7 @@
 //! CRC-32 (ISO-HDLC: reflected polynomial 0xEDB88320, all ones before and after): ends every file and record. The
 //! checksum that *names* a file on the wire is Cyphal's, [`protocol::cyphal::crc::Crc64`].
 
-/// CRC-32 of what came so far; takes data in pieces.
+/// CRC-32 of the data so far; takes data in pieces.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Crc32(u32);
 
@@ -12,7 +12,7 @@ impl Default for Crc32 {
 }
 
 impl Crc32 {
-    /// Before the first byte.
+    /// State before the first byte.
     pub const fn new() -> Self {
         Self(u32::MAX)
     }
@@ -31,7 +31,7 @@ impl Crc32 {
         }
     }
 
-    /// The checksum of what came so far.
+    /// The checksum of the data so far.
     pub const fn get(self) -> u32 {
         !self.0
     }

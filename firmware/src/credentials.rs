@@ -1,4 +1,4 @@
-//! Nodes that give orders, and the secrets they prove themselves with.
+//! Nodes that give orders, and the secrets with which they prove who they are.
 
 pub use protocol::cyphal::cubecell::authorization::{CODE_LEN, DIGEST_LEN, KEY_LEN, NONCE_LEN};
 
@@ -26,8 +26,8 @@ impl Peer {
 pub struct Source<'a> {
     /// The node.
     pub peer: Peer,
-    /// The bytes that an authentication code covers: the order as it came over the link. Empty: the link carries no
-    /// codes, and a controller with a key refuses.
+    /// The bytes that an authentication code covers: the order as the link received it. Empty: the link carries no
+    /// codes, and a controller with a key refuses the order.
     pub content: &'a [u8],
 }
 
@@ -43,7 +43,7 @@ pub struct Key([u8; KEY_LEN]);
 
 /// Number of a challenge.
 pub type Nonce = [u8; NONCE_LEN];
-/// SHA-256 of something.
+/// SHA-256 of a file, a segment or a run.
 pub type Digest = [u8; DIGEST_LEN];
 /// Truncated authentication code.
 pub type Code = [u8; CODE_LEN];
@@ -60,7 +60,7 @@ impl Key {
     }
 }
 
-/// Not its bytes.
+/// Does not print the bytes.
 impl core::fmt::Debug for Key {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str("Key")

@@ -5,12 +5,13 @@
 //!
 //! An envelope has at most [`SHARE`] of a joint's speed and acceleration: the rest is for the feedback.
 //!
-//! # What set points can say
+//! # Distance from the soft limits
 //!
-//! A drive family may turn a command into braking when less way is left to a soft limit than braking with the full
-//! acceleration A takes, and one period P of travel. A course brakes with a < A, which takes more way than A does, so it
-//! comes that close only shortly before its turning point, and not at all if that stays P² / (2 (1/a - 1/A)) away from the
-//! limit: 0.9 mrad for a = 0.95 A, A = 10.4 rad/s² and P = 3 ms. An envelope keeps this distance.
+//! A drive family may turn a command into braking. It does so when the way left to a soft limit is less than the
+//! way of braking with the full acceleration A plus one period P of travel. A course brakes with a < A, which takes
+//! more way. It therefore comes that close only shortly before its turning point, and never if the turning point
+//! stays P² / (2 (1/a - 1/A)) away from the limit: 0.9 mrad for a = 0.95 A, A = 10.4 rad/s² and P = 3 ms. An
+//! envelope keeps this distance.
 
 use crate::fault::{Cause, Refusal};
 use crate::joints::PerJoint;
@@ -19,7 +20,7 @@ use crate::settings::{JointSettings, Settings};
 
 /// Largest share of a joint's highest speed and acceleration.
 pub const SHARE: f32 = 0.95;
-/// Share above a limit that is put down to the rounding to single precision.
+/// Factor on a limit that allows for rounding to single precision.
 const ROUNDING: f32 = 1.001;
 
 /// The envelope of each joint: a trajectory file that has one allows new end states while it runs.
@@ -39,7 +40,7 @@ impl Envelope {
         envelope
     }
 
-    /// Within the limits less the control reserve, in each joint in use.
+    /// Checks that the envelope is within the limits less the control reserve, for each joint in use.
     ///
     /// # Errors
     ///

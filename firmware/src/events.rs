@@ -1,4 +1,4 @@
-//! What happens to outputs along a motion, at times and not at samples.
+//! Actions on outputs during a motion, each at a time that need not be a sample.
 
 /// Most events of a plan, and of one new end state.
 pub const EVENTS_MAX: usize = 8;
@@ -22,7 +22,7 @@ impl Action {
         }
     }
 
-    /// The action of a number; `None` for one that this controller does not know.
+    /// The action with this number; `None` if the controller does not know the number.
     pub const fn from_number(number: u8) -> Option<Self> {
         match number {
             0 => Some(Self::Open),
@@ -49,10 +49,10 @@ pub struct PlanEvents {
 }
 
 impl PlanEvents {
-    /// None.
+    /// No events.
     pub const NONE: Self = Self { list: [PlanEvent { t_us: 0, action: Action::Open }; EVENTS_MAX], count: 0 };
 
-    /// The ball is free at this time, or never.
+    /// The ball is released at this time, or never.
     pub const fn release(t_us: Option<u32>) -> Self {
         let mut events = Self::NONE;
         if let (Some(t_us), [first, ..]) = (t_us, &mut events.list) {

@@ -1,5 +1,5 @@
-//! Numbered causes: of faults, of stops and of refusals. The numbers go over the wire and never change
-//! their meaning; a cause that is given up leaves a gap.
+//! Numbered causes of faults, of stops and of refusals. The numbers go over the wire and never change their
+//! meaning; a number that is no longer used stays free.
 //!
 //! | band | about |
 //! |---|---|
@@ -17,7 +17,7 @@ use protocol::JointIndex;
 /// What the group does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Reaction {
-    /// Nothing moves because of it: an order, a file or a register write was refused.
+    /// Nothing moves and nothing stops: an order, a file or a register write was refused.
     Refuse,
     /// Ramp down along the path, then halt broadcast.
     PathStop,
@@ -64,7 +64,7 @@ macro_rules! causes {
                 recovery: $recovery,
             },)*];
 
-            /// From the number on the wire.
+            /// The cause with this number on the wire.
             pub const fn from_code(code: u16) -> Option<Self> {
                 match code {
                     $($code => Some(Self::$name),)*
@@ -79,7 +79,7 @@ macro_rules! causes {
                 }
             }
 
-            /// [`Self::name`] of a cause that can be latched; empty for a refusal, whose name a board need not hold.
+            /// [`Self::name`] of a cause that can be latched. Empty for a refusal: a board need not store its name.
             pub const fn latched_name(self) -> &'static str {
                 match self {
                     $(Self::$name if !matches!(Reaction::$reaction, Reaction::Refuse) => stringify!($name),)*
@@ -98,7 +98,7 @@ macro_rules! causes {
 }
 
 causes! {
-    1 StopOrdered PathStop "somebody ordered a stop", "arm again when it is clear why";
+    1 StopOrdered PathStop "a stop was ordered", "arm again when it is clear why";
     2 StopMessage Halt "a stop message was on the bus", "remove its reason, then arm again";
     3 JogReleased PathStop "the jog order was not repeated", "none needed";
 
@@ -110,7 +110,7 @@ causes! {
     105 MotionReversed QuickStop "positions from a drive run against its commands", "check the direction of the encoder and the sign in the settings";
     106 PositionJumped QuickStop "positions from a drive jumped away from where its commands lead", "check the encoder and the clamping of the joint; home the group again";
     107 MotionNotFollowed QuickStop "positions from a drive do not follow its commands", "free the joint, check load, current limit and supply; look for another controller";
-    108 MovesUnordered Halt "a joint was measured moving although nobody had ordered a motion", "look for another controller or a person at the arm; read the drive's state word; clear the fault when the arm stands";
+    108 MovesUnordered Halt "a joint was measured moving without an order to move", "look for another controller or a person at the arm; read the drive's state word; clear the fault when the arm stands";
     109 GripperUnanswered PathStop "the module with the gripper's output did not answer its writes", "look at the gripper: it may be open or closed; check the module and its address, then clear the fault";
 
     200 DriveError QuickStop "a drive reports an error or is halted while it should move", "read the drive's state word; clear the fault when its cause is gone";
@@ -186,7 +186,7 @@ causes! {
     715 OtherHost Refuse "another node holds the session: it asked for an offer to arm, armed the group, or moves it", "wait until it has ended, or disarm (any node may), then begin again";
     716 GainsUncertified Refuse "the gains have no certificate, or theirs is about other gains, weights, limits of acceleration, lags or robots than those in force", "tune for this robot and period, then write the gains with their certificate, last";
     717 GainsOtherRobot Refuse "the gains were designed for another robot than the one of the plan", "tune for the robot of the plan, or plan for the robot of the gains";
-    718 LimitCeiling Refuse "the limit is wider than that of the robot the controller was started for", "stay within it, or unlock the limits by naming the robot's checksum";
+    718 LimitCeiling Refuse "the limit is wider than the limit of the robot that the controller was started for", "stay within it, or unlock the limits by naming the robot's checksum";
     719 WrongRobot Refuse "the unlock names another robot than the one whose limits are in force", "read register limits.robot_crc32";
     720 CodeMissing Refuse "the controller has a key, and the order came without an authentication code", "name the key file";
     721 CodeWrong Refuse "the authentication code does not fit the key, the challenge, the node, the order, or the file and the settings that it is about, or came too late", "look at the key file and for other nodes that upload or write registers; upload and arm again";
@@ -225,7 +225,7 @@ impl Cause {
 /// A cause with where it happened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fault {
-    /// What.
+    /// What happened.
     pub cause: Cause,
     /// Which joint; `None`: the group.
     pub joint: Option<JointIndex>,
@@ -248,24 +248,24 @@ impl Fault {
 pub struct Refusal {
     /// What.
     pub cause: Cause,
-    /// Which joint; `None`: none in particular.
+    /// Which joint; `None`: no joint in particular.
     pub joint: Option<JointIndex>,
     /// Segment, knot or byte, as the cause says; 0 otherwise.
     pub index: u16,
 }
 
 impl Refusal {
-    /// Without a place.
+    /// Refusal without a joint or a place.
     pub const fn of(cause: Cause) -> Self {
         Self { cause, joint: None, index: 0 }
     }
 
-    /// At a joint.
+    /// Refusal about a joint.
     pub const fn at(cause: Cause, joint: JointIndex) -> Self {
         Self { cause, joint: Some(joint), index: 0 }
     }
 
-    /// At a place of a file.
+    /// Refusal about a place in a file.
     pub const fn in_file(cause: Cause, joint: Option<JointIndex>, index: usize) -> Self {
         Self { cause, joint, index: if index > u16::MAX as usize { u16::MAX } else { index as u16 } }
     }

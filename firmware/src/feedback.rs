@@ -16,14 +16,14 @@
 //!
 //! # The rate of the error
 //!
-//! [`ErrorEstimator`] differences the *error*, not the position, so the reference's own motion adds
-//! no noise and no lag, and adds the known change of speed since the middle of the interval. With
-//! both weights at one that is all; smaller weights average over several measurements, which fast
-//! cycles need because position comes in steps.
+//! [`ErrorEstimator`] differences the *error*, not the position, so the reference's own motion adds no noise and no
+//! lag. It adds the known change of speed since the middle of the interval. With both weights at one this is the
+//! whole estimator. Smaller weights average over several measurements, which fast cycles need because position
+//! comes in steps.
 //!
-//! An answer may come after the control step that needed it. The state has then been carried to a time of
-//! its own, but the difference still spans the time since the last *measurement*: over the short rest alone a
-//! step of the encoder would look like a leap in speed.
+//! An answer may come after the control step that needed it. The state is then predicted to a time after the
+//! measurement, but the difference still spans the time since the last *measurement*. Over the short remaining time
+//! alone, one step of the encoder would look like a leap in speed.
 
 use crate::joints::{at_least, clamp};
 
@@ -54,7 +54,7 @@ pub struct ErrorState {
 pub struct Action {
     /// Acceleration to command, v, rad/s².
     pub qdd_rad_s2: f32,
-    /// Input of the error system that this amounts to, u, rad/s².
+    /// Input of the error system that results from it, u, rad/s².
     pub u_rad_s2: f32,
     /// The clip acted: the law wanted more than the joint has left.
     pub saturated: bool,
@@ -69,8 +69,8 @@ impl Gains {
 
 /// Clips the wanted input `u_rad_s2` to what the joint has left beside the reference's acceleration.
 ///
-/// `a_max_rad_s2` is not negative. A wanted input that is not a number counts as saturated and
-/// brakes as hard as allowed neither way: the reference alone acts.
+/// `a_max_rad_s2` is not negative. A wanted input that is not a number counts as saturated; then only the reference
+/// acts.
 pub fn clip_to_remaining(u_rad_s2: f32, qdd_ref_rad_s2: f32, a_max_rad_s2: f32) -> Action {
     let u_wanted = if u_rad_s2.is_finite() { u_rad_s2 } else { 0.0 };
     let wanted = qdd_ref_rad_s2 + u_wanted;
@@ -97,7 +97,7 @@ pub struct ErrorEstimator {
     started: bool,
 }
 
-/// Shortest time between measurements that counts for the rate, in periods: closer ones say little of it.
+/// Shortest time between measurements that is used for the rate, in periods: closer ones contain little information about it.
 const SHORTEST_DIFFERENCE: f32 = 0.5;
 
 /// Weights of a new measurement, 0..=1 each; both one: plain difference.
@@ -120,9 +120,9 @@ impl ErrorEstimator {
         self.de_rad_s
     }
 
-    /// Takes an error `e_rad` measured `dt_s` after the time of the state, or before it if the state was carried
-    /// past it meanwhile; input `u_rad_s2` was in force in between. The first measurement, and a second one of the
-    /// same time, sets the error and keeps the rate.
+    /// Takes an error `e_rad` that was measured `dt_s` after the time of the state (negative if the state was
+    /// predicted past the measurement); input `u_rad_s2` was in force in between. The first measurement, and a
+    /// second one of the same time, sets the error and keeps the rate.
     pub fn update(&mut self, e_rad: f32, dt_s: f32, u_rad_s2: f32, period_s: f32, weights: Weights) {
         if !self.started || self.since_s + dt_s <= 0.0 {
             (self.e_rad, self.since_s, self.started) = (e_rad, 0.0, true);
@@ -186,7 +186,7 @@ mod tests {
     }
 
     proptest! {
-        /// The state was carried over the control step; the answer came up to a third of a period before or after that.
+        /// The state was predicted past the control step; the answer came up to a third of a period before or after that step.
         #[test]
         fn late_answer_gives_the_rate_of_the_whole_interval(
             e0 in -0.1f32..0.1, v0 in -0.5f32..0.5, u in -10f32..10.0, late in -0.001f32..0.001,
@@ -200,7 +200,7 @@ mod tests {
             prop_assert!((estimator.de_rad_s() - (v0 + u * (dt + late))).abs() < 1e-3);
         }
 
-        /// One step of the encoder, whenever it is read, moves the rate by no more than over half a period.
+        /// One step of the encoder, read at any time, changes the rate by no more than over half a period.
         #[test]
         fn step_of_the_encoder_is_no_leap_in_speed(wait in 0f32..0.004, late in -0.004f32..0.004) {
             let (step, dt, weights) = (0.02f32.to_radians(), 0.003, Weights { alpha: 0.6, beta: 0.2 });

@@ -21,27 +21,27 @@ pub struct FrozenJoint {
     pub qdd_command_rad_s2: f32,
     /// Last current read, A.
     pub current_a: Option<f32>,
-    /// State of the drive that comes with each position, as its family says it.
+    /// State of the drive that comes with each position, in the encoding of its family.
     pub short_state: u8,
-    /// State of the drive as last read, as its family says it.
+    /// State of the drive as last read, in the encoding of its family.
     pub state: Option<u32>,
     /// Missed replies in a row.
     pub missed_in_row: u32,
-    /// Age of the last position, µs; `u32::MAX`: none or older.
+    /// Age of the last position, µs; `u32::MAX`: no position, or older.
     pub age_us: u32,
 }
 
 /// The group in a freeze frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FreezeFrame {
-    /// When.
+    /// Time of the fault.
     pub at: Instant,
-    /// Why.
+    /// The first fault.
     pub fault: Fault,
-    /// State the fault came in.
+    /// State in which the fault occurred.
     pub state: StateKind,
     /// Time along the plan, µs; 0 outside a motion.
     pub path_us: i64,
-    /// Joints.
+    /// Per joint.
     pub joints: PerJoint<FrozenJoint>,
 }

@@ -1,8 +1,8 @@
-//! Gripper output and the release as an event at a time, not at a sample.
+//! Gripper output, and the release as an event at an exact time.
 //!
 //! The ball is free some time after the output is switched (valve, jaws). So the output is switched that much
-//! before the release of the plan, at its own deadline, between control cycles if need be: half a 17 ms period
-//! late would be 30 mm on the floor.
+//! before the release of the plan, at its own deadline, between control cycles if needed: half a 17 ms period late
+//! would be 30 mm on the floor.
 
 use protocol::{Duration, Instant};
 
@@ -21,7 +21,7 @@ pub struct Gripper {
     open: bool,
     /// Ascending in time.
     planned: heapless::Vec<Switching, EVENTS_MAX>,
-    /// Time of the first one: asked for in each control step.
+    /// Time of the first one, because each control step needs it.
     next_at: Option<Instant>,
     board: Option<bool>,
 }
@@ -32,8 +32,8 @@ impl Gripper {
         self.open
     }
 
-    /// Plans an action. The output opens `opening` before the time, so that the ball is free then. False (and nothing
-    /// changed) if as many are planned as fit.
+    /// Plans an action. The output opens `opening` before the time, so that the ball is free at that time. False
+    /// (and nothing changed) if the list is full.
     #[must_use]
     pub fn plan(&mut self, action: Action, at: Instant, opening: Duration) -> bool {
         let switching = match action {
@@ -46,7 +46,7 @@ impl Gripper {
         taken
     }
 
-    /// Forgets what is planned: after a stop the ball is kept.
+    /// Forgets all planned actions: after a stop the gripper keeps the ball.
     pub fn cancel(&mut self) {
         self.planned.clear();
         self.next_at = None;
@@ -62,7 +62,7 @@ impl Gripper {
         self.next_at
     }
 
-    /// The position to switch to once the next planned time has come; it is then forgotten.
+    /// The position to switch to if the next planned time has come; this action is then removed.
     #[inline]
     pub fn take_due(&mut self, now: Instant) -> Option<bool> {
         if self.next_at.is_some_and(|at| at <= now) { self.take_next() } else { None }

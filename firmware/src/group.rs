@@ -1,7 +1,8 @@
-//! The seam between the controller and its drives: a group of drives that belong to one bus, or to one robot.
+//! The interface between the controller and its drives: a group of drives that belong to one bus, or to one robot.
 //!
-//! A group knows frames, parameters, state words and counts. The controller knows positions in radians and causes. The seam
-//! is the group and not the single drive, because pipelining, SYNC and one packet for all axes are properties of a group.
+//! A group knows frames, parameters, state words and counts. The controller knows positions in radians and causes.
+//! The interface is the group and not the single drive, because pipelining, SYNC and one packet for all axes are
+//! properties of a group.
 //!
 //! # One call
 //!
@@ -15,16 +16,16 @@
 //!
 //! An event is made when it is polled, so a command that answers one event takes effect before the next one is made.
 //!
-//! # Whose clock
+//! # Which clock
 //!
-//! The group is the source of [`GroupEvent::Cycle`]. One that is the clock itself makes it at a deadline of its own; one
-//! whose robot is the clock makes it when the robot's packet has come, and at a deadline when the packet stays away. The
-//! controller makes one control step per event and never asks which it is.
+//! The group makes [`GroupEvent::Cycle`]. A group that has the clock makes it at a deadline of its own. A group
+//! whose robot has the clock makes it when the packet of the robot has come, or at a deadline if the packet does
+//! not come. The controller makes one control step per event in both cases.
 //!
 //! # Set points
 //!
-//! [`DriveGroup::set_point`] is called joint by joint, and its answer says what became of the wish. A group with one packet for all
-//! axes collects them and sends at [`DriveGroup::flush`].
+//! [`DriveGroup::set_point`] is called joint by joint, and returns what became of the set point. A group with one
+//! packet for all axes collects them and sends at [`DriveGroup::flush`].
 
 use protocol::{Duration, Instant, JointIndex};
 
@@ -43,7 +44,7 @@ pub struct PositionSample {
 /// What a joint does in the next period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SetPoint {
-    /// When the set point is expected to act, as [`DriveGroup::acts_at`] said.
+    /// When the set point is expected to act, as [`DriveGroup::acts_at`] returned.
     pub acts_at: Instant,
     /// Time for which it acts, s.
     pub period_s: f32,
@@ -53,7 +54,7 @@ pub struct SetPoint {
     pub qdd_reference_rad_s2: f32,
     /// Position at `acts_at`, rad: where the joint is expected with [`Law::Feedback`], the reference with [`Law::Reference`].
     pub q_rad: f32,
-    /// Velocity at `acts_at`, rad/s; as the position.
+    /// Velocity at `acts_at`, rad/s, expected or reference as for `q_rad`.
     pub qd_rad_s: f32,
 }
 
@@ -73,37 +74,39 @@ pub enum Law {
     Reference,
 }
 
-/// What a controller must know of a group to lead it.
+/// Properties of a group that the controller needs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Profile {
     /// Who closes the loop.
     pub law: Law,
     /// Time between two set points of a joint, and between two [`GroupEvent::Cycle`] while tracking.
     pub period: Duration,
-    /// How far the measured position runs behind the set points. References are taken this much later.
+    /// How far the measured position is behind the set points. References are taken later by this time.
     pub lag: Duration,
-    /// From the order to run to the start of the plan. At least the lag with [`Law::Reference`], or the first set points leap.
+    /// From the order to run to the start of the plan. At least the lag with [`Law::Reference`], otherwise the first set points
+    /// leap.
     pub lead: Duration,
 }
 
-/// What the controller wants from the group.
+/// Command of the controller to the group.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Command {
-    /// Look for the drives, set them up and prove that they stop by themselves; ends with [`GroupEvent::Found`] or
-    /// [`GroupEvent::Trouble`]. Nothing moves by it.
+    /// Search the drives, set them up and prove that they stop by themselves; ends with [`GroupEvent::Found`] or
+    /// [`GroupEvent::Trouble`]. Nothing moves.
     Find {
         /// Clear errors and halts first.
         reset: bool,
     },
-    /// Clear errors and halts of drives that stand. What was read before is void; nothing moves by it.
+    /// Clear errors and halts of drives that stand. What was read before is void. Nothing moves.
     Reset,
     /// The joints stand. The group reads the drives in turn and never commands motion.
     Stand {
         /// A run may follow soon.
         armed: bool,
     },
-    /// A drive that may have missed the halt gets no sign of life until the next [`Self::Find`], and stops by itself. A group that does not
-    /// know which have missed it feeds none. Else as [`Self::Stand`].
+    /// A drive that may have missed the halt gets no sign of life until the next [`Self::Find`], and so stops by
+    /// itself. A group that does not know which drives have missed it sends no drive a sign of life. Otherwise as
+    /// [`Self::Stand`].
     Abandon,
     /// Find the zero of a joint; ends with [`GroupEvent::Homed`] or [`GroupEvent::Trouble`].
     Home(JointIndex),
@@ -114,7 +117,7 @@ pub enum Command {
         joint: JointIndex,
         /// Velocity, rad/s, within the speed of a jog.
         qd_rad_s: f32,
-        /// The joint stops by itself then.
+        /// The joint stops by itself at this time.
         until: Instant,
     },
     /// Set points follow, one per joint after each [`GroupEvent::Cycle`].
@@ -126,14 +129,14 @@ pub enum Command {
         /// Where to, rad, within the soft limits.
         q_rad: f32,
     },
-    /// All drives brake by themselves at once, and refuse motion until [`Self::Reset`] or [`Self::Find`]. Nothing that
-    /// waits is sent.
+    /// All drives brake by themselves at once, and refuse motion until [`Self::Reset`] or [`Self::Find`]. Packets
+    /// that wait are not sent.
     Halt,
     /// As [`Self::Halt`], for one drive that does not answer.
     HaltJoint(JointIndex),
 }
 
-/// What the group tells.
+/// What the group reports to the controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum GroupEvent {
     /// Finding has reached its next stage.
@@ -144,14 +147,14 @@ pub enum GroupEvent {
     Cycle {
         /// How late the call came.
         late: Duration,
-        /// It came too late, or the last period's answers are not all there.
+        /// The call came too late, or answers of the last period are missing.
         overrun: bool,
     },
     /// A position was measured.
     Measured(Measured),
     /// A drive did not answer in time; answers missed in a row.
     Missed(JointIndex, u32),
-    /// A drive gave a position that it cannot have reached; true for the second one in a row.
+    /// A drive reported a position that it cannot have reached; true for the second one in a row.
     Implausible(JointIndex, bool),
     /// The joint has found its zero.
     Homed(JointIndex),
@@ -170,25 +173,25 @@ pub struct Measured {
     pub joint: JointIndex,
     /// Position and time.
     pub sample: PositionSample,
-    /// The set point that is in force since, if the measurement answers one.
+    /// The set point in force since then, if the measurement answers a set point.
     pub in_force: Option<InForce>,
-    /// What the drive reports about itself with it.
+    /// Error that the drive reports with the position.
     pub trouble: Option<Cause>,
 }
 
 /// A set point that acts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InForce {
-    /// Acceleration beside the reference's, as far as it was taken, rad/s².
+    /// Input of the error system (acceleration minus that of the reference) as far as the drive took it, rad/s².
     pub u_rad_s2: f32,
     /// It is the set point of the running period.
     pub in_time: bool,
 }
 
-/// What a drive says about itself while its joint should stand.
+/// What a drive reports while its joint should stand.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Standing {
-    /// What it reports.
+    /// Error that it reports.
     pub trouble: Option<Cause>,
     /// It has reported motion several times in a row.
     pub reports_motion: bool,
@@ -196,16 +199,16 @@ pub struct Standing {
     pub yields: bool,
 }
 
-/// What is known of a drive, for people and for the freeze frame.
+/// Latest data of a drive, for display and for the freeze frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Readings {
     /// Last current, A.
     pub current_a: Option<f32>,
     /// Acceleration last commanded, rad/s².
     pub qdd_command_rad_s2: f32,
-    /// The speed limit took part of it.
+    /// The speed limit reduced the acceleration.
     pub speed_limited: bool,
-    /// The nearness of a soft limit turned it into braking.
+    /// The nearness of a soft limit turned the acceleration into braking.
     pub position_limited: bool,
     /// The drive reports an error.
     pub error: bool,
@@ -213,9 +216,9 @@ pub struct Readings {
     pub halted: bool,
     /// Answers missed in a row.
     pub missed_in_row: u32,
-    /// State as the family says it, last read.
+    /// State in the encoding of the family, last read.
     pub state: Option<u32>,
-    /// State that comes with each position, as the family says it.
+    /// State that comes with each position, in the encoding of the family.
     pub short_state: u8,
 }
 
@@ -224,14 +227,14 @@ pub struct Readings {
 pub struct GroupCounters {
     /// Set points and other motion commands sent.
     pub motions: u32,
-    /// Packets of others to the drives.
+    /// Packets to the drives that other nodes sent.
     pub foreign: u16,
     /// Nominal bits of all packets, modulo 2^32.
     pub bits: u32,
 }
 
-/// Drives of one family behind the controller: sans-IO, joint side units, no heap. The [module](self) says in which order a
-/// call goes.
+/// Drives of one family behind the controller: sans-IO, joint side units, no heap. The [module](self) describes the
+/// order of calls.
 pub trait DriveGroup: Default {
     /// What goes over the wire: a CAN frame, a datagram.
     type Packet;
@@ -245,7 +248,7 @@ pub trait DriveGroup: Default {
     /// Next event of this call.
     fn poll_event(&mut self, now: Instant, settings: &Settings) -> Option<GroupEvent>;
 
-    /// Puts out what may leave now. Comes after the events of a call and after commands outside of one.
+    /// Sends what may be sent now. Comes after the events of a call and after commands outside of one.
     fn flush(&mut self, now: Instant, settings: &Settings);
 
     /// Next packet to send.
@@ -254,14 +257,14 @@ pub trait DriveGroup: Default {
     /// Next deadline.
     fn poll_timeout(&self, now: Instant, settings: &Settings) -> Option<Instant>;
 
-    /// Begins what is wanted; progress comes as events.
+    /// Begins a command; progress comes as events.
     fn command(&mut self, now: Instant, settings: &Settings, command: Command);
 
-    /// Each joint ramps to rest on its own, as hard as its settings allow; a jog with the acceleration of jogs. Returns when
-    /// all of them rest by the model of the commands.
+    /// Each joint ramps to rest on its own, as hard as its settings allow; a jog with the acceleration of jogs.
+    /// Returns the time at which all of them rest, computed from the commands.
     fn brake(&mut self, now: Instant, settings: &Settings) -> Instant;
 
-    /// What a joint does in the next period. Comes after [`GroupEvent::Cycle`] and [`Command::Track`] only.
+    /// Set point of a joint for the next period. Comes only after [`GroupEvent::Cycle`] and [`Command::Track`].
     fn set_point(&mut self, settings: &Settings, joint: JointIndex, set_point: &SetPoint) -> Taken;
 
     /// When a set point that is given in this period acts.
@@ -273,7 +276,7 @@ pub trait DriveGroup: Default {
         let _ = (joint, qd_rad_s, dt_s);
     }
 
-    /// Sets the gripper output, if it is one of the drives'; false if it is the board's.
+    /// Sets the gripper output if a drive has it; false if the board has it.
     fn set_gripper(&mut self, settings: &Settings, open: bool) -> bool {
         let _ = (settings, open);
         false
@@ -285,18 +288,18 @@ pub trait DriveGroup: Default {
     /// See [`Profile`].
     fn profile(&self, settings: &Settings) -> Profile;
 
-    /// Everything but the single drives is ready for a run.
+    /// Checks that the group, apart from the single drives, is ready for a run.
     ///
     /// # Errors
     ///
-    /// Why it is not.
+    /// Why it is not ready.
     fn check_group(&self, now: Instant, settings: &Settings) -> Result<(), Refusal>;
 
-    /// A drive is ready for a run.
+    /// Checks that a drive is ready for a run.
     ///
     /// # Errors
     ///
-    /// Why it is not.
+    /// Why it is not ready.
     fn check_drive(&self, now: Instant, settings: &Settings, joint: JointIndex) -> Result<(), Refusal>;
 
     /// Last position; `None` before the first.
@@ -308,7 +311,7 @@ pub trait DriveGroup: Default {
     /// The joint is measured at rest.
     fn is_at_rest(&self, now: Instant, settings: &Settings, joint: JointIndex) -> bool;
 
-    /// The joint is known to move. A drive that says nothing may move or not.
+    /// The joint is known to move. A drive that reports nothing may move or stand.
     fn is_moving(&self, now: Instant, settings: &Settings, joint: JointIndex) -> bool;
 
     /// See [`Standing`]. `halted_is_fine`: the controller halted it.
@@ -320,7 +323,7 @@ pub trait DriveGroup: Default {
     /// See [`GroupCounters`].
     fn counters(&self) -> GroupCounters;
 
-    /// The wire is for the drives until they have answered: others that share it must wait.
+    /// The wire is reserved for the drives until they have answered: other senders must wait.
     fn is_keeping_time(&self) -> bool;
 
     /// Every drive has answered in this period.

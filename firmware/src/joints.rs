@@ -2,7 +2,7 @@
 
 use protocol::{JOINTS_MAX, JointIndex};
 
-/// [`JOINTS_MAX`] values, base first. Entries past the joints in use hold their default and are never read by the law.
+/// [`JOINTS_MAX`] values, base first. Entries beyond the joints in use hold their default; the control law never reads them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PerJoint<T>(pub [T; JOINTS_MAX]);
 
@@ -27,7 +27,7 @@ impl<T: Copy> PerJoint<T> {
     }
 }
 
-/// One default, copied: an array's own would be written out eight times in flash.
+/// One default, copied: the default of an array would be written eight times in flash.
 impl<T: Copy + Default> Default for PerJoint<T> {
     fn default() -> Self {
         Self::splat(T::default())
@@ -36,7 +36,7 @@ impl<T: Copy + Default> Default for PerJoint<T> {
 
 impl<T> PerJoint<T> {
     /// Value of a joint.
-    // A `JointIndex` is below `JOINTS_MAX`, and the mask tells the compiler: no check, no panic path.
+    // A `JointIndex` is below `JOINTS_MAX`, and the mask makes this visible to the compiler: no check, no panic path.
     #[allow(clippy::indexing_slicing)]
     pub const fn at(&self, joint: JointIndex) -> &T {
         &self.0[joint.get() & MASK]

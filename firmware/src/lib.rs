@@ -7,13 +7,13 @@
 //!
 //! | layer | modules | is | must not |
 //! |---|---|---|---|
-//! | ground | [`joints`], [`span`], `root`, [`crc`], [`credentials`] | one value per joint, time as f32, square root, checksums, names and keys of nodes | know anything else |
+//! | base | [`joints`], [`span`], `root`, [`crc`], [`credentials`] | one value per joint, time as f32, square root, checksums, names and keys of nodes | know anything else |
 //! | maths | [`spline`], [`retarget`], [`feedback`], [`path`] | reference, new end states in flight, control law, slowing down along the path | keep state of a bus; time is an argument |
-//! | facts | [`fault`], [`reach`], [`settings`], [`registers`], [`envelope`], [`events`], [`trajectory_format`], [`segment`] | numbered causes, where a joint may be led, what can be set, what new end states must stay in, outputs along a plan, the file a host uploads, and how a longer plan goes on | act |
-//! | seam | [`group`] | what a controller and a group of drives say to each other | know a family of drives |
+//! | data | [`fault`], [`reach`], [`settings`], [`registers`], [`envelope`], [`events`], [`trajectory_format`], [`segment`] | numbered causes, where a joint may be led, what can be set, limits of new end states, outputs along a plan, the file that a host uploads, and how a longer plan goes on | act |
+//! | interface | [`group`] | calls and events between the controller and a group of drives | know a family of drives |
 //! | drives | [`groups`] | one module per family: packets, parameters, state words, how a drive moves | know orders or states of the controller |
 //! | parts | [`state`], [`orders`], [`supervisor`], [`rest`], [`gripper`], [`store`], [`authority`] | states, what is legal when, what must hold, the release, power-proof storage, who may order | send packets |
-//! | view | [`telemetry`], [`trace`], [`freeze`] | what people see, now and afterwards | influence anything |
+//! | view | [`telemetry`], [`trace`], [`freeze`] | what people see during a run and afterwards | influence anything |
 //! | whole | [`controller`] | state machine, path, law; all control flow | know a frame, a parameter, Cyphal, a board or a clock |
 //! | host link | [`host_link`] | the controller as a Cyphal node: orders, registers, upload, samples translated | decide anything |
 //! | board | [`runner`] | the loop of a board over `embedded-can`, `embedded-hal` and a clock | know a chip, or wait |
@@ -26,10 +26,10 @@
 //! 1. `no_std`, no heap, no `unsafe`, no path that panics; every loop is bounded by a constant or by the joints.
 //! 2. Time and frames are arguments. Floats are f32, functions come from `libm`: the same calls give the same
 //!    frames, byte for byte, on a PC and on a Cortex-M.
-//! 3. A motion command leaves in Homing, Jogging, Running and Stopping only, and never beyond the limits in [`settings`].
-//!    A group sends none after [`group::Command::Stand`], [`group::Command::Halt`] or [`group::Command::Find`].
+//! 3. Motion commands are sent in Homing, Jogging, Running and Stopping only, and never beyond the limits in [`settings`].
+//!    A group sends no motion after [`group::Command::Stand`], [`group::Command::Halt`] or [`group::Command::Find`].
 //! 4. The first cause is latched; after a stop nothing moves until an operator arms again.
-//! 5. A reply is never taken for another ([`groups::powercube::drives`] says why).
+//! 5. A reply is never matched to another request ([`groups::powercube::drives`] explains why).
 //! 6. A trajectory runs only after all checks of [`trajectory_format`], from where the joints are, under the
 //!    name the host gave it.
 

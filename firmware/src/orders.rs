@@ -1,6 +1,6 @@
-//! What a host can ask for, and when it may. Knows nothing of the protocol the orders come by.
+//! Orders of a host, and the states in which each is legal. Independent of the protocol of the host.
 //!
-//! Every order is harmless when it comes twice: an answer can get lost and the host then asks again.
+//! Every order may come twice without harm: an answer can get lost, and the host then asks again.
 
 use protocol::cyphal::cubecell::group_state::State as StateKind;
 use protocol::{Duration, Instant, JointIndex};
@@ -26,13 +26,13 @@ pub const TARGET_EVENTS_MAX: usize = 2;
 /// A new end state of the group, to be reached at a time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Target {
-    /// When.
+    /// Time at which the end state is reached.
     pub at: Instant,
-    /// Joints that the state is for: all of the group.
+    /// Joints that the state is for; must be all joints of the group.
     pub joints: u8,
     /// Position and velocity per joint.
     pub state: PerJoint<EndState>,
-    /// Events with their times, instead of all that are still to come.
+    /// Events with their times; they replace all events that are still to come.
     pub events: [Option<(Instant, Action)>; TARGET_EVENTS_MAX],
 }
 
@@ -43,12 +43,12 @@ pub enum Order {
     ArmPrepare {
         /// CRC-64 of the trajectory to run: the committed one.
         crc64: u64,
-        /// How long the offer holds, at most [`ARMING_VALID_MAX`].
+        /// How long the offer is valid, at most [`ARMING_VALID_MAX`].
         valid: Duration,
     },
-    /// Second step: gives the token back; the group is armed.
+    /// Second step: returns the token; the group is armed.
     ArmConfirm {
-        /// From the last offer.
+        /// Token of the last offer.
         token: u32,
         /// How long the group stays armed without a run, at most [`ARMING_VALID_MAX`].
         valid: Duration,
@@ -65,8 +65,9 @@ pub enum Order {
         /// When the plan begins.
         start: Instant,
     },
-    /// While a trajectory with an envelope runs: takes a new end state over in flight, then brakes to rest. What was followed
-    /// before holds until the first time that can still change, and if the end state is refused.
+    /// While a trajectory with an envelope runs: goes to a new end state in flight, then brakes to rest. The
+    /// present motion continues until the first time at which it can still change; it continues unchanged if the
+    /// end state is refused.
     Retarget(Target),
     /// Ramps down along the path.
     Stop,
@@ -98,32 +99,32 @@ pub enum Order {
     },
     /// Writes the settings into permanent storage.
     SaveSettings,
-    /// Asks for a challenge, to make an authentication code with.
+    /// Requests a challenge, from which an authentication code is made.
     Challenge,
     /// Gives the authentication code of the next order of this node.
     Authorize {
-        /// Of the challenge.
+        /// Nonce of the challenge.
         nonce: Nonce,
-        /// The code.
+        /// Code for the next order.
         code: Code,
     },
     /// Lets this node set limits beyond those of the robot.
     Unlock {
-        /// The robot whose limits are to be exceeded.
+        /// CRC-32 of the robot whose limits are to be exceeded.
         robot_crc32: u32,
         /// For how long, at most [`UNLOCK_VALID_MAX`]; zero puts the limits of the robot back at once.
         valid: Duration,
     },
 }
 
-/// What an order had to say.
+/// Answer to an order that was not refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Done {
     /// Done, or begun.
     Taken,
     /// The offer to arm.
     Offer {
-        /// To be given back.
+        /// Token for the confirmation.
         token: u32,
         /// Time left.
         valid: Duration,
@@ -170,7 +171,7 @@ pub enum OrderKind {
 }
 
 impl OrderKind {
-    /// All of them.
+    /// Every kind of order.
     pub const ALL: [Self; 15] = [
         Self::ArmPrepare,
         Self::ArmConfirm,
@@ -189,7 +190,7 @@ impl OrderKind {
         Self::Retarget,
     ];
 
-    /// States in which the order is looked at; in all others it is refused.
+    /// States in which the order is accepted; in all others it is refused.
     pub const fn legal_in(self) -> &'static [StateKind] {
         use StateKind::{Armed, Boot, Fault, Homing, Idle, Jogging, Ready, Running, Stopped, Stopping};
         match self {
@@ -214,15 +215,15 @@ impl OrderKind {
         }
     }
 
-    /// True if any node may give the order at any time it is legal, whoever holds the session: it moves nothing, or ends
-    /// what moves.
+    /// True if any node may give the order in its legal states, even while another node holds the session: it moves
+    /// nothing, or it ends a motion.
     pub const fn is_free(self) -> bool {
         matches!(self, Self::Stop | Self::Disarm | Self::Challenge | Self::Authorize)
     }
 
-    /// True if a controller with a key wants a code for it. A new end state has none: a code takes longer than a control step
-    /// may. The code of the commit covers the file, and with it the envelope that end states must stay in; a file without
-    /// an envelope takes none.
+    /// True if a controller with a key requires a code for the order. A new end state needs no code: to compute one
+    /// takes longer than a control step may. The code of the commit covers the file and so the envelope that end
+    /// states must stay in; a file without an envelope accepts no end states.
     pub const fn needs_code(self) -> bool {
         match self {
             Self::ArmConfirm
@@ -243,7 +244,7 @@ impl OrderKind {
         }
     }
 
-    /// True if the order is looked at in this state.
+    /// True if the order is accepted in this state.
     pub fn is_legal_in(self, state: StateKind) -> bool {
         self.legal_in().contains(&state)
     }

@@ -82,7 +82,7 @@ impl PathClock {
         (self.s_us.saturating_add(i64::from(libm::roundf(s_us) as i32)), rate)
     }
 
-    /// Reference in time from the one along the path.
+    /// Reference as a function of time, from the reference along the path.
     #[inline]
     pub fn in_time(&self, t: Instant, along: Setpoint) -> Setpoint {
         if self.runs_freely() {
@@ -121,7 +121,7 @@ impl PathClock {
         self.in_time(t, spline.at(joint, s_us))
     }
 
-    /// Time along the path and time are the same but for an offset.
+    /// True if path time and time differ only by an offset.
     const fn runs_freely(&self) -> bool {
         self.rate == 1.0 && self.rate_dot_1_s == 0.0
     }
@@ -157,7 +157,7 @@ impl Default for Slowing {
 }
 
 impl Slowing {
-    /// Takes a joint into account: reference along the path at rate `rate`, acceleration it may use.
+    /// Takes a joint into account: its reference along the path at rate `rate`, and the acceleration that it may use.
     pub fn require(&mut self, along: Setpoint, rate: f32, a_max_rad_s2: f32) {
         let (slope, centre) = (along.qd_rad_s, along.qdd_rad_s2 * rate * rate);
         if slope.abs() < 1e-3 {
@@ -168,7 +168,7 @@ impl Slowing {
         self.high = self.high.min(one.max(two));
     }
 
-    /// The hardest slowing down, 1/s; `None` if the path cannot be kept and left behind at once.
+    /// The hardest slowing down, 1/s; `None` if the path cannot be kept, or cannot be slowed down at once.
     pub fn hardest_1_s(&self) -> Option<f32> {
         (self.low <= self.high && self.low < -0.1).then_some(clamp(self.low, -RATE_DROP_MAX_1_S, 0.0))
     }
@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn joints_that_contradict_each_other_or_leave_nearly_no_slowing_down_give_none() {
+    fn contradicting_joints_or_nearly_no_slowing_down_mean_that_the_path_is_not_kept() {
         let along = |qd_rad_s: f32, qdd_rad_s2: f32| Setpoint { q_rad: 0.0, qd_rad_s, qdd_rad_s2 };
         let after = |joints: &[Setpoint]| {
             let mut slowing = Slowing::default();
@@ -246,11 +246,11 @@ mod tests {
         assert_eq!(after(&[along(1.0, 1.0), along(1.0, -9.0)]), Some(-1.0));
         assert_eq!(after(&[along(1.0, -9.0), along(1.0, 11.0), along(1.0, 15.0), along(1.0, -11.0)]), None);
         assert_eq!(after(&[along(1.0, -9.95)]), None, "0.05 1/s would take for ever");
-        // A joint that stands has no say.
+        // A joint that stands sets no limit.
         assert_eq!(after(&[along(1e-4, 20.0)]), Some(-RATE_DROP_MAX_1_S));
     }
 
-    /// Once in two hundred stops a rounding left a rate of 1e-45: the group waited for the longest time of a stop.
+    /// In one of two hundred stops, rounding left a rate of 1e-45: the group waited for the longest time of a stop.
     #[test]
     fn clock_that_is_slowed_down_stands_after_its_time_whatever_the_numbers() {
         const PERIOD_US: u64 = 3_000;

@@ -1,12 +1,12 @@
-//! Where a joint may be led, also from outside its soft limits (pure): the one rule for a jog, its release and a stop of each
-//! family of drives.
+//! Where a joint may be led, also from outside its soft limits (pure). A jog, its release and a stop use this one
+//! rule, in each family of drives.
 //!
 //! | joint stands | ordered outwards | ordered inwards |
 //! |---|---|---|
 //! | inside, or on a limit | as ordered, up to the limit | as ordered, up to the other limit |
 //! | outside | stays where it is | as ordered, up to the other limit |
 //!
-//! So a joint outside its limits comes in as far as the order says and no further: a limit bounds a motion, it never begins one.
+//! So a joint outside its limits moves inwards as far as ordered and no further. A limit ends a motion; it never begins one.
 
 use crate::joints::{at_least, at_most, clamp};
 use crate::settings::JointSettings;
@@ -21,26 +21,26 @@ pub struct SoftLimits {
 }
 
 impl SoftLimits {
-    /// Those of a joint that has not found its zero: its position says nothing about the limits.
+    /// Limits of a joint that has not found its zero: unbounded, because its position cannot be compared with limits.
     pub const UNKNOWN: Self = Self { q_min_rad: f32::NEG_INFINITY, q_max_rad: f32::INFINITY };
 
-    /// Those of the settings, for a joint that has found its zero.
+    /// Limits of the settings, for a joint that has found its zero.
     pub const fn of(joint: &JointSettings) -> Self {
         Self { q_min_rad: joint.q_min_rad, q_max_rad: joint.q_max_rad }
     }
 
-    /// Those that a joint keeps: of the settings once it is homed, none before.
+    /// Limits that apply to a joint: those of the settings once it is homed, unbounded before.
     pub const fn kept(joint: &JointSettings, is_homed: bool) -> Self {
         if is_homed { Self::of(joint) } else { Self::UNKNOWN }
     }
 
-    /// These, and where the joint stands.
+    /// These limits, widened to include the position of the joint.
     #[must_use]
     pub const fn with(self, q_rad: f32) -> Self {
         Self { q_min_rad: at_most(q_rad, self.q_min_rad), q_max_rad: at_least(q_rad, self.q_max_rad) }
     }
 
-    /// Way from `q_rad` to the limit ahead of a joint that moves with `v_rad_s`, rad; negative outside of it.
+    /// Way from `q_rad` to the limit in the direction of `v_rad_s`, rad; negative beyond that limit.
     #[must_use]
     pub fn room_rad(self, q_rad: f32, v_rad_s: f32) -> f32 {
         if v_rad_s > 0.0 { self.q_max_rad - q_rad } else { q_rad - self.q_min_rad }
@@ -53,10 +53,10 @@ impl SoftLimits {
     }
 }
 
-/// Where a joint at `q_rad` may be led that is ordered to `ordered_rad`.
+/// Position to which a joint at `q_rad` may be led when `ordered_rad` is ordered, rad.
 ///
-/// The joint moves in the direction of the order or not at all, never beyond the order, and never further outside. A
-/// position or an order that is not a number leaves the joint where it is.
+/// The joint moves in the direction of the order or not at all, never beyond the order, and never further outside.
+/// If the position or the order is not a number, the joint stays where it is.
 #[must_use]
 pub const fn reachable(q_rad: f32, limits: SoftLimits, ordered_rad: f32) -> f32 {
     if q_rad.is_nan() || ordered_rad.is_nan() {
@@ -66,8 +66,9 @@ pub const fn reachable(q_rad: f32, limits: SoftLimits, ordered_rad: f32) -> f32 
     clamp(ordered_rad, q_min_rad, q_max_rad)
 }
 
-/// Where a joint at `q_rad` comes to rest that moves with `v_rad_s` and brakes with `a_rad_s2`, within what is [`reachable`].
-/// One that already moves outwards beyond a limit rests after its braking way: it is not led back.
+/// Position at which a joint comes to rest that is at `q_rad`, moves with `v_rad_s` and brakes with `a_rad_s2`,
+/// within what is [`reachable`], rad. A joint that already moves outwards beyond a limit rests after its braking
+/// way: it is not led back.
 #[must_use]
 pub const fn rest_rad(q_rad: f32, v_rad_s: f32, a_rad_s2: f32, limits: SoftLimits) -> f32 {
     let free_rad = q_rad + way_rad(v_rad_s, a_rad_s2);
@@ -135,7 +136,7 @@ mod tests {
             prop_assert!(moved.abs() <= ordered.abs());
             let outside = |q_rad: f32| (q_rad - LIMITS.q_max_rad).max(LIMITS.q_min_rad - q_rad).max(0.0);
             prop_assert!(outside(q_rad + moved) <= outside(q_rad) + 1e-6);
-            // Nothing but a limit shortens it.
+            // Only a limit shortens it.
             let target_rad = q_rad + moved;
             let bound = [LIMITS.q_min_rad, LIMITS.q_max_rad, q_rad].iter().any(|end| (end - target_rad).abs() < 1e-6);
             prop_assert!(bound || (moved - ordered).abs() < 1e-6);

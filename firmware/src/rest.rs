@@ -1,15 +1,15 @@
 //! Rest as it is measured (pure): a joint stands if its position has stayed within the steps of its encoder for a while.
 //!
-//! What this shows: a joint that is taken for standing moves by less than [`BAND_RAD`] in [`WINDOW`], 10 mrad/s on average.
-//! What it cannot show: a drive whose answers are frozen stands still for this measurement. The state word, which must
-//! show no MOTION, and the model of the drive must agree before anything counts on the rest.
+//! What this shows: a joint that counts as standing moves by less than [`BAND_RAD`] in [`WINDOW`], 10 mrad/s on
+//! average. What it cannot show: a drive whose answers are frozen also stands still in this measurement. So the
+//! state word, which must show no MOTION, and the model of the drive must agree before anything relies on the rest.
 
 use protocol::{Duration, Instant};
 
 use crate::group::PositionSample;
 
-/// Time for which a position must stay within [`BAND_RAD`]. Positions of a standing group come every two looks at the
-/// drives, 20 ms, so three of them agree.
+/// Time for which a position must stay within [`BAND_RAD`]. The group reads the positions of standing joints every
+/// 20 ms, so three of them agree.
 pub const WINDOW: Duration = Duration::from_millis(50);
 /// Width of a standing position, rad: one and a half steps of the encoder (0.02 degrees, `robot-models` 1.2). A joint that
 /// stands between two steps toggles by one.
@@ -19,10 +19,11 @@ pub const BAND_URAD: u32 = 530;
 
 /// Longest time from a halt to measured rest: the slowest drive brakes from its highest speed in less than half of it.
 pub const HALT_REST_MAX: Duration = Duration::from_millis(1_500);
-/// Added to the computed time of a ramp before its end must be measured: the window and what a drive's loop settles.
+/// Added to the computed time of a ramp to get the latest time of measured rest: the window, and the settling time of a drive's
+/// loop.
 pub const REST_SLACK: Duration = Duration::from_millis(250);
 
-/// Since when a joint stands. `BAND` is the width of a standing position, µrad.
+/// Time since which a joint stands. `BAND` is the width of a standing position, µrad.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Rest<const BAND: u32 = BAND_URAD> {
     since: Option<PositionSample>,
@@ -40,20 +41,20 @@ impl<const BAND: u32> Rest<BAND> {
         self.last = sample.at;
     }
 
-    /// A motion was commanded: what was measured before says nothing about its end. A drive whose answers are frozen would
-    /// stand at once, and a state word from before the motion would agree.
+    /// A motion was commanded: earlier measurements do not count for the rest at its end. Otherwise a drive whose
+    /// answers are frozen would stand at once, and a state word from before the motion would agree.
     pub const fn forget(&mut self) {
         self.since = None;
     }
 
-    /// The time from which on the joint has stood, if that is long enough and known up to `age_max` ago.
+    /// The time since which the joint stands, if that is long enough and the last position is no older than `age_max`.
     pub fn since(&self, now: Instant, age_max: Duration) -> Option<Instant> {
         let since = self.since?.at;
         let stood = self.last.saturating_since(since) >= WINDOW;
         (stood && now.saturating_since(self.last) <= age_max).then_some(since)
     }
 
-    /// True if the last positions differ by more than a standing joint's do, and are no older than `age_max`.
+    /// True if the last positions differ by more than those of a standing joint, and are no older than `age_max`.
     pub fn is_moving(&self, now: Instant, age_max: Duration) -> bool {
         self.since.is_some()
             && now.saturating_since(self.last) <= age_max

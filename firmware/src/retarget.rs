@@ -1,10 +1,10 @@
-//! A new end state taken over in flight: the law, its check, and the pieces it makes (pure).
+//! A change to a new end state in flight: the law, its check, and the pieces of the motion (pure).
 //!
 //! # The law
 //!
-//! A joint goes from (q₀, q̇₀) to (q₁, q̇₁) in exactly the time T and brakes to rest afterwards. Of all motions that keep
-//! the time, the one with the least peak acceleration has two pieces of constant acceleration, +a and -a. With
-//! D = q₁ - q₀ - (q̇₀ + q̇₁) T / 2 and E = q̇₁ - q̇₀:
+//! A joint goes from (q₀, q̇₀) to (q₁, q̇₁) in exactly the time T and brakes to rest afterwards. Of all motions
+//! that take this time, the one with the least peak acceleration has two pieces of constant acceleration, +a and
+//! -a. With D = q₁ - q₀ - (q̇₀ + q̇₁) T / 2 and E = q̇₁ - q̇₀:
 //!
 //! ```text
 //! a = (2 D + sgn(D) √(4 D² + T² E²)) / T²      switch at (T + E/a) / 2, with the speed (q̇₀ + q̇₁ + a T) / 2
@@ -23,8 +23,8 @@
 //!
 //! # The check
 //!
-//! [`Course::check`] compares the exact extremes of position, speed and acceleration of all pieces, braking included, with
-//! the envelope. How wide an envelope may be is the business of [`crate::envelope`].
+//! [`Course::check`] compares the exact extremes of position, speed and acceleration of all pieces, braking
+//! included, with the envelope. [`crate::envelope`] limits how wide an envelope may be.
 
 use protocol::JointIndex;
 
@@ -33,18 +33,18 @@ use crate::root::square_root;
 
 /// Shortest time from the first open instant to the new end state, µs.
 pub const REACH_MIN_US: u32 = 20_000;
-/// Longest time to the new end state, µs: up to here a microsecond is exact in single precision.
+/// Longest time to the new end state, µs: single precision is exact to a microsecond up to here.
 pub const REACH_MAX_US: u32 = 10_000_000;
 /// Shortest piece, µs.
 pub const PIECE_MIN_US: u32 = 500;
-/// Share above a limit that is put down to the rounding to single precision.
+/// Factor on a limit that allows for rounding to single precision.
 const ROUNDING: f32 = 1.001;
 /// Pieces of a course.
 const COURSE: usize = 5;
-/// Older pieces that are kept: measurements are compared with what was in force before the newest course begins.
+/// Older pieces that are kept: measurements are compared with the motion in force before the newest course begins.
 const HISTORY: usize = 4;
 
-/// What new end states of a joint, and the ways to them, must stay in.
+/// Limits of a joint for new end states and for the ways to them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct JointEnvelope {
     /// Smallest position, rad.
@@ -57,7 +57,7 @@ pub struct JointEnvelope {
     pub a_max_rad_s2: f32,
 }
 
-/// Why a new end state is not taken.
+/// Why a new end state is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OutOfReach {
     /// A number is not finite, or the times are not [`REACH_MIN_US`] to [`REACH_MAX_US`] apart.
@@ -103,7 +103,7 @@ const fn seconds(us: u32) -> f32 {
 }
 
 fn microseconds(s: f32) -> u32 {
-    // The cast saturates, and takes NaN to zero.
+    // The cast saturates, and turns NaN into zero.
     (s * 1e6 + 0.5) as u32
 }
 
@@ -113,7 +113,7 @@ impl Course {
     ///
     /// # Errors
     ///
-    /// [`OutOfReach::Numbers`]; [`OutOfReach::Velocity`] if no motion within the speed of the envelope is there in time.
+    /// [`OutOfReach::Numbers`]; [`OutOfReach::Velocity`] if no motion within the speed of the envelope arrives in time.
     pub fn solve(
         (from_us, start): (u32, EndState),
         (to_us, end): (u32, EndState),
@@ -172,11 +172,11 @@ impl Course {
         })
     }
 
-    /// The exact extremes of all pieces against the envelope.
+    /// Checks the exact extremes of all pieces against the envelope.
     ///
     /// # Errors
     ///
-    /// The first that does not hold.
+    /// The first limit that is exceeded.
     pub fn check(&self, envelope: &JointEnvelope) -> Result<(), OutOfReach> {
         let inside = |q_rad: f32| q_rad >= envelope.q_min_rad && q_rad <= envelope.q_max_rad;
         for (piece, next) in self.pieces.iter().zip(self.pieces.iter().skip(1)) {
@@ -212,26 +212,27 @@ impl Course {
     }
 }
 
-/// What replaces a plan from a time on: the newest course of each joint, and the pieces before it that may still be asked
-/// for.
+/// Replacement of a plan from a time on: the newest course of each joint, and the earlier pieces that may still be
+/// needed.
 #[derive(Clone, Debug)]
 pub struct Detour {
-    /// First course, µs of the plan, with all bits turned: 0 is a time that never comes. The plan itself holds before.
+    /// Begin of the first course, µs of the plan, with all bits inverted: 0 stands for a time that never comes. Before it the
+    /// plan itself is followed.
     since_inverted_us: u32,
-    /// End of the newest course; 0: there is none.
+    /// End of the newest course; 0: there is no course.
     end_us: u32,
     joint: PerJoint<heapless::Vec<Piece, { HISTORY + COURSE }>>,
 }
 
 impl Detour {
-    /// The plan holds. All zeros, as a board wants it.
+    /// No course: the plan is followed. All zeros, so that it takes no space in the start-up data of a board.
     pub const NONE: Self = Self {
         since_inverted_us: 0,
         end_us: 0,
         joint: PerJoint([const { heapless::Vec::new() }; protocol::JOINTS_MAX]),
     };
 
-    /// From when on the plan does not hold, µs of the plan; `u32::MAX` if it holds throughout.
+    /// Time from which the plan is no longer followed, µs of the plan; `u32::MAX` if it is followed to its end.
     #[inline]
     pub const fn since_us(&self) -> u32 {
         !self.since_inverted_us
@@ -278,7 +279,8 @@ impl Detour {
         self.end_us = end_us;
     }
 
-    /// The piece of a joint at a time of the plan, and how long it lasts, µs; before the oldest piece that is kept: that one.
+    /// The piece of a joint at a time of the plan, and how long it lasts, µs; for a time before the oldest piece that is kept,
+    /// that piece.
     pub(crate) fn piece(&self, joint: JointIndex, t_us: u32) -> (Piece, u32) {
         let pieces = self.joint.at(joint);
         let mut found = (pieces.first().copied().unwrap_or_default(), 0);

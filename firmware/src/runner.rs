@@ -1,14 +1,14 @@
-//! The controller on a board: one loop over the traits of the embedded field.
+//! The controller on a board: one loop over the traits of embedded Rust.
 //!
 //! A board gives a CAN controller ([`embedded_can::nb::Can`]), output pins ([`embedded_hal::digital::OutputPin`]) and a
 //! [`Clock`], and calls [`Runner::turn`] for ever. The rest of its program is start-up, sleep and watchdog.
 //!
 //! # A turn
 //!
-//! A turn hands the node one received frame or one deadline, then hands the CAN controller what the node wants to send,
-//! then sets the pins. Received frames go first, so that an answer which waits in the receive queue is not counted as
-//! missed; after [`FRAMES_BEFORE_DEADLINE`] of them a deadline that is due is served, so that a flooded bus cannot hold
-//! up a control step. No turn waits for anything.
+//! A turn passes one received frame or one deadline to the node, then passes to the CAN controller what the node
+//! wants to send, then sets the pins. Received frames go first, so that an answer which waits in the receive queue
+//! is not counted as missed. After [`FRAMES_BEFORE_DEADLINE`] of them a due deadline is served, so that a flooded
+//! bus cannot delay a control step. A turn never waits.
 //!
 //! # Pins
 //!
@@ -35,7 +35,7 @@ use crate::store::Storage;
 
 /// Received frames that may go before a deadline that is due: one control cycle of eight joints.
 pub const FRAMES_BEFORE_DEADLINE: u8 = 8;
-/// A deadline served later than this is no healthy loop. A commit of the longest trajectory takes about 10 ms.
+/// A deadline served later than this counts as a fault of the loop. A commit of the longest trajectory takes about 10 ms.
 pub const LATE_MAX: Duration = Duration::from_millis(25);
 /// Frames handed to the CAN controller in one turn: more than a node sends in one.
 const FRAMES_PER_TURN: u8 = 64;
@@ -48,7 +48,7 @@ pub trait Clock {
     fn now(&mut self) -> Instant;
 }
 
-/// A pin that is not there: takes any level.
+/// Stands for a pin that the board does not have: accepts any level.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NoPin;
 
@@ -77,24 +77,24 @@ pub struct Pins<G, E, L> {
     pub lamp: L,
 }
 
-/// What a turn leaves for the board to do.
+/// Result of a turn: what the board does next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[must_use = "a board sleeps and feeds its watchdog by this"]
 pub struct Turn {
-    /// `Some`: nothing to do before this time unless a frame is received, or one has left and made room for the next
-    /// ([`Runner::waits_for_room`]). `None`: call again at once.
+    /// `Some`: nothing to do before this time, unless a frame is received or a frame has left and made room for the
+    /// next ([`Runner::waits_for_room`]). `None`: call again at once.
     pub idle_until: Option<Instant>,
-    /// False from a deadline that was served more than [`LATE_MAX`] late to the next one in time. The watchdog is fed only if
-    /// it is true.
+    /// False after a deadline that was served more than [`LATE_MAX`] late, until one is served in time. Feed the
+    /// watchdog only if it is true.
     pub healthy: bool,
 }
 
-/// What went wrong on the board so far; counts saturate.
+/// Errors on the board since start-up; counts saturate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BoardCounters {
-    /// Errors that the CAN controller told while receiving or sending.
+    /// Errors that the CAN controller reported while receiving or sending.
     pub can_errors: u32,
-    /// Frames that the driver of the CAN controller refuses to build: they are lost.
+    /// Frames that the driver of the CAN controller refused to build: they are lost.
     pub frames_refused: u32,
     /// Pins that could not be set; they are set again in the next turn.
     pub pin_errors: u32,
@@ -110,7 +110,7 @@ struct Output<P> {
 }
 
 impl<P: OutputPin> Output<P> {
-    /// Puts the level on the pin if it is another one; false if the pin refuses it.
+    /// Puts the level on the pin if it differs; false if the pin refuses it.
     fn put(&mut self, high: bool) -> bool {
         if self.level != Some(high) {
             self.level = self.pin.set_state(PinState::from(high)).is_ok().then_some(high);
@@ -119,10 +119,10 @@ impl<P: OutputPin> Output<P> {
     }
 }
 
-/// What the CAN controller had in store.
+/// Result of a read from the CAN controller.
 enum Received {
     Frame(Frame),
-    /// An error, or a frame that is none of classical CAN.
+    /// An error, or a frame that is not a frame of classical CAN.
     Unusable,
     Nothing,
 }
@@ -132,13 +132,13 @@ pub struct Runner<C: Can, K, G = NoPin, E = NoPin, L = NoPin> {
     can: C,
     clock: K,
     gripper: Output<G>,
-    /// Level the controller wants; `None` until it has said one.
+    /// Level the controller wants; `None` until the first one.
     gripper_wanted: Option<bool>,
     enable: Output<E>,
     lamp: Output<L>,
-    /// Taken from the node, and not yet from us by the CAN controller.
+    /// A frame that the node gave and the CAN controller has not accepted yet.
     held: Option<C::Frame>,
-    /// Received frames handed over since a deadline was due.
+    /// Received frames passed to the node since a deadline was due.
     frames_in_a_row: u8,
     now: Instant,
     healthy: bool,
@@ -177,7 +177,7 @@ where
         self.now
     }
 
-    /// What went wrong so far.
+    /// Errors on the board since start-up.
     pub const fn counters(&self) -> BoardCounters {
         self.counters
     }
@@ -187,7 +187,7 @@ where
         self.held.is_some()
     }
 
-    /// The CAN controller, for what its trait does not say.
+    /// The CAN controller, for functions that its trait does not have.
     pub const fn can(&mut self) -> &mut C {
         &mut self.can
     }
@@ -265,7 +265,7 @@ where
                 continue;
             };
             match self.can.transmit(&frame) {
-                // A frame of lower priority that had to leave its mailbox is the next to go.
+                // A frame of lower priority that lost its mailbox is sent next.
                 Ok(displaced) => {
                     self.held = displaced;
                     if self.held.is_some() {
@@ -298,7 +298,7 @@ where
         let half = now.as_micros() >> BLINK_SHIFT;
         let lit = may_move || blinks && half & 1 == 0;
         let gripper = self.gripper_wanted.is_none_or(|level| self.gripper.put(level));
-        // Drives that brake need it, but it never rises for that.
+        // Drives that brake need the enable output; but the output never rises for that reason.
         let enable = may_move || (brakes && self.enable.level == Some(true));
         for fine in [gripper, self.enable.put(enable), self.lamp.put(lit)] {
             if !fine {

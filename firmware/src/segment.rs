@@ -1,13 +1,14 @@
-//! Segment: how a plan goes on that is longer than a controller holds. Both sides use this code.
+//! Segment: continuation of a plan that is longer than a controller holds. Host and controller both use this code.
 //!
 //! | offset | bytes | |
 //! |---|---|---|
 //! | 0 | 32 | SHA-256 of the segment that follows; zeros: the plan ends at rest with this one |
 //! | 32 | n (4 + 8 J) | knots as in a trajectory file ([`crate::trajectory_format`]), n from 1; times modulo 2^32 µs |
 //!
-//! It comes as the parameter of one command, at most [`LEN_MAX`] bytes. The file that begins the plan has the digest of the first
-//! segment, and each segment that of the next: so the digest of the file, which a host commits and arms with its key, covers the
-//! whole plan. A segment of anybody else, of another plan or out of order is refused, without a code of its own.
+//! A segment is the parameter of one command, at most [`LEN_MAX`] bytes. The file that begins the plan contains the
+//! digest of the first segment, and each segment contains the digest of the next. So the digest of the file, which
+//! a host commits and arms with its key, covers the whole plan. A segment from another source, of another plan or
+//! out of order is refused, without a code of its own.
 
 use protocol::JointIndex;
 
@@ -22,13 +23,13 @@ pub const LEN_MAX: usize = 255;
 /// No segment follows.
 const LAST: Digest = [0; DIGEST_LEN];
 
-/// Most knots of a segment, by the number of joints: four of six joints.
+/// Most knots of a segment for a number of joints: four for six joints.
 pub const fn knots_max(joints: usize) -> usize {
     (LEN_MAX - DIGEST_LEN) / knot_len(joints)
 }
 
-/// Writes a segment into `out` and returns its length; `None` if it has no knots or too many. `next` is the digest of the one that
-/// follows.
+/// Writes a segment into `out` and returns its length; `None` if it has no knots or too many. `next` is the digest
+/// of the following segment.
 pub fn encode(
     next: Option<&Digest>,
     knots: &[Knot],
@@ -52,7 +53,7 @@ pub fn encode(
     Some(len)
 }
 
-/// Appends the knots of a segment to the plan that runs, all or none; returns the digest of the one that follows.
+/// Appends the knots of a segment to the plan that runs, all of them or nothing; returns the digest of the following segment.
 ///
 /// # Errors
 ///

@@ -1,5 +1,5 @@
-//! Everything that can be set, as plain numbers with units in their names. [`crate::registers`] is the door
-//! with names and ranges; [`Settings::check`] is what must hold between values.
+//! Everything that can be set, as plain numbers with units in their names. [`crate::registers`] gives access by
+//! name and checks ranges; [`Settings::check`] checks the conditions between values.
 
 use protocol::{Duration, JointIndex, ModuleId};
 
@@ -82,17 +82,18 @@ pub struct Settings {
     pub robot_crc32: u32,
     /// Control period, µs.
     pub cycle_period_us: u32,
-    /// Period of looking at the drives while nothing moves, µs.
+    /// Period of reading the drives while nothing moves, µs.
     pub monitor_period_us: u32,
     /// Late cycles in a row that stop the group.
     ///
-    /// Frames of a host fill the gaps of a cycle, and in each of these cycles the last answer may wait for one of them, 0.13 ms.
-    /// A transfer of eight frames makes up to two cycles late at 3 ms, up to three together with the controller's own messages.
-    /// Five leave room for two more; cycles that are too long for the drives make all of them late.
+    /// Frames of a host fill the gaps of a cycle, and in each of these cycles the last answer may wait for one of
+    /// them, 0.13 ms. A transfer of eight frames makes up to two cycles late at 3 ms, and up to three together with
+    /// the controller's own messages. A limit of five leaves room for two more. A period that is too short for the
+    /// drives makes every cycle late.
     pub cycle_late_max: u32,
     /// Read one drive's current or state word in each control cycle, in turn.
     pub cycle_guest: bool,
-    /// Age of the host's heartbeat that stops a motion, µs.
+    /// A motion stops when the host's heartbeat is older than this, µs.
     pub host_timeout_us: u32,
     /// A reply that takes longer counts as missed, µs.
     pub reply_deadline_us: u32,
@@ -100,15 +101,15 @@ pub struct Settings {
     pub reply_missed_max: u32,
     /// Time from a drive's measurement to the end of its reply, µs.
     pub reply_age_us: u32,
-    /// How far a drive's position runs behind its ramp generator, µs: 2ζ/ω of its position loop.
+    /// How far a drive's position is behind its ramp generator, µs: 2ζ/ω of its position loop.
     pub drive_lag_us: u32,
     /// Drives with a request in flight at the same time.
     pub in_flight_max: u32,
-    /// Distance of targets, rad.
+    /// Distance of the target position in a motion command, rad.
     pub reach_rad: f32,
     /// Switch the drives' watchdogs on.
     pub watchdog_enable: bool,
-    /// Let the watchdogs expire once at start-up and see that they stop the drives.
+    /// Let the watchdogs expire once at start-up and check that they stop the drives.
     pub watchdog_prove: bool,
     /// Time between signs of life to the drives, µs.
     pub watchdog_refresh_us: u32,
@@ -118,14 +119,14 @@ pub struct Settings {
     pub gains_period_us: u32,
     /// Smallest delay from measurement to action that the gains were designed for, µs.
     pub gains_delay_min_us: u32,
-    /// Largest, µs. The loop acts one control period after it measures.
+    /// Largest such delay, µs. The loop acts one control period after it measures.
     pub gains_delay_max_us: u32,
     /// CRC-32 of the robot file the gains were designed for.
     pub gains_robot_crc32: u32,
-    /// [`certificate_crc32`](crate::registers::certificate_crc32) of what the gains were proven for; 0: nothing. Other
-    /// settings than these cannot be armed.
+    /// [`certificate_crc32`](crate::registers::certificate_crc32) of the settings that the gains were proven for;
+    /// 0: not proven. With a different checksum the group cannot be armed.
     pub gains_certificate_crc32: u32,
-    /// CRC-32 of the robot file whose limits these are: the widest that may be set without an unlock.
+    /// CRC-32 of the robot file that the limits come from: they are the widest that may be set without an unlock.
     pub limits_robot_crc32: u32,
     /// Weight of a measurement on the error.
     pub estimator_alpha: f32,
@@ -157,7 +158,7 @@ pub struct Settings {
     pub joint_state_subject: u32,
     /// Subject of new end states.
     pub target_subject: u32,
-    /// Subject of the answers to them.
+    /// Subject of the answers to new end states.
     pub target_answer_subject: u32,
     /// Per joint.
     pub joint: PerJoint<JointSettings>,
@@ -174,8 +175,8 @@ impl Settings {
 
     /// The PowerCube arm (`powercube6`), gains of the certified saturated design at 3 ms.
     ///
-    /// Gains and certificate: `host/tuner/gains/powercube6-3ms.toml`, made by `host/tuner/gains/make`. Its initial errors are the start tolerance here: from farther away no
-    /// plan starts.
+    /// Gains and certificate: `host/tuner/gains/powercube6-3ms.toml`, made by `host/tuner/gains/make`. Its initial
+    /// errors are the start tolerance here: a plan does not start from farther away.
     /// Speeds, accelerations and currents: paper 002, table II and eq. (11). Following error,
     /// tolerance and slow speeds are chosen.
     pub const fn powercube6() -> Self {
@@ -264,7 +265,7 @@ impl Settings {
         }
     }
 
-    /// The same arm at the paper's period of 17 ms, every number of the error used as it is measured.
+    /// The same arm at the paper's period of 17 ms; the estimator weights are one.
     ///
     /// The paper does not print its gains. These are the certified saturated design for the period,
     /// `host/tuner/gains/powercube6-17ms.toml`.

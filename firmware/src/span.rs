@@ -1,4 +1,4 @@
-//! Spans of time as f32 seconds and back, without 64-bit or double arithmetic, which a Cortex-M4 has in software
+//! Spans of time as f32 seconds and back, without 64-bit or double arithmetic: a Cortex-M4 has those in software
 //! only.
 
 use protocol::{Duration, Instant};
@@ -8,12 +8,12 @@ pub fn seconds(span: Duration) -> f32 {
     u32::try_from(span.as_micros()).unwrap_or(u32::MAX) as f32 * 1e-6
 }
 
-/// Seconds from one time to another, less than zero if that was before; no more than 71 minutes either way.
+/// Seconds from one time to another, negative if the second is earlier; limited to 71 minutes either way.
 pub fn seconds_between(from: Instant, to: Instant) -> f32 {
     if to >= from { seconds(to.saturating_since(from)) } else { -seconds(from.saturating_since(to)) }
 }
 
-/// Seconds as a span, rounded to the nearest microsecond; NaN and negative ones are none, 71 minutes the most.
+/// Seconds as a span, rounded to the nearest microsecond. NaN and negative values give zero; 71 minutes is the largest.
 pub fn of_seconds(s: f32) -> Duration {
     // A float-to-integer cast saturates and maps NaN to zero.
     Duration::from_micros(u64::from((s * 1e6 + 0.5) as u32))

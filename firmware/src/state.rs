@@ -20,18 +20,18 @@
 //! ```
 //!
 //! *clear* is [`Order::ClearFault`](crate::orders::Order::ClearFault), `ExecuteCommand`
-//! [`CLEAR_FAULT`](protocol::cyphal::cubecell::command::CLEAR_FAULT) (6) with the number of the fault that was seen. It goes
-//! through Boot: drives are reset, looked for and read again, and the group ends in Idle or Ready if the cause is gone, else
-//! in Fault again. Nothing moves by it.
+//! [`CLEAR_FAULT`](protocol::cyphal::cubecell::command::CLEAR_FAULT) (6) with the number of the fault that was
+//! seen. It goes through Boot: drives are reset, searched and read again. The group ends in Idle or Ready if the
+//! cause is gone, otherwise in Fault again. Nothing moves.
 //!
-//! A run with a start time waits in Armed and goes to Running shortly before; a disarm, a lost host, or a check that no
-//! longer holds then goes to Ready instead. Running may take new end states over in flight
-//! ([`Order::Retarget`](crate::orders::Order::Retarget)): the state stays, the plan changes ([`crate::retarget`]), and its
-//! end is the rest after the last end state.
+//! A run with a start time waits in Armed and goes to Running shortly before the start. If the group is disarmed,
+//! the host is lost, or a check fails at the start, it goes to Ready instead. Running may change to new end states
+//! in flight ([`Order::Retarget`](crate::orders::Order::Retarget)): the state stays, the plan changes
+//! ([`crate::retarget`]), and its end is the rest after the last end state.
 //!
-//! Homing and Jogging begin in Idle, Ready and Stopped and end in Idle or Ready. A jog that is released
-//! ramps down within Jogging. Motion commands are sent in Homing, Jogging, Running and Stopping, and nowhere else.
-//! The first cause is latched: it is carried through Stopping into Stopped (a plain stop) or Fault.
+//! Homing and Jogging begin in Idle, Ready and Stopped and end in Idle or Ready. A jog that is released ramps down
+//! within Jogging. Motion commands are sent only in Homing, Jogging, Running and Stopping. The first cause is
+//! latched: it is kept through Stopping into Stopped (a plain stop) or Fault.
 
 use protocol::{Instant, JointIndex};
 
@@ -42,23 +42,23 @@ use crate::trace::{Trace, TraceEvent};
 /// A state without its data; the numbers go over the wire.
 pub use protocol::cyphal::cubecell::group_state::State as StateKind;
 
-/// Homing in work.
+/// Homing in progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Homing {
-    /// Joints to do, bit n: joint n; the highest first.
+    /// Joints still to home, bit n: joint n; the highest first.
     pub mask: u8,
-    /// The joint at work.
+    /// The joint that is homed now.
     pub joint: JointIndex,
     /// Latest end of this joint's homing.
     pub deadline: Instant,
 }
 
-/// Jog in work.
+/// Jog in progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Jog {
     /// The joint.
     pub joint: JointIndex,
-    /// It ramps to rest, and the order can no longer be repeated.
+    /// The joint ramps to rest, and the order can no longer be repeated.
     pub released: bool,
 }
 
@@ -69,11 +69,11 @@ pub enum StopWay {
     Path,
     /// Each joint on its own.
     Quick,
-    /// The halt broadcast is out: the drives brake by themselves, and are watched until they stand.
+    /// The halt broadcast is sent: the drives brake by themselves, and are observed until they stand.
     Halted,
 }
 
-/// State with what exists in it only.
+/// A state with the data that belong to it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum State {
     /// See [`StateKind::Boot`].
@@ -99,28 +99,28 @@ pub enum State {
     Running {
         /// Time along the plan.
         clock: PathClock,
-        /// The plan is at its end: the joints are brought to the last knot. They must be measured at rest by then.
+        /// The plan has ended: the joints go to the last knot. They must be measured at rest by this time.
         parking: Option<Instant>,
     },
     /// See [`StateKind::Stopping`].
     Stopping {
-        /// Why.
+        /// Why the group stops.
         fault: Fault,
-        /// How.
+        /// How the group stops.
         way: StopWay,
         /// Time along the plan.
         clock: PathClock,
-        /// Another way is taken if this one is not done by then.
+        /// If the stop is not done by this time, another way is taken.
         deadline: Instant,
     },
     /// See [`StateKind::Stopped`].
     Stopped {
-        /// Why.
+        /// Why the group stopped.
         fault: Fault,
     },
     /// See [`StateKind::Fault`].
     Fault {
-        /// Why.
+        /// The latched fault.
         fault: Fault,
     },
 }
@@ -151,14 +151,14 @@ impl State {
     }
 }
 
-/// Holds the state; `enter` is the only writer between states.
+/// Holds the state; only `enter` changes from one state to another.
 #[derive(Clone, Debug)]
 pub struct Machine {
     state: State,
 }
 
 impl Machine {
-    /// At power on.
+    /// State at power on.
     pub const fn new() -> Self {
         Self { state: State::Boot }
     }
@@ -168,42 +168,42 @@ impl Machine {
         &self.state
     }
 
-    /// Armed: the run begins at `at`.
+    /// In Armed: sets the begin of the run to `at`.
     pub(crate) const fn start_at(&mut self, at: Instant) {
         if let State::Armed { start, .. } = &mut self.state {
             *start = Some(at);
         }
     }
 
-    /// Jogging: the joint ramps to rest.
+    /// In Jogging: the joint ramps to rest.
     pub(crate) const fn release_jog(&mut self) {
         if let State::Jogging(jog) = &mut self.state {
             jog.released = true;
         }
     }
 
-    /// Running: the plan is at its end, the joints rest by `until`.
+    /// In Running: the plan has ended, and the joints must rest by `until`.
     pub(crate) const fn park(&mut self, until: Instant) {
         if let State::Running { parking, .. } = &mut self.state {
             *parking = Some(until);
         }
     }
 
-    /// Stopping: the time along the plan.
+    /// In Stopping: sets the time along the plan.
     pub(crate) const fn slow_down(&mut self, along: PathClock) {
         if let State::Stopping { clock, .. } = &mut self.state {
             *clock = along;
         }
     }
 
-    /// Stopping: another cause is the first one.
+    /// In Stopping: replaces the first cause.
     pub(crate) const fn latch(&mut self, first: Fault) {
         if let State::Stopping { fault, .. } = &mut self.state {
             *fault = first;
         }
     }
 
-    /// Enters a state: the only writer between states.
+    /// Enters a state; nothing else changes from one state to another.
     pub(crate) fn enter(&mut self, now: Instant, trace: &mut Trace, state: State) {
         let from = self.state.kind();
         self.state = state;

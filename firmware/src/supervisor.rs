@@ -1,5 +1,5 @@
-//! Checks of measured motion, without state: each returns the cause of a violated limit, or none. The controller calls them
-//! and reacts ([`crate::fault::Reaction`]).
+//! Checks of measured motion, without state: each returns the cause of a violated limit, or `None`. The controller
+//! calls them and reacts ([`crate::fault::Reaction`]).
 
 use protocol::Instant;
 
@@ -9,8 +9,8 @@ use crate::reach::SoftLimits;
 use crate::settings::JointSettings;
 use crate::span;
 
-/// Share above the speed limit at which a measured speed is a fault: the estimate has noise and a saturated
-/// loop may overshoot a little.
+/// Factor on the speed limit above which a measured speed is a fault: the estimate has noise, and a saturated loop
+/// may overshoot a little.
 const V_TOLERANCE: f32 = 1.1;
 /// Noise of a measured speed, rad/s.
 const V_NOISE_RAD_S: f32 = 0.15;
@@ -31,7 +31,7 @@ pub struct SupervisedSample {
     pub e_rad: f32,
 }
 
-/// Position, speed and following error of a moving joint that may be within `soft`.
+/// Checks position, speed and following error of a moving joint, whose position may be within `soft`.
 pub fn check_motion(measured: &SupervisedSample, limits: &JointSettings, soft: SoftLimits) -> Option<Cause> {
     let SupervisedSample { q_rad, qd_rad_s, e_rad } = *measured;
     // Each comparison is false for NaN, so NaN is a fault.
@@ -49,8 +49,8 @@ pub fn check_motion(measured: &SupervisedSample, limits: &JointSettings, soft: S
     }
 }
 
-/// True if the joint can have got from the last position to this one. A stale, mixed-up or broken
-/// position from far away is not; one that is near does no harm.
+/// True if the joint can have moved from the last position to this one. This rejects a stale, mixed-up or broken
+/// position that is far away; a wrong position nearby does no harm.
 pub fn is_plausible(q_rad: f32, at: Instant, last: Option<PositionSample>, v_max_rad_s: f32) -> bool {
     let Some(last) = last else { return q_rad.is_finite() };
     let dt_s = span::seconds(at.saturating_since(last.at));

@@ -1,5 +1,5 @@
-//! What a host sees: samples of the joints and of the group, ready to be put on the wire by the one who links the
-//! controller to a host. A joint's sample is the wire's own type, so that nothing is copied twice.
+//! Samples of the joints and of the group for a host; the host link puts them on the wire. A joint's sample has the
+//! type of the wire, so that nothing is copied twice.
 
 /// One joint at the end of a control cycle, as it goes over the wire.
 pub use protocol::cyphal::cubecell::joint_state::{JointFlags, JointSample};

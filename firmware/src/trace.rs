@@ -1,4 +1,4 @@
-//! Ring of events: what happened lately, as facts without strings; decoded off the board.
+//! Ring of recent events, as facts without strings; decoded off the board.
 
 use protocol::cyphal::cubecell::group_state::State as StateKind;
 use protocol::{Instant, JointIndex};
@@ -30,7 +30,7 @@ pub enum TraceEvent {
     Refused(OrderKind, Cause),
     /// A drive missed a reply.
     Missed(JointIndex),
-    /// A drive's position could not be.
+    /// A drive reported a position that it cannot have reached.
     Implausible(JointIndex),
     /// A control cycle began late or before the last one was done.
     LateCycle,
@@ -46,7 +46,7 @@ pub enum TraceEvent {
     LimitsChanged,
     /// A key was set (true) or removed.
     Key(bool),
-    /// A node wrote to the upload of another one, which is void.
+    /// A node wrote to the upload of another node, which is now void.
     UploadVoided(Peer),
     /// A register write was refused: its number.
     RegisterRefused(u8, Cause),
@@ -67,7 +67,7 @@ impl Default for Trace {
 }
 
 impl Trace {
-    /// Notes an event; the oldest one goes.
+    /// Records an event; the oldest one is dropped.
     pub fn note(&mut self, now: Instant, event: TraceEvent) {
         if let Some(place) = self.events.get_mut(self.next) {
             *place = Some((now, event));
@@ -76,12 +76,12 @@ impl Trace {
         self.total = self.total.wrapping_add(1);
     }
 
-    /// Events since start-up, also those that have gone; modulo 2^32.
+    /// Events since start-up, dropped ones included; modulo 2^32.
     pub const fn total(&self) -> u32 {
         self.total
     }
 
-    /// What is kept, at its place in the ring, with the number of the event since start-up.
+    /// The events that are kept, in the order of the ring, each with its number since start-up.
     pub fn places(&self) -> impl Iterator<Item = Option<(u32, Instant, TraceEvent)>> + '_ {
         let next = self.next;
         self.events.iter().enumerate().map(move |(place, entry)| {
@@ -91,7 +91,7 @@ impl Trace {
         })
     }
 
-    /// What is kept, oldest first.
+    /// The events that are kept, oldest first.
     pub fn iter(&self) -> impl Iterator<Item = (Instant, TraceEvent)> + '_ {
         let (newer, older) = self.events.split_at_checked(self.next).unwrap_or((&self.events, &[]));
         older.iter().chain(newer).flatten().copied()

@@ -54,7 +54,7 @@ fn start_may_be_thirty_seconds_ahead_and_no_more() {
     assert_eq!(run_in(&mut bench, name, 30_000_000), Ok(Done::Taken));
 }
 
-/// The drives learn their speed limits before the run: its first cycle has no time for it.
+/// The drives get their speed limits before the run: its first cycle has no time for it.
 #[test]
 fn speed_limits_are_written_once_to_each_drive_while_armed_and_not_while_ready() {
     let is_limit = |frame: &Frame| {
@@ -69,7 +69,7 @@ fn speed_limits_are_written_once_to_each_drive_while_armed_and_not_while_ready()
     assert_eq!((bench.kind(), bench.count_sent(is_limit)), (StateKind::Armed, 6));
 }
 
-/// Two cycles of lead and two looks at the drives before the plan begins.
+/// Two cycles of lead and two monitor periods before the plan begins.
 #[test]
 fn run_begins_to_lead_the_drives_twenty_six_milliseconds_before_its_start() {
     for (in_us, state) in [(26_000, StateKind::Running), (26_001, StateKind::Armed)] {

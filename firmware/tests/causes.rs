@@ -1,4 +1,4 @@
-//! What an error of a drive is told as: the first cause, by the name that the drive's state word gives it.
+//! How an error of a drive is reported: as the first cause, by the name that the drive's state word gives it.
 
 use crate::bench::*;
 use firmware::fault::{Cause, Fault};
@@ -59,9 +59,9 @@ fn error_of_one_drive_stops_all_and_its_state_word_names_the_cause() {
     }
 }
 
-/// The state that comes with each answer tells that a drive is halted, its state word that its watchdog has expired.
+/// The short state in each answer reports that a drive is halted; its state word reports that its watchdog has expired.
 #[test]
-fn controller_that_was_held_up_beyond_the_watchdogs_tells_that_they_expired() {
+fn controller_that_was_held_up_beyond_the_watchdogs_reports_that_they_expired() {
     for into_us in (200_000..700_000).step_by(23_000) {
         let mut bench = thrown(Settings::powercube6(), into_us);
         bench.hold_up(75_000);
@@ -95,7 +95,7 @@ fn state_word_does_not_rename_a_cause_that_has_a_name() {
     }
 }
 
-/// Only what a drive reports about itself names its error.
+/// Only an error that a drive reports about itself names the cause.
 #[test]
 fn silence_after_an_error_does_not_rename_it() {
     for into_us in (300_000..400_000).step_by(7_300) {

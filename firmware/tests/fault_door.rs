@@ -1,4 +1,4 @@
-//! The only way out of Fault is its clearing, with the number of the fault that was seen.
+//! Fault ends only when it is cleared, with the number of the fault that was seen.
 
 use crate::bench::*;
 use firmware::fault::Cause;
@@ -65,7 +65,7 @@ fn setting_that_needs_a_new_search_is_refused_while_a_joint_moves() {
     let mut bench = Bench::new(Options { homed: false, ..Options::default() });
     bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Idle);
     bench.run_for(100_000);
-    // People move a joint whose position loop is open.
+    // People may move a joint whose position loop is open.
     bench.drives[4].state = bench.drives[4].state.union(CubeState::BRAKEACTIVE);
     bench.run_for(50_000);
     bench.drives[4].slips_rad_s = 0.3;
@@ -74,7 +74,7 @@ fn setting_that_needs_a_new_search_is_refused_while_a_joint_moves() {
     assert_eq!(write(&mut bench, "watchdog.prove", &[Number::Bit(false)]), Err(Cause::StillMoving));
     bench.drives[4].slips_rad_s = 0.0;
     bench.run_for(300_000);
-    // A drive that is not watched is a wider limit.
+    // To switch a drive's watchdog off widens a limit.
     let robot_crc32 = bench.controller.settings().limits_robot_crc32;
     bench.order(Order::Unlock { robot_crc32, valid: Duration::from_secs(1) }).unwrap();
     assert_eq!(write(&mut bench, "watchdog.prove", &[Number::Bit(false)]), Ok(()));
@@ -103,7 +103,7 @@ fn fault_is_not_cleared_before_rest_is_measured() {
     bench.drives[2].state = bench.drives[2].state.union(CubeState::POWERFAULT).union(CubeState::ERROR);
     bench.run_until(500_000, |bench| bench.kind() == StateKind::Fault);
     let code = bench.controller.state().fault().unwrap().cause.code();
-    // In the first instant nothing is known: no reading is younger than the halt.
+    // At first nothing is known: no reading is newer than the halt.
     let refused = bench.order(Order::ClearFault { code }).unwrap_err().cause;
     assert_eq!(refused, Cause::StillMoving);
     while bench.order(Order::ClearFault { code }).is_err() {
@@ -115,7 +115,7 @@ fn fault_is_not_cleared_before_rest_is_measured() {
     }
 }
 
-/// A drive without power never measures rest: after the time in which every joint has stopped the search may begin.
+/// A drive without power never measures rest: the search may begin after the time in which every joint has stopped.
 #[test]
 fn fault_of_a_drive_without_power_is_cleared_after_the_longest_time_to_rest() {
     let mut bench = Bench::ready(Options::default(), &[0.0; 6]);

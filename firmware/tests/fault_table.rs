@@ -1,8 +1,8 @@
 //! The fault table: cause × state → reaction, and the time from the cause to the halt broadcast on the bus.
 //!
-//! A row is a cause; for each state it says how the group ends and how long the halt may take. The table is printed with
-//! what was measured (`cargo test -p firmware fault_table -- --nocapture`): when the group began to react, and the end
-//! of the halt broadcast on the bus.
+//! A row is a cause; for each state it holds how the group ends and how long the halt may take. The table is
+//! printed with the measured values (`cargo test -p firmware fault_table -- --nocapture`): when the group began to
+//! react, and the end of the halt broadcast on the bus.
 
 use crate::bench::*;
 use firmware::fault::{Cause, Fault};
@@ -34,7 +34,7 @@ enum Trouble {
     Current,
 }
 
-/// How the group ends, and the longest time to the halt broadcast, ms; `None`: no halt, and nothing moves because of it.
+/// How the group ends, and the longest time to the halt broadcast, ms; `None`: no halt, and nothing stops.
 type Outcome = (StateKind, Option<u64>);
 
 const SICK: usize = 2;
@@ -103,9 +103,9 @@ fn strike(bench: &mut Bench, trouble: Trouble) {
 const STATES: [StateKind; 5] =
     [StateKind::Ready, StateKind::Armed, StateKind::Homing, StateKind::Jogging, StateKind::Running];
 
-/// Bounds: a stop message within 1 ms; a silent drive that is only looked at or homes, after the patience that such a drive
-/// deserves; what is read while nothing moves, within the round of four 10 ms ticks; a lost host
-/// within 100 ms, plus coming to rest: 25 ms to 1 s along the path, a jog 0.25 s and its slack.
+/// Bounds. A stop message: within 1 ms. A silent drive that is only read or that homes: after its allowed missed
+/// answers. Values that are read while nothing moves: within four 10 ms ticks. A lost host: within 100 ms, plus
+/// coming to rest: 25 ms to 1 s along the path, a jog 0.25 s and its slack.
 fn table() -> Vec<(Trouble, [Outcome; 5])> {
     use StateKind::{Armed, Fault, Homing, Idle, Ready, Running, Stopped};
     let fault = |bounds_ms: [u64; 5]| bounds_ms.map(|ms| (Fault, Some(ms)));
@@ -151,7 +151,7 @@ fn table() -> Vec<(Trouble, [Outcome; 5])> {
     .collect()
 }
 
-/// What a fault is told as.
+/// The fault that is reported for it.
 fn named(trouble: Trouble) -> Fault {
     let at_drive = |cause| Fault::at(cause, joint(SICK));
     match trouble {
@@ -203,9 +203,9 @@ fn every_cause_in_every_state_has_its_reaction_in_its_time() {
             );
             let fault = bench.controller.state().fault();
             if end == StateKind::Fault && fault != Some(named(trouble)) {
-                wrong.push(format!("{trouble:?} in {state:?}: told as {fault:?}"));
+                wrong.push(format!("{trouble:?} in {state:?}: reported as {fault:?}"));
             }
-            // The three times that are promised by number.
+            // The three times that are documented as numbers.
             let promised_us = match (trouble, state) {
                 (Trouble::StopMessage, _) => Some(1_000),
                 (Trouble::HostLost, StateKind::Running) => {
@@ -225,7 +225,7 @@ fn every_cause_in_every_state_has_its_reaction_in_its_time() {
             if bench.kind() != end || !fits {
                 wrong.push(format!("{trouble:?} in {state:?}: {:?} after {halted:?} us", bench.kind()));
             }
-            // After the halt nothing is asked to move.
+            // After the halt no motion is sent.
             if let Some(us) = halted {
                 assert!(bench.sent_after(at + us, is_motion).is_none(), "{trouble:?} in {state:?}");
             }
@@ -242,7 +242,7 @@ fn clear_while_the_cause_stays_ends_in_fault_again_and_moves_nothing() {
     let at = bench.now;
     for latched in [Cause::DriveSilent, Cause::DriveMissing] {
         assert_eq!(bench.controller.state().fault().map(|fault| fault.cause), Some(latched));
-        // The arm comes to rest; the drive that is silent has had the time to.
+        // The arm comes to rest; the silent drive has had the time to stop.
         bench.run_for(1_700_000);
         let wrong = bench.order(Order::ClearFault { code: Cause::HostLost.code() }).unwrap_err();
         assert_eq!((wrong.cause, wrong.index), (Cause::OtherFault, latched.code()));
@@ -256,7 +256,7 @@ fn clear_while_the_cause_stays_ends_in_fault_again_and_moves_nothing() {
     bench.order(Order::ClearFault { code: Cause::DriveMissing.code() }).unwrap();
     bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Ready);
     assert_eq!((bench.kind(), bench.sent_after(at, is_motion)), (StateKind::Ready, None));
-    // Cleared already: said again, nothing happens.
+    // Cleared already: the repeated order changes nothing.
     bench.order(Order::ClearFault { code: Cause::DriveMissing.code() }).unwrap();
     assert_eq!(bench.kind(), StateKind::Ready);
 }

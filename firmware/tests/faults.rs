@@ -1,4 +1,4 @@
-//! Stories that the fault table cannot tell: sequences, paths to rest, and what a swarm or a person found.
+//! Cases beyond the fault table: sequences, paths to rest, and defects found by random runs or by people.
 
 use crate::bench::*;
 use firmware::fault::{Cause, Refusal};
@@ -55,7 +55,7 @@ fn stop_order_and_lost_host_keep_the_path_to_rest_and_the_ball() {
     }
 }
 
-/// Found by a swarm: the gripper opened 0.9 ms after the halt broadcast of another node.
+/// Found by random runs: the gripper opened 0.9 ms after the halt broadcast of another node.
 #[test]
 fn halt_broadcast_of_another_node_ends_the_run_at_once_and_the_ball_is_kept() {
     // The gripper's output switches 0.536 s after the start of the plan.
@@ -121,7 +121,7 @@ fn silent_drive_stops_the_group_after_two_missed_replies_and_one_cycle() {
     }
 }
 
-/// Found by a swarm of throws with lost frames: the group was Ready, and a joint went on for three radians.
+/// Found by random throws with lost frames: the group was Ready, and a joint moved on for three radians.
 #[test]
 fn lost_park_command_is_repeated_until_the_joint_stands_at_its_end() {
     let mut bench = thrown(800_000);
@@ -159,7 +159,7 @@ fn nothing_moves_after_a_stop_until_armed_again_and_then_only_from_the_start_of_
     let refused = bench.order(Order::ArmConfirm { token, valid }).unwrap_err();
     assert_eq!(refused.cause, Cause::NotAtStart);
     assert!(bench.sent_after(stopped, is_motion).is_none());
-    // Somebody brings the arm back: not without a fault, and not without a look at the drives.
+    // A person moves the arm back: this causes a fault, and the drives are searched again.
     for (drive, q) in bench.drives.iter_mut().zip(throw_start()) {
         drive.place(q);
     }
@@ -367,8 +367,8 @@ fn trajectory_cannot_be_changed_once_armed() {
     assert_eq!(bench.order(Order::Commit(name)).unwrap_err().cause, Cause::OrderNotNow);
 }
 
-/// Found by random orders of strangers: an order to run that came in the middle of a look at the drives made the first cycles
-/// late, three in a row.
+/// Found by random orders of other nodes: an order to run that came while the drives were being read made the first
+/// cycles late, three in a row.
 #[test]
 fn run_ordered_in_the_middle_of_a_look_at_the_drives_comes_to_its_end() {
     for offset_us in (0..30_000).step_by(130) {
@@ -380,8 +380,8 @@ fn run_ordered_in_the_middle_of_a_look_at_the_drives_comes_to_its_end() {
     }
 }
 
-/// Found when the controller was taken apart: the control step that noticed the late cycles still planned set points, and they
-/// took the place of the ramps to rest.
+/// Found in a review of the controller: the control step that noticed the late cycles still planned set points, and
+/// they replaced the ramps to rest.
 #[test]
 fn stop_for_late_cycles_sends_ramps_to_rest_and_no_further_set_points() {
     let settings = Settings { cycle_late_max: 3, reply_missed_max: 10, ..Settings::powercube6() };
@@ -417,8 +417,8 @@ fn stop_for_late_cycles_sends_ramps_to_rest_and_no_further_set_points() {
     }
 }
 
-/// Found when the controller was taken apart: the first missed answer of a call ordered the stop, and the next ones took the
-/// ramps of their joints off the agenda again.
+/// Found in a review of the controller: the first missed answer of a call ordered the stop, and the next ones
+/// removed the ramps of their joints again.
 #[test]
 fn joints_whose_answers_are_missed_at_the_same_moment_all_get_their_ramp_to_rest() {
     for phase in [0, 700, 1_400, 2_100] {
@@ -435,9 +435,9 @@ fn joints_whose_answers_are_missed_at_the_same_moment_all_get_their_ramp_to_rest
         assert_eq!(bench.kind(), StateKind::Stopping, "{:?}", bench.controller.state());
         assert_eq!(fault_of(&bench), Some(Cause::DriveSilent));
         let v: Vec<f64> = bench.drives.iter().map(|drive| drive.v_gen).collect();
-        // A read before each key that is barred: 15 ms at most until the ramp is in the drive.
+        // A read comes before each barred key: 15 ms at most until the ramp is in the drive.
         bench.run_for(60_000);
-        // The first one is halted, too: it does not answer.
+        // The first drive is halted too: it does not answer.
         for (i, drive) in bench.drives.iter().enumerate().filter(|(i, _)| *i != first) {
             let a = f64::from(bench.controller.settings().joint.at(joint(i)).a_max_rad_s2);
             let left = (v[i].abs() - 0.045 * a).max(0.0);

@@ -1,4 +1,4 @@
-//! The write that opens the gripper through a module is lost: it is repeated once, then the host learns of it.
+//! The write that opens the gripper through a module is lost: it is repeated once, then the host gets a report.
 
 use crate::bench::*;
 use firmware::fault::Cause;
@@ -15,7 +15,7 @@ fn is_gripper_write(frame: &Frame) -> bool {
     )
 }
 
-/// A throw in which the module with the gripper misses so many of its writes.
+/// A throw in which the module with the gripper misses this many of its writes.
 fn throw_that_misses(writes: u32) -> Bench {
     let address = Settings::powercube6().gripper_address as u8;
     let mut bench = Bench::ready(Options::default(), &throw_start());

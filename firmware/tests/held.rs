@@ -1,4 +1,4 @@
-//! What a drive holds is what the settings say before the group is armed, and stays so while it stands.
+//! Before the group is armed, each drive holds what the settings require, and this stays so while the group stands.
 
 use crate::bench::*;
 use firmware::fault::Cause;
@@ -29,7 +29,7 @@ fn stop_and_arm(order: Order, by_message: bool) {
     }
     bench.run_until(2_000_000, |bench| bench.kind() == StateKind::Stopped);
     assert_eq!(bench.kind(), StateKind::Stopped);
-    // At once: what is written back may be on its way.
+    // At once: the values may still be on their way back to the drives.
     let prepared = bench.order(Order::ArmPrepare { crc64: name.crc64, valid: VALID });
     let Ok(Done::Offer { token, .. }) = prepared else { panic!("{prepared:?}") };
     for _ in 0..60 {
@@ -43,7 +43,7 @@ fn stop_and_arm(order: Order, by_message: bool) {
             break;
         }
     }
-    // A homing that was stopped leaves a joint without its zero: it is not armed.
+    // A homing that was stopped leaves a joint without its zero: the group cannot be armed.
     let homed =
         bench.drives.iter().all(|drive| drive.state.contains(protocol::powercube::CubeState::HOME_OK));
     assert!(!homed, "never armed: {:?}", bench.controller.state());

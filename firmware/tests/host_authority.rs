@@ -46,7 +46,7 @@ fn refused((status, output): &(Status, Vec<u8>)) -> Cause {
     Cause::from_code(Refusal::from_bytes(output).unwrap().cause).unwrap()
 }
 
-/// What the register reads after the access, and its number of bytes.
+/// Value of the register after the access, and its number of bytes.
 fn access(host: &mut Host, name: &str, value: Value<'_>) -> (Option<bool>, Option<f32>, usize) {
     let answer = host.ask(register::ACCESS, &AccessRequest { name: name.as_bytes(), value });
     let value = AccessResponse::from_bytes(&answer).unwrap().value;
@@ -69,7 +69,7 @@ fn two_nodes_race_for_the_arm_and_exactly_the_first_one_gets_it() {
     host.address = FIRST;
     assert_eq!(host.command(command::ARM_CONFIRM, &confirm).0, Status::SUCCESS);
     assert_eq!(host.bench.kind(), StateKind::Armed);
-    // The second one may take the arm out of harm's way, and then the first one may begin again.
+    // The second node may disarm the arm, and then the first one may begin again.
     host.address = SECOND;
     assert_eq!(host.command(command::DISARM, &command::ClearFault::default()).0, Status::SUCCESS);
     assert_eq!(host.bench.kind(), StateKind::Ready);
@@ -146,7 +146,7 @@ fn content(number: u16, parameter: &dyn Encode) -> Content {
     Content::of_command(number, &bytes[..len]).unwrap()
 }
 
-/// Content of a confirmation, about the file and the settings that the controller has.
+/// Content of a confirmation that covers the present file and settings of the controller.
 fn covered(host: &Host, confirm: &ArmConfirm) -> Content {
     let file: [u8; 32] = Sha256::digest(throw_file(3_000, false)).into();
     let digest = firmware::registers::run_digest(&file, host.bench.controller.core().settings());
@@ -175,7 +175,7 @@ fn a_key_set_over_the_wire_is_never_read_back_and_locks_strangers_out() {
     host.run(150_000, |_, _| {});
     assert!(host.group.unwrap().keyed);
 
-    // A stranger: no key, its own number, and then the number of the host.
+    // Another node without the key: first with its own number, then with the number of the host.
     let other_key = Value::unstructured(&[1; 32]).unwrap();
     for address in [SECOND, FIRST] {
         host.address = address;
@@ -194,7 +194,7 @@ fn a_key_set_over_the_wire_is_never_read_back_and_locks_strangers_out() {
         assert_eq!(host.command(command::DISARM, &command::ClearFault::default()).0, Status::SUCCESS);
     }
 
-    // The owner; and a stranger that repeats under its number what it heard, before and after.
+    // The owner; and another node that repeats under its own number what it overheard, before and after.
     let confirm = offer(&mut host, &name);
     let about = covered(&host, &confirm);
     let heard = authorize(&mut host, &about);

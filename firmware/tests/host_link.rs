@@ -1,5 +1,5 @@
-//! The controller through its Cyphal link, by a host of `protocol`'s own client code: everything a throw needs, and
-//! that the link never disturbs the drives.
+//! The controller through its Cyphal link, with a host of `protocol`'s own client code: everything a throw needs;
+//! and the link never disturbs the drives.
 
 use crate::bench::host::{Host, SERVER};
 use crate::bench::*;
@@ -75,7 +75,7 @@ fn stop_and_disarm_by_command_are_carried_out_whatever_waits_to_be_answered() {
             assert_eq!(host.command(command::RUN, &name).0, Status::SUCCESS);
             host.run(300_000, |_, _| {});
         }
-        // The answers of one instant cannot leave: the queue fills up.
+        // The answers of one instant cannot be sent at once: the queue fills up.
         for transfer_id in 0..12 {
             inject(&mut host, 50, info::SERVICE, transfer_id, &());
         }
@@ -88,7 +88,7 @@ fn stop_and_disarm_by_command_are_carried_out_whatever_waits_to_be_answered() {
 }
 
 #[test]
-fn a_host_whose_heartbeat_comes_late_is_told_once_before_a_later_one_is_too_late() {
+fn a_host_whose_heartbeat_comes_late_is_warned_once_before_a_later_one_is_too_late() {
     let mut host = Host::new();
     let name = host.armed();
     assert_eq!(host.command(command::RUN, &name).0, Status::SUCCESS);
@@ -105,9 +105,9 @@ fn a_host_whose_heartbeat_comes_late_is_told_once_before_a_later_one_is_too_late
     assert_eq!(fault.map(|fault| fault.cause), Some(Cause::HostLost));
 }
 
-/// Before a run too: an armed group is disarmed when its host is silent, a ready one needs no host.
+/// Also before a run: an armed group is disarmed when its host is silent, a ready group needs no host.
 #[test]
-fn a_late_host_of_an_armed_group_is_told_and_one_of_a_ready_group_is_not() {
+fn a_late_host_of_an_armed_group_is_warned_and_one_of_a_ready_group_is_not() {
     let mut host = Host::new();
     host.run(800_000, |_, _| {});
     host.beat_us = 70_000;

@@ -1,5 +1,5 @@
-//! Hostile input: any frames at any time, in every state. What every frame of the controller must satisfy
-//! (limits, states, bounded work, moving deadlines) is checked by the bench on each frame.
+//! Hostile input: any frames at any time, in every state. The bench checks each frame of the controller against its
+//! conditions (limits, states, bounded work, deadlines that move on).
 
 use crate::bench::*;
 use firmware::events::Action;
@@ -11,7 +11,7 @@ use firmware::state::StateKind;
 use proptest::prelude::*;
 use protocol::{Duration, Frame, Id, Instant, StandardId};
 
-/// Frame as random as can be, with a weight on ids and bytes that mean something.
+/// A frame that is as random as possible, with a weight on ids and bytes that have a meaning.
 fn frames() -> impl Strategy<Value = Frame> {
     let id = prop_oneof![
         4 => (0xA1u16..=0xA6).boxed(),

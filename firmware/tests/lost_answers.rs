@@ -1,12 +1,12 @@
-//! A drive leaves out one answer during a homing or a jog. Each step is asked again: neither lasts longer than it may, and no
-//! drive is left with another current.
+//! A drive leaves out one answer during a homing or a jog. Each step is requested again: neither motion lasts
+//! longer than allowed, and no drive keeps another current.
 
 use crate::bench::*;
 use firmware::orders::Order;
 use firmware::state::StateKind;
 use protocol::Duration;
 
-/// Times of a lost answer after the order: all steps that begin a homing or a jog lie in between.
+/// Times of a lost answer after the order: all steps that begin a homing or a jog are within them.
 const LOST_AT_US: [u64; 6] = [0, 2_000, 4_000, 8_000, 12_000, 20_000];
 
 #[test]

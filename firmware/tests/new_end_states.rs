@@ -1,5 +1,5 @@
-//! New end states in flight, by what the drives do: a moving catch point at 120 Hz, refusals that change nothing, stops on
-//! the way, and who may order them.
+//! New end states in flight, measured at the drives: a moving catch point at 120 Hz, refusals that change nothing,
+//! stops on the way, and which nodes may order them.
 
 use crate::bench::host::Host;
 use crate::bench::*;
@@ -58,7 +58,7 @@ fn target(at: Instant, state: impl Fn(usize) -> (f64, f64)) -> Target {
 /// A catch half a second from now: a way of up to 0.3 rad, and speeds up to 0.9 rad/s.
 const CATCH: [(f64, f64); 6] = [(0.25, 0.6), (-0.6, 0.9), (-2.5, -0.5), (0.2, 0.4), (-1.1, -0.8), (0.3, 0.9)];
 
-/// What the drives did.
+/// Motion of the drives.
 #[derive(Debug, Default)]
 struct Seen {
     fastest: [f64; 6],
@@ -68,7 +68,7 @@ struct Seen {
 }
 
 impl Seen {
-    /// Takes a millisecond.
+    /// Records a millisecond.
     fn take(&mut self, bench: &Bench) {
         let v: [f64; 6] = core::array::from_fn(|i| bench.drives[i].speed());
         for i in 0..6 {
@@ -94,7 +94,7 @@ impl Seen {
     }
 }
 
-/// End states at 120 Hz for half a second, whose estimate settles; position and speed errors at the arrival.
+/// End states at 120 Hz for half a second, with an estimate that converges; position and speed errors at the arrival.
 fn catch(seed: u64) -> ([f64; 6], [f64; 6], Seen, Bench) {
     let (mut bench, _) = waiting();
     let mut rng = Rng(seed);
@@ -160,13 +160,13 @@ fn end_states_at_120_hz_are_followed_without_a_jump_and_met_in_time_and_the_arm_
 #[test]
 fn the_committed_trajectory_runs_again_after_a_run_with_other_end_states() {
     let (_, _, _, mut bench) = catch(1);
-    // Back to the begin by an end state of its own would need a run: the drives are put there.
+    // An end state to return to the begin would need another run: the drives are put there instead.
     for (drive, q) in bench.drives.iter_mut().zip(WAIT_RAD) {
         drive.place(q);
     }
     bench.run_for(200_000);
     let committed = bench.controller.take_sample(Instant::from_micros(bench.now)).committed.unwrap();
-    // A joint that was carried elsewhere is noticed first.
+    // First the group notices that a joint was moved.
     assert_eq!(bench.kind(), StateKind::Fault);
     bench.order(Order::ClearFault { code: Cause::MovesUnordered.code() }).unwrap();
     bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Ready);

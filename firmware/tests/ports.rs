@@ -1,4 +1,4 @@
-//! Drives and host link are two ports: on one bus told apart by id width, on two by the bus a frame came from.
+//! Drives and host link are two ports: distinguished by the id width on one bus, by the bus of the frame on two.
 
 use crate::bench::host::{Call, Host};
 use crate::bench::*;
@@ -33,7 +33,7 @@ fn node(host_bus: HostBus) -> ControllerNode<RamStorage, Spline, PowerCubes> {
     node
 }
 
-/// The same calls by port: what leaves on the drives' port, and on the host's, in order.
+/// The same calls by port: the frames of the drives' port and of the host's port, in order.
 fn play(calls: &[Call], host_bus: HostBus) -> Vec<(Instant, Port, Frame, StateKind)> {
     let mut node = node(host_bus);
     let mut sent = Vec::new();
@@ -55,7 +55,7 @@ fn play(calls: &[Call], host_bus: HostBus) -> Vec<(Instant, Port, Frame, StateKi
 }
 
 #[test]
-fn one_bus_is_the_two_ports_told_apart_by_id_width() {
+fn one_bus_is_the_two_ports_distinguished_by_id_width() {
     let (calls, frames) = recorded();
     let sent: Vec<(Instant, Frame)> = play(&calls, HostBus::Shared)
         .iter()
@@ -76,7 +76,7 @@ fn host_link_on_a_bus_of_its_own_leaves_the_drives_frames_as_they_are_and_does_n
         sent.iter().filter(|sent| sent.1 == port).map(|sent| (sent.0, sent.2)).collect()
     };
     assert_eq!(of(&own, Port::Drives), of(&shared, Port::Drives));
-    // The n-th host frame during the run never leaves later, and most leave earlier: they wait for no control cycle.
+    // The n-th host frame during the run is never later, and most are earlier: they do not wait for control cycles.
     let times = |sent: &[(Instant, Port, Frame, StateKind)]| -> Vec<u64> {
         let running = sent.iter().filter(|sent| sent.1 == Port::Host && sent.3 == StateKind::Running);
         running.map(|sent| sent.0.as_micros()).collect()
@@ -108,7 +108,7 @@ fn frame_that_comes_by_the_other_port_means_nothing() {
     assert_eq!(node.controller().state().kind(), StateKind::Ready);
     let now = Instant::from_micros(800_000);
 
-    // A stop message on the drives' bus is no Cyphal frame there, whatever its id.
+    // A stop message on the drives' bus is not a Cyphal frame there, with any id.
     let mut queue: TxQueue<2, 64> = TxQueue::new();
     let route = Route::Message { subject: stop::SUBJECT, source: NodeId::from_low_bits(99) };
     let deadline = now + Duration::from_secs(1);
@@ -118,7 +118,7 @@ fn frame_that_comes_by_the_other_port_means_nothing() {
     node.handle_packet(now, &stop);
     assert_eq!(node.controller().state().kind(), StateKind::Ready);
 
-    // A state word on the host's bus is no drive's.
+    // A state word on the host's bus is not a frame of a drive.
     let word = Reply::Value(Parameter::CubeState, Value::U32(1)).encode(ModuleId::new(3).unwrap());
     let counters = node.controller().group().drive(joint(2)).counters;
     node.handle_host_frame(now, &word);

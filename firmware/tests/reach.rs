@@ -1,5 +1,5 @@
-//! Jog, release and stop of a joint on and outside its soft limits: it moves as ordered or not at all, and never starts when
-//! it is let go. Judged by the drive itself.
+//! Jog, release and stop of a joint on and outside its soft limits: it moves as ordered or not at all, and never
+//! starts moving at its release. Checked by the position of the drive itself.
 
 use crate::bench::*;
 use firmware::orders::Order;
@@ -30,7 +30,7 @@ fn beside_limit(side: f64, outside_rad: f64, homed: bool) -> (Bench, f64) {
     (bench, q_rad)
 }
 
-/// Jogs with the order repeated, lets go; returns where the joint was at release and where it rests.
+/// Jogs with the order repeated, then stops repeating it; returns where the joint was at release and where it rests.
 fn jog_and_let_go(bench: &mut Bench, qd_rad_s: f32, for_ms: u64) -> (f64, f64) {
     for _ in 0..for_ms / 25 {
         bench.order(jog(qd_rad_s, 50)).unwrap();
@@ -99,7 +99,7 @@ fn joint_outside_its_limits_whose_host_is_lost_during_a_jog_stops_after_its_brak
     }
 }
 
-/// Its position counts from wherever it was switched on: it may lie far from what the limits mean.
+/// Its position counts from where it was switched on: it may be far from the true position.
 #[test]
 fn joint_without_a_zero_that_is_stopped_during_a_jog_stops_after_its_braking_way() {
     for side in [1.0, -1.0] {

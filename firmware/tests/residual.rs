@@ -1,5 +1,6 @@
-//! Drives whose answers are wrong, and drives that do not do what they are told: found in a stated number of cycles,
-//! stopped within a stated way, named. The witness is the true position of the bench's drive, which no answer shows.
+//! Drives whose answers are wrong, and drives that do not execute their commands: found in a stated number of
+//! cycles, stopped within a stated way, named. Judged by the true position of the bench's drive, which no answer
+//! shows.
 
 use crate::bench::*;
 use firmware::fault::{Cause, Fault};
@@ -18,7 +19,7 @@ fn thrown(settings: Settings, into_us: u64, seed: u64) -> Bench {
     bench
 }
 
-/// What became of a drive that went wrong.
+/// Result for a faulty drive.
 struct Found {
     cause: Option<Fault>,
     /// Cycles until the group stopped.
@@ -26,7 +27,7 @@ struct Found {
     /// From where the joint was when its drive went wrong to the farthest point until rest, rad.
     excursion_rad: f64,
     speed_max_rad_s: f64,
-    /// The joint's speed when its drive went wrong, rad/s.
+    /// The joint's speed at the begin of the fault, rad/s.
     v_rad_s: f64,
 }
 
@@ -93,7 +94,7 @@ fn each_way_to_be_wrong_is_named_and_stopped_in_its_cycles() {
     }
 }
 
-/// Joint 4 hardly moves in the throw: it goes away by itself.
+/// Joint 4 hardly moves in the throw: it moves away by itself.
 #[test]
 fn drive_that_moves_while_it_is_commanded_to_rest_is_named() {
     for (name, settings) in periods() {
@@ -119,7 +120,7 @@ fn drive_that_moves_while_it_is_commanded_to_rest_is_named() {
 }
 
 #[test]
-fn jogged_joint_that_does_not_move_as_told_stops() {
+fn jogged_joint_that_does_not_move_as_ordered_stops() {
     for (wrong, cause) in [
         (Wrong::Frozen(0.0), Cause::PositionFrozen),
         (Wrong::Reversed(0.0), Cause::MotionReversed),
@@ -139,12 +140,12 @@ fn jogged_joint_that_does_not_move_as_told_stops() {
         bench.run_for(1_000_000);
         println!("{wrong:?}: {:?}, {:.4} rad", bench.controller.state().fault(), bench.drives[2].q);
         assert_eq!(bench.controller.state().fault(), Some(Fault::at(cause, joint(2))), "{wrong:?}");
-        // Way of a jog until the gate, and its ramp to rest.
+        // Way of a jog until the fault is detected, and its ramp to rest.
         assert!(bench.drives[2].q.abs() < 0.08, "{wrong:?}: {} rad", bench.drives[2].q);
     }
 }
 
-/// The stop must not believe the drive that was found wrong: it leads to where the commands have brought the joint.
+/// The stop must not use the position of the faulty drive: it uses the position to which the commands have led the joint.
 #[test]
 fn stop_of_a_group_with_a_wrong_position_is_computed_from_the_commands() {
     let bench = thrown(Settings::powercube6(), 350_000, 5);
@@ -159,7 +160,7 @@ fn stop_of_a_group_with_a_wrong_position_is_computed_from_the_commands() {
     );
 }
 
-/// One lost answer leaves two possible motions; neither makes the gate object.
+/// One lost answer leaves two possible motions; neither is reported as a fault.
 #[test]
 fn lost_answers_do_not_make_the_gate_object() {
     for (name, settings) in periods() {
@@ -177,7 +178,7 @@ fn lost_answers_do_not_make_the_gate_object() {
     }
 }
 
-/// The law commands all that the joints have; what the drives do with it is as modelled.
+/// The law commands all the acceleration that the joints have; the drives respond as modelled.
 #[test]
 fn starts_beside_the_path_do_not_make_the_gate_object() {
     for (name, mut settings) in periods() {
@@ -208,8 +209,8 @@ fn starts_beside_the_path_do_not_make_the_gate_object() {
     }
 }
 
-/// A processor that does something else for a while reads the answers late, and nobody knows when the drives gave them. That is
-/// no fault of a drive: the throw goes on, or ends by cycles that begin too late, or because the drives got no sign of life
+/// A processor that is busy for a while reads the answers late, so their times are unknown. This is not a fault of
+/// a drive: the throw continues, or ends because cycles begin too late, or because the drives got no sign of life
 /// for too long and stopped by themselves.
 #[test]
 fn a_controller_that_is_held_up_blames_no_drive() {
@@ -245,7 +246,7 @@ fn a_controller_that_is_held_up_blames_no_drive() {
             }
             println!("{name}, held up for {hold_us} us: {ends:?}, residual at most {:.0} %", 100.0 * worst);
             assert!((0.02..0.67).contains(&worst), "{name}, {hold_us} us: {worst}");
-            // What lasts less than half of a watchdog starves no drive.
+            // A pause shorter than half the time-out of a watchdog does not let it expire.
             let own =
                 ends.iter().filter(|(cause, _)| !matches!(cause, None | Some(Cause::CycleOverrun))).count();
             assert!(own == 0 || hold_us > 20_000, "{name}, {hold_us} us: {ends:?}");

@@ -1,4 +1,4 @@
-//! Rest is measured: no state in which the arm stands is entered by a timer, and none is left unwatched.
+//! Rest is measured: no timer enters a state in which the arm stands, and all such states are supervised.
 
 use crate::bench::*;
 use firmware::fault::{Cause, Fault};
@@ -22,7 +22,7 @@ fn speed_max(bench: &Bench) -> f64 {
     bench.drives.iter().map(|drive| drive.speed().abs()).fold(0.0, f64::max)
 }
 
-/// Runs until `done`; panics if the group says that it stands while a joint moves.
+/// Runs until `done`; panics if the group reports that it stands while a joint moves.
 fn run_watched(bench: &mut Bench, us: u64, done: impl Fn(&Bench) -> bool) {
     let end = bench.now + us;
     while bench.now < end && !done(bench) {
@@ -51,7 +51,7 @@ fn parking() -> Bench {
     bench
 }
 
-/// Parking after a throw without feedback that began so far beside its path.
+/// Parking after a throw without feedback that began `away_rad` beside its path.
 fn parking_beside(away_rad: f64) -> Bench {
     let mut settings = Settings::powercube6();
     for joint in settings.joints() {
@@ -177,7 +177,7 @@ fn joint_that_moves_while_the_group_stands_is_a_fault_with_its_name() {
                 _ => {}
             }
             assert_eq!(bench.kind(), state);
-            // Halted drives move when their brake slips: they do not say so.
+            // Halted drives whose brake slips move, and do not report it.
             if state == StateKind::Stopped {
                 bench.drives[1].slips_rad_s = creep_rad_s;
             } else {
@@ -188,7 +188,7 @@ fn joint_that_moves_while_the_group_stands_is_a_fault_with_its_name() {
             let after_ms = (bench.now - from) / 1_000;
             println!("{state:?}, {creep_rad_s} rad/s: {:?} after {after_ms} ms", fault(&bench));
             assert_eq!(fault(&bench), Some(Fault::at(Cause::MovesUnordered, joint(1))), "{state:?}");
-            // Three milliradians, or two state words 40 ms apart; and a look.
+            // Three milliradians, or two state words 40 ms apart; and one monitor period.
             let bound_ms = if state == StateKind::Stopped { 3.4 / creep_rad_s.abs() + 41.0 } else { 121.0 };
             assert!(after_ms as f64 <= bound_ms, "{state:?}: {after_ms} ms");
             bench.run_for(2_000);
@@ -216,7 +216,7 @@ fn hands_may_move_joints_without_power_in_fault_and_in_idle() {
     assert_eq!(fault(&bench), first, "the first cause stays");
     let code = first.unwrap().cause.code();
     let refused = bench.order(Order::ClearFault { code }).unwrap_err();
-    assert_eq!(refused.cause, Cause::StillMoving, "not while somebody moves it");
+    assert_eq!(refused.cause, Cause::StillMoving, "not while a person moves it");
     bench.drives[1].slips_rad_s = 0.0;
     bench.run_for(200_000);
     bench.order(Order::ClearFault { code }).unwrap();
@@ -271,7 +271,8 @@ fn jog_and_homing_end_only_when_the_joint_stands() {
     assert_eq!(bench.kind(), StateKind::Idle, "five joints have no zero: {:?}", bench.controller.state());
 }
 
-/// Found with a joint that was held: the arming was refused while the arm still moved, and nobody looked at it any more.
+/// Found with a joint that was held: the arming was refused while the arm still moved, and then the arm was no longer
+/// supervised.
 #[test]
 fn arming_is_refused_until_every_joint_stands_and_its_brake_is_open() {
     let mut bench = Bench::ready(Options::default(), &throw_start());
@@ -292,8 +293,9 @@ fn arming_is_refused_until_every_joint_stands_and_its_brake_is_open() {
     bench.order(Order::ArmConfirm { token, valid }).unwrap();
 }
 
-/// A state word that shows MOTION denies the rest. The time is that of the slowest ramp to the last knot, with speed v and
-/// acceleration a of a jog: braking, the way at v, 2 v/a for its ends; then the slack in which a drive settles.
+/// A state word that shows MOTION excludes rest. The time is that of the slowest ramp to the last knot, with speed
+/// v and acceleration a of a jog: braking, the way at v, 2 v/a for its ends; then the slack in which a drive
+/// settles.
 #[test]
 fn rest_that_is_not_reached_after_the_plan_is_a_fault_in_the_time_of_a_jog() {
     let (v, a) = (0.25, 1.0);
@@ -305,7 +307,7 @@ fn rest_that_is_not_reached_after_the_plan_is_a_fault_in_the_time_of_a_jog() {
             drive.v.abs() / a + (way_rad + 0.5 * drive.v * drive.v / a) / v
         });
         let expected_s = ways.fold(0.0, f64::max) + 2.0 * v / a + 0.25;
-        // So slow that its position stands.
+        // So slow that the measured position stands.
         bench.drives[2].creep_rad_s = 1e-9;
         bench.run_until(5_000_000, |bench| bench.kind() == StateKind::Fault);
         assert_eq!(fault(&bench), Some(Fault::at(Cause::RestNotReached, joint(2))), "{away_rad} rad beside");

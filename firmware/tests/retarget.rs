@@ -24,7 +24,7 @@ fn at(course: &Course, from_us: u32, t_s: f64) -> (f64, f64, f64) {
 
 fn states() -> impl Strategy<Value = (u32, u32, EndState, EndState)> {
     let state = || (-2.4f32..2.4, -1.9f32..1.9).prop_map(|(q_rad, qd_rad_s)| EndState { q_rad, qd_rad_s });
-    // Mostly short reaches, and ends that are near the way on.
+    // Mostly short times, and ends that are near the continuation of the motion.
     let reach = prop_oneof![REACH_MIN_US..200_000u32, 200_000u32..1_500_000, 1_500_000..=REACH_MAX_US];
     (0u32..100_000_000, reach, state(), state(), 0.0f32..1.0).prop_map(
         |(from_us, reach_us, start, end, near)| {
@@ -99,7 +99,7 @@ proptest! {
                 0.0,
             );
             let (dq, dv) = (q - f64::from(pair[1].q_rad), v - f64::from(pair[1].qd_rad_s));
-            // Far ends out of any envelope have large numbers on the way: relative to them.
+            // Ends that are far outside any envelope have large numbers on the way: the bound is relative to them.
             let scale = 1.0 + pair.iter().map(|p| f64::from(p.q_rad.abs() + p.qd_rad_s.abs() * t as f32)).fold(0.0, f64::max);
             prop_assert!(dq.abs() <= 2e-6 * scale, "a step of {dq} rad");
             prop_assert!(dv.abs() <= 2e-5 * scale, "a step of {dv} rad/s");
@@ -208,7 +208,7 @@ fn the_speed_of_the_envelope_becomes_a_piece_of_constant_speed() {
 
 #[test]
 fn an_end_state_whose_braking_leaves_the_envelope_is_refused() {
-    // Reached without trouble, but 2²/18 rad of braking do not fit behind it.
+    // The end state can be reached, but 2²/18 rad of braking do not fit behind it.
     let end = |q_rad| EndState { q_rad, qd_rad_s: 1.9 };
     let check = |q_rad| {
         let start = EndState { q_rad: q_rad - 0.5, qd_rad_s: 0.0 };

@@ -1,8 +1,9 @@
-//! The RSI group behind the controller, led by a robot that is the clock.
+//! The RSI group behind the controller, with a robot that has the clock.
 //!
-//! The robot is written from the description of the interface, in double precision: absolute corrections from the start pose,
-//! HOLDON, a counter of late answers, dead time and first-order lag. It is the witness: its axes are compared with the
-//! closed form of the throw, and the acceleration of its set points with the cut-out of a real one.
+//! The robot is written from the description of the interface, in double precision: absolute corrections from the
+//! start pose, HOLDON, a counter of late answers, dead time and first-order lag. The tests observe it: its axes are
+//! compared with the closed form of the throw, and the acceleration of its set points with the cut-out of a real
+//! robot.
 
 use crate::bench::{HOST, joint, throw_file, throw_reference, throw_start};
 use firmware::Controller;
@@ -23,7 +24,7 @@ pub(crate) const AXES: usize = 6;
 pub(crate) const PERIOD_US: u64 = 12_000;
 pub(crate) const DEAD_CYCLES: usize = 8;
 const LAG_S: f64 = 0.024;
-/// 2000 deg/s2: where a simulated KR C cuts out.
+/// 2000 deg/s2: the acceleration at which a simulated KR C cuts out.
 pub(crate) const CUT_OUT_RAD_S2: f64 = 34.906_585;
 
 fn settings() -> Settings {
@@ -42,7 +43,7 @@ pub(crate) enum Wire {
     Doubled,
     /// The telegram comes after the next one.
     Overtaken,
-    /// The telegram arrives with another number.
+    /// The telegram arrives with a wrong number.
     OtherNumber,
     /// The telegram arrives with a count of late answers of zero.
     NoLate,
@@ -71,8 +72,8 @@ pub(crate) struct Robot {
     pub(crate) counts_in_a_row: bool,
     /// Telegrams carry the count of late answers.
     pub(crate) names_late: bool,
-    /// Largest change of a correction that was taken, per limit of its axis: of speed (0) and acceleration (1). What the robot
-    /// does itself when it has no answer is not counted: it stands.
+    /// Largest change of an accepted correction, per limit of its axis: of speed (0) and acceleration (1). The
+    /// robot's own halt when it has no answer is not counted.
     pub(crate) leap: [f64; 2],
 }
 
@@ -116,7 +117,7 @@ impl Robot {
         };
     }
 
-    /// Its program was ended, its arm went back to its start pose, and its program began again.
+    /// The program of the robot was ended, its arm moved back to its start pose, and the program began again.
     pub(crate) fn return_to_start(&mut self) {
         let start = self.start;
         (self.set, self.q) = (vec![start], start);
@@ -198,7 +199,7 @@ pub(crate) struct Cell {
     pub(crate) asked: bool,
     /// The robot sends nothing.
     pub(crate) silent: bool,
-    /// Telegrams arrive up to so much after they were sent.
+    /// Telegrams arrive up to this time after they were sent, µs.
     pub(crate) jitter_us: u64,
     pub(crate) rng: crate::bench::Rng,
 }
@@ -254,7 +255,7 @@ impl Cell {
         self.now = until;
     }
 
-    /// Hands a telegram over; what the controller answers.
+    /// Passes a telegram on; returns the answer of the controller.
     fn hand_over(&mut self, telegram: &Telegram) -> Option<Packet> {
         self.controller.host_heartbeat(self.at(), HOST);
         self.controller.handle_packet(self.at(), &Packet::Robot(*telegram));
@@ -386,7 +387,7 @@ impl Cell {
     }
 }
 
-/// Cycles of a throw until the arm is well on its way.
+/// Cycles of a throw until the arm clearly moves.
 pub(crate) const UNDER_WAY: u64 = 40;
 
 #[test]
@@ -394,7 +395,7 @@ fn robot_behind_dead_time_and_lag_is_on_the_path_at_the_time_of_the_path() {
     let (mut cell, start) = Cell::thrown();
     cell.run_until(400, StateKind::Ready);
     let away = cell.away_rad(start, start);
-    // Straight lines between set points and a jump of the acceleration at the start: both are of the robot.
+    // Straight lines between set points and a jump of the acceleration at the start: the robot causes both.
     assert!((1e-5..6e-3).contains(&away), "{away}");
     assert!(cell.robot.open.is_some(), "the gripper opened");
     assert_eq!(cell.robot.late, 0);
@@ -414,7 +415,7 @@ fn lost_telegram_at_speed_is_answered_by_a_catch_up_within_the_cap() {
         for _ in 0..UNDER_WAY + 1 {
             cell.step();
         }
-        // The robot itself holds for one cycle; what follows is the group's.
+        // The robot itself holds for one cycle; later changes are caused by the group.
         cell.robot.a_max = 0.0;
         let lead_cycles = (start - 1_000) / PERIOD_US;
         assert!(lead_cycles > 0 && cell.robot.late == 1, "{wire:?}");
@@ -428,7 +429,7 @@ fn lost_telegram_at_speed_is_answered_by_a_catch_up_within_the_cap() {
 }
 
 #[test]
-fn late_answers_one_after_another_end_the_path_and_are_told() {
+fn late_answers_one_after_another_end_the_path_and_are_reported() {
     let (mut cell, start) = Cell::thrown();
     cell.wire = |k| if k >= UNDER_WAY && k % 2 == 0 { Wire::AnswerLate } else { Wire::Fine };
     cell.run_until(400, StateKind::Fault);
@@ -486,7 +487,7 @@ fn restart_in_mid_path_drops_the_path_and_answers_zero_until_the_fault_is_cleare
 }
 
 #[test]
-fn silent_robot_is_told_and_its_return_resumes_nothing() {
+fn silent_robot_is_reported_and_its_return_resumes_nothing() {
     let (mut cell, _) = Cell::thrown();
     for _ in 0..UNDER_WAY {
         cell.step();
@@ -507,7 +508,7 @@ fn silent_robot_is_told_and_its_return_resumes_nothing() {
     }
 }
 
-/// Largest acceleration and speed of the set points in a throw whose telegrams arrive up to so much late.
+/// Largest acceleration and speed of the set points in a throw whose telegrams arrive up to `jitter_us` late.
 fn set_points_with_jitter(jitter_us: u64) -> (f64, f64) {
     let (mut cell, start) = Cell::thrown();
     cell.jitter_us = jitter_us;
@@ -531,7 +532,7 @@ fn telegrams_that_arrive_unevenly_or_late_change_neither_pace_nor_acceleration_o
     }
 }
 
-/// The robot stood for longer than a cycle, and its telegrams come later from then on. The arrival is caught up with slowly.
+/// The robot stood for longer than a cycle, and its telegrams come later from then on. The reference catches up slowly.
 #[test]
 fn robot_that_stood_for_some_cycles_sees_no_faster_set_points_afterwards() {
     let (_, v_even) = set_points_with_jitter(0);
@@ -553,7 +554,7 @@ fn robot_that_stood_for_some_cycles_sees_no_faster_set_points_afterwards() {
 }
 
 #[test]
-fn axis_that_stays_behind_ends_the_path_and_is_told_with_its_number() {
+fn axis_that_stays_behind_ends_the_path_and_is_reported_with_its_number() {
     let (mut cell, _) = Cell::thrown();
     for _ in 0..UNDER_WAY {
         cell.step();

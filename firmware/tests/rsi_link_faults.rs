@@ -1,5 +1,5 @@
-//! Corrections never leap, whatever comes in. The judge is a robot that differences what it gets: a correction that it takes
-//! changes by no more than its limits of speed and acceleration from the one in force.
+//! Corrections never leap, for any input. Judged by a robot that differences the corrections: an accepted
+//! correction differs from the one in force by no more than the limits of speed and acceleration.
 
 use crate::bench::{HOST, Rng, joint};
 use crate::rsi_group::{AXES, Cell, UNDER_WAY, Wire};
@@ -14,7 +14,7 @@ use firmware::state::StateKind;
 use firmware::store::RamStorage;
 use protocol::Duration;
 
-/// What befalls the link or the robot.
+/// Fault of the link or of the robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Trouble {
     AnswersLate(u32),
@@ -34,7 +34,7 @@ enum Trouble {
     BackAtStart(u32, bool),
     /// The controller begins again, this many cycles later.
     OtherController(u32),
-    /// As before, and what it hears first has no positions.
+    /// As before, and its first telegrams have no positions.
     OtherControllerWithoutPositions(u32),
 }
 
@@ -62,7 +62,7 @@ fn strike(cell: &mut Cell, trouble: Trouble) {
         Trouble::Doubled => for_cycles(1, Wire::Doubled),
         Trouble::Overtaken => for_cycles(1, Wire::Overtaken),
         Trouble::OtherNumber => for_cycles(1, Wire::OtherNumber),
-        // Not in the cycle that would say that an answer was late.
+        // Not in the cycle that would report a late answer.
         Trouble::LateCountFalls => {
             for_cycles(1, Wire::Fine);
             for_cycles(1, Wire::NoLate);
@@ -106,7 +106,7 @@ fn assert_no_leap(cell: &Cell, what: &dyn std::fmt::Debug) {
     assert!(v <= 1.0 + 1e-3 && a <= 1.0 + 1e-3, "{what:?}: {v:.2} of the speed, {a:.2} of the acceleration");
 }
 
-/// A throw with a trouble in it, watched for two seconds more.
+/// A throw with a fault in it, observed for two seconds more.
 fn thrown_with(cycle: u64, in_a_row: bool, trouble: Trouble) -> Cell {
     let (mut cell, _) = Cell::thrown();
     cell.robot.counts_in_a_row = in_a_row;
@@ -164,7 +164,7 @@ fn outage_at_full_speed_ends_the_run_and_the_axes_are_held_where_the_robot_holds
             assert!(matches!(kind, StateKind::Fault), "{trouble:?}: {kind:?}");
             let set = cell.robot.set.last().unwrap();
             let away = (0..AXES).map(|i| (set[i] - held[i]).abs()).fold(0.0, f64::max);
-            // Where telegrams still come, the axes stop along their path.
+            // If telegrams still come, the axes stop along their path.
             let is_silent = matches!(trouble, Trouble::TelegramsLost(_));
             assert!(away < if is_silent { 1e-6 } else { 0.4 }, "{trouble:?}: {away}");
         }
@@ -178,12 +178,12 @@ fn controller_that_begins_again_in_a_run_gives_no_zeros_to_an_arm_away_from_its_
     assert_eq!(cell.kind(), StateKind::Boot);
 }
 
-/// The axes follow a correction after 96 ms: an arm that stands at its start pose may have been given one.
+/// The axes follow a correction after 96 ms: an arm that still stands at its start pose may already have a correction.
 #[test]
 fn controller_that_begins_again_within_the_lag_waits_for_what_the_axes_were_given() {
     for in_a_row in [false, true] {
         for names_late in [true, false] {
-            // From the first corrections of the throw until the arm is well on its way.
+            // From the first corrections of the throw until the arm clearly moves.
             for cycle in 1..UNDER_WAY {
                 for gap in [1, 2, 5, 8, 12, 25] {
                     let (mut cell, _) = Cell::thrown();
@@ -235,7 +235,7 @@ fn program_that_begins_again_at_its_start_is_held_there() {
 }
 
 #[test]
-fn axis_that_does_not_follow_its_jog_is_told() {
+fn axis_that_does_not_follow_its_jog_is_reported() {
     let (mut cell, _) = Cell::ready();
     let stuck = cell.robot.q[1];
     for _ in 0..60 {
@@ -294,7 +294,7 @@ fn drawn(rng: &mut Rng) -> Trouble {
         10 => Trouble::LateCountFalls,
         11 => Trouble::NoPositions,
         12 => Trouble::Restart,
-        // The arm needs time to go back.
+        // The arm needs time to move back.
         13 => Trouble::BackAtStart(4 + rng.below(116) as u32, rng.below(2) == 0),
         14 => Trouble::OtherController(1 + rng.below(40) as u32),
         _ => Trouble::OtherControllerWithoutPositions(rng.below(40) as u32),

@@ -1,4 +1,4 @@
-//! Orders to the RSI group: what is refused, how it stops, homes and jogs, and when the gripper opens.
+//! Orders to the RSI group: which are refused, how it stops, homes and jogs, and when the gripper opens.
 
 use crate::bench::{HA, HB, HOST, joint, throw_reference};
 use crate::rsi_group::{AXES, CUT_OUT_RAD_S2, Cell, PERIOD_US, UNDER_WAY};
@@ -15,7 +15,7 @@ fn away(a: &[f64; AXES], b: &[f64; AXES]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
-/// Ready, with an offer to arm; then `disturb` happens in each cycle. Why the confirmation is refused.
+/// Ready, with an offer to arm; then `disturb` is called in each cycle. Returns why the confirmation is refused.
 fn refused_to_arm(cycles: usize, disturb: fn(&mut Cell)) -> Cause {
     let (mut cell, name) = Cell::ready();
     let valid = Duration::from_secs(5);
@@ -36,7 +36,7 @@ fn robot_that_is_silent_for_three_cycles_is_not_armed() {
 }
 
 #[test]
-fn axes_that_somebody_moves_are_not_armed() {
+fn axes_that_a_person_moves_are_not_armed() {
     // 80 mrad/s; the lag pulls back a part of it.
     assert_eq!(refused_to_arm(8, |cell| cell.robot.q[3] += 1e-3), Cause::DriveNotReady);
 }
@@ -52,7 +52,7 @@ fn group_whose_start_pose_is_not_known_has_no_zeros_and_is_fit_for_nothing() {
     group.handle_packet(now, &settings, &Packet::Robot(cell.robot.telegram()));
     assert!(group.is_homed(joint(0)));
     assert!(group.check_group(now, &settings).is_ok());
-    // One telegram shows no rest.
+    // One telegram is not enough to show rest.
     assert_eq!(group.check_drive(now, &settings, joint(0)).unwrap_err().cause, Cause::DriveNotReady);
 }
 
@@ -93,7 +93,7 @@ fn stop_in_a_throw_brakes_all_axes_within_the_cut_out_and_ends_when_they_stand()
     }
 }
 
-/// In which cycle the robot's gripper opens in a throw, with axes that follow later than the group expects.
+/// The cycle in which the robot's gripper opens in a throw, with axes that follow later than the group expects.
 fn opened(late_cycles: usize, stop_at: Option<u64>) -> Option<u64> {
     let (mut cell, _) = Cell::thrown();
     cell.robot.dead_cycles += late_cycles;
@@ -146,7 +146,7 @@ fn jog_moves_its_axis_alone_and_ends_when_it_stands() {
     let limits = Settings::powercube6();
     let limits = limits.joint.at(joint(1));
     let set = *cell.robot.set.last().unwrap();
-    // 40 cycles at 0.2 rad/s, less the way that speeding up costs.
+    // 40 cycles at 0.2 rad/s, less the way lost while speeding up.
     let way = 0.2 * 40.0 * PERIOD_US as f64 * 1e-6;
     assert!((0.7 * way..way).contains(&(set[1] - start[1])), "{}", set[1] - start[1]);
     assert!(cell.robot.v_max <= 0.2 + 1e-6 && cell.robot.a_max <= 1.01 * f64::from(limits.jog_a_rad_s2));
@@ -185,7 +185,7 @@ fn jog_ends_at_the_soft_limit_and_its_release_there_moves_nothing() {
     }
 }
 
-/// The stop of whoever runs the node.
+/// The stop of the program that runs the node.
 #[test]
 fn halt_in_a_throw_brakes_all_axes_together_on_the_tangent_of_their_path() {
     let (mut cell, _) = Cell::thrown();

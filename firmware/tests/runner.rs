@@ -1,5 +1,5 @@
-//! The loop of a board: frames, deadlines and pins through the traits of the field. The witnesses are the bench's drives
-//! and a CAN controller, a clock and pins in the test's hands.
+//! The loop of a board: frames, deadlines and pins through the traits of embedded Rust. Judged by the bench's
+//! drives and by a CAN controller, a clock and pins that the test controls.
 
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
@@ -20,8 +20,8 @@ use protocol::cyphal::uavcan::command::Status;
 use protocol::powercube::CubeState;
 use protocol::{ExtendedId, Frame, Id, Instant, Node, StandardId};
 
-/// A CAN controller with a number of mailboxes: the one with the lowest id goes first, and a frame that is more urgent
-/// than all of them takes the place of the least urgent one, as on bxCAN. With `usize::MAX` of them it is a queue.
+/// A CAN controller with a number of mailboxes: the one with the lowest id goes first, and a frame that is more
+/// urgent than all of them replaces the least urgent one, as on bxCAN. With `usize::MAX` mailboxes it is a queue.
 #[derive(Default)]
 struct Registers {
     mailboxes_max: usize,
@@ -89,7 +89,7 @@ impl Clock for HandClock {
     }
 }
 
-/// A pin that keeps its levels, and refuses as often as it is told to.
+/// A pin that keeps its levels, and refuses a given number of times.
 #[derive(Clone, Default)]
 struct Pin {
     levels: Rc<RefCell<Vec<bool>>>,
@@ -121,7 +121,7 @@ impl OutputPin for Pin {
     }
 }
 
-/// A board on the bench: what the bench hands over goes through the CAN controller and the runner.
+/// A board on the bench: frames of the bench go through the CAN controller and the runner.
 struct Board {
     node: ControllerNode<RamStorage, Spline, PowerCubes>,
     runner: Runner<CanPort, HandClock, Pin, Pin, Pin>,
@@ -191,11 +191,11 @@ impl Controlled for Board {
         self.node.controller()
     }
     fn core_mut(&mut self) -> &mut Controller<RamStorage, Spline, PowerCubes> {
-        panic!("a board has no other door than its bus and its node")
+        panic!("a board gets orders by its bus and its node only")
     }
 }
 
-/// A whole throw over the host link, through the runner. Positions of the drives at its end are the witness's.
+/// A whole throw over the host link, through the runner. Judged by the drives' positions at its end.
 fn throw(options: Options, mailboxes_max: usize) -> Host<Board> {
     let mut host = Host::over(Board::new(&options, mailboxes_max), options);
     let name = host.armed();
@@ -207,7 +207,7 @@ fn throw(options: Options, mailboxes_max: usize) -> Host<Board> {
 #[test]
 fn a_throw_through_three_mailboxes_keeps_to_its_path_and_sets_the_pins() {
     let mut options = Options::default();
-    // The gripper hangs on the board's own output.
+    // The gripper is connected to the board's own output.
     options.settings.gripper_address = 0;
     let mut host = throw(options, 3);
     assert!(host.bench.distance_from_path() < 1e-3, "{} rad", host.bench.distance_from_path());
@@ -271,7 +271,7 @@ fn a_deadline_served_too_late_is_no_healthy_turn_and_is_counted() {
     assert_eq!(board.runner.counters().late, 1);
 }
 
-/// A turn with nothing to do must not feed the watchdog of a loop that is always late.
+/// A turn with nothing to do must not feed the watchdog when every deadline is late.
 #[test]
 fn a_loop_that_serves_every_deadline_too_late_is_never_healthy() {
     let mut board = Board::new(&Options::default(), 3);
@@ -348,7 +348,7 @@ fn an_error_of_the_can_controller_is_counted_and_the_next_frame_is_taken() {
 }
 
 #[test]
-fn a_frame_that_finds_no_room_waits_and_none_is_lost() {
+fn a_frame_that_finds_no_room_waits_and_no_frame_is_lost() {
     let options = Options::default();
     let mut board = Board::new(&options, 1);
     let mut bare = Host::node(RamStorage::new(), &options);

@@ -1,4 +1,4 @@
-//! What a sample and a freeze frame tell of a joint in motion, against the drive itself.
+//! What a sample and a freeze frame report about a moving joint, compared with the drive itself.
 
 use crate::bench::*;
 use firmware::orders::{Done, Order};
@@ -10,7 +10,7 @@ use protocol::powercube::CubeState;
 
 const INTO_US: u64 = 30_000;
 
-/// 30 ms into a throw that began so far beside its path.
+/// 30 ms into a throw that began `away_rad` beside its path.
 fn beside(away_rad: f64) -> Bench {
     let mut settings = Settings::powercube6();
     for joint in settings.joints() {
@@ -29,14 +29,14 @@ fn has(bench: &Bench, index: usize, flag: JointFlags) -> bool {
 }
 
 #[test]
-fn sample_tells_error_and_rate_as_they_are() {
+fn sample_reports_error_and_rate_as_they_are() {
     let bench = beside(0.1);
     for index in 0..6 {
         let sample = bench.controller.joint_sample(joint(index));
         let (q, qd) = throw_reference(index, INTO_US as f64 * 1e-6);
         let drive = &bench.drives[index];
         let (e, de) = (q - drive.q, qd - drive.v);
-        // The sample is that of the last cycle, and the drive runs after its generator.
+        // The sample is that of the last cycle, and the drive is behind its generator.
         assert!(
             (f64::from(sample.error_q_rad) - e).abs() < 0.01,
             "joint {index}: {} for {e}",
@@ -92,7 +92,7 @@ fn freeze_frame_keeps_error_and_reference_of_the_moment() {
 }
 
 #[test]
-fn sample_tells_position_current_and_state_of_each_drive() {
+fn sample_reports_position_current_and_state_of_each_drive() {
     let mut bench = Bench::ready(Options::default(), &[0.3, -0.4, 0.5, -0.6, 0.7, -0.8]);
     bench.run_for(500_000);
     for index in 0..6 {
@@ -110,7 +110,7 @@ fn sample_tells_position_current_and_state_of_each_drive() {
 }
 
 #[test]
-fn sample_of_the_group_tells_homed_joints_path_and_what_was_counted() {
+fn sample_of_the_group_reports_homed_joints_path_and_what_was_counted() {
     let mut bench = Bench::new(Options { homed: false, ..Options::default() });
     bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Idle);
     bench.run_for(50_000);
@@ -132,7 +132,7 @@ fn sample_of_the_group_tells_homed_joints_path_and_what_was_counted() {
 }
 
 #[test]
-fn sample_tells_the_time_left_of_an_offer_and_of_an_arming() {
+fn sample_reports_the_time_left_of_an_offer_and_of_an_arming() {
     let mut bench = Bench::ready(Options::default(), &throw_start());
     let left_ms = |bench: &mut Bench| {
         let now = bench.instant();

@@ -1,5 +1,5 @@
-//! A plan that is longer than the controller holds, by what the drives do: it goes on with segments, stops along its path when
-//! one is missing, and takes no others.
+//! A plan that is longer than the controller holds, measured at the drives: it continues with segments, stops along
+//! its path when a segment is missing, and accepts no segment of another plan.
 
 use crate::bench::host::Host;
 use crate::bench::*;
@@ -46,7 +46,7 @@ fn knot(k: u32, end_s: f64) -> Knot {
     Knot { t_us, state }
 }
 
-/// A path of so many knots: the file that begins it with `held` of them, and the segments.
+/// A path with `knots` knots: the file that begins it with `held` of them, and the segments.
 fn path(knots: u32, held: usize) -> (Vec<u8>, Vec<Vec<u8>>) {
     let end_s = f64::from((knots - 1) * STEP_US) * 1e-6;
     let knots: Vec<Knot> = (0..knots).map(|k| knot(k, end_s)).collect();
@@ -95,7 +95,7 @@ fn path_of_a_minute_is_followed_to_its_end_through_a_ring_of_256_knots() {
     }
     assert_eq!((bench.kind(), sent), (StateKind::Ready, segments.len()));
     assert!((59_900_000..61_500_000).contains(&(bench.now - begun)), "{} us", bench.now - begun);
-    // By the path's own formula, where the plan ends and the drives stand.
+    // Where the plan ends, by the formula of the path, and where the drives stand.
     for (i, centre_rad) in CENTRE_RAD.into_iter().enumerate() {
         assert!((bench.drives[i].q - centre_rad).abs() < 1e-3, "joint {i}");
     }
@@ -181,7 +181,7 @@ fn only_the_segment_that_follows_is_taken_and_a_refusal_changes_nothing() {
     assert_eq!(extend(&mut bench, &segments[2]), Err(Refusal::of(Cause::OrderNotNow)), "it stops");
 }
 
-/// The content is the host's word; the limits are the controller's.
+/// The host chooses the content; the controller checks the limits.
 #[test]
 fn segment_beyond_a_limit_is_refused_with_joint_and_knot_and_the_plan_stops_on_its_path() {
     let limits = Settings::powercube6();
@@ -254,7 +254,7 @@ fn same_path_runs_again_from_its_begin_after_a_whole_run_and_after_a_stop() {
         }
         assert_eq!((bench.kind(), sent), (StateKind::Ready, segments.len()));
     }
-    // It is stopped on its way; from there the begin of the path is far away.
+    // The run is stopped on its way; from there the begin of the path is far away.
     bench.arm(name);
     bench.order(Order::Run(name)).unwrap();
     bench.run_for(700_000);
@@ -291,7 +291,7 @@ fn segments_come_as_commands_over_the_bus_and_are_answered_with_the_room_that_is
         start_us: 0,
     };
     assert_eq!(host.command(command::RUN, &run).0, Status::SUCCESS);
-    // At once, 38 frames would keep the bus from the drives for longer than a period.
+    // If they came at once, 38 frames would keep the drives off the bus for longer than a period.
     host.gap_us = 1_000;
     let mut rooms = Vec::new();
     for bytes in &segments {

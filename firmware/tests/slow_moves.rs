@@ -1,4 +1,4 @@
-//! Homing and jogging at the edges: what is refused, what a halted group does first, and what a lost repetition costs.
+//! Homing and jogging at the edges: what is refused, what a halted group does first, and the effect of a lost repetition.
 
 use crate::bench::*;
 use firmware::fault::Cause;
@@ -46,7 +46,7 @@ fn a_homing_in_stopped_clears_the_halt_and_finds_the_zero() {
     assert_eq!(bench.kind(), StateKind::Ready);
 }
 
-/// The controller looks at the drives all the time: at any moment an answer from before the reset may be on its way.
+/// The controller reads the drives all the time: at any moment an answer from before the reset may be on its way.
 #[test]
 fn an_answer_from_before_the_reset_is_not_taken_for_one_after_it() {
     for order in [jog(2, 500), Order::Home { mask: 0b100 }] {
@@ -72,7 +72,7 @@ fn another_joint_is_not_jogged_before_the_first_one_stands() {
     assert_eq!(bench.drives[3].q, 0.0);
 }
 
-/// Its ramp to rest is under way: an order that comes then would have to begin anew.
+/// The ramp to rest has begun: a new order would have to begin anew.
 #[test]
 fn a_jog_that_was_let_go_is_not_taken_up_again_before_it_stands() {
     let mut bench = Bench::ready(Options::default(), &[0.0; 6]);

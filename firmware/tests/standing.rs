@@ -1,4 +1,4 @@
-//! The watch over a group that stands: how many answers may be missing, and what a zero that comes or goes changes.
+//! Supervision of a group that stands: how many answers may be missing, and the effect of a zero that is found or lost.
 
 use crate::bench::*;
 use firmware::fault::{Cause, Fault};
@@ -18,7 +18,7 @@ fn two_missed_answers_of_a_standing_drive_are_borne_and_a_third_in_a_row_is_a_fa
     }
 }
 
-/// Somebody else has homed the arm, and moves a joint of it by hand.
+/// Another node has homed the arm, and a person moves a joint of it by hand.
 #[test]
 fn group_whose_joints_get_their_zeros_is_ready_once_all_of_them_stand() {
     let mut bench = Bench::new(Options { homed: false, ..Options::default() });
@@ -68,7 +68,7 @@ fn requests(bench: &mut Bench) -> usize {
     bench.count_sent(is_request) - before
 }
 
-/// A halt that is repeated changes neither: a group in Fault is looked at every 10 ms, one that stops in each control cycle.
+/// A halt that is repeated changes neither: a group in Fault is read every 10 ms, a group that stops in each control cycle.
 #[test]
 fn repeated_halts_leave_the_looks_at_the_drives_as_they_were() {
     let mut bench = Bench::ready(Options::default(), &[0.0; 6]);

@@ -22,7 +22,7 @@ fn run_at(bench: &mut Bench, name: FileName, in_us: u64) -> Result<Instant, Caus
     bench.order(Order::RunAt { name, start }).map(|_| start).map_err(|refusal| refusal.cause)
 }
 
-/// When the first joint has moved by 1 mrad, by the drives.
+/// Time at which the first joint has moved by 1 mrad, measured at the drives.
 fn moved_at(bench: &mut Bench, limit_us: u64) -> u64 {
     let (end, begin) = (bench.now + limit_us, bench.drives[0].q);
     while bench.now < end && (bench.drives[0].q - begin).abs() < 1e-3 {
@@ -48,7 +48,7 @@ fn the_plan_begins_at_the_ordered_time_to_the_microsecond_wherever_the_monitor_i
         let t = (moved - start.as_micros()) as f64 * 1e-6;
         let expected = (throw_reference(0, t).0 - throw_reference(0, 0.0).0).abs();
         assert!((expected - 1e-3).abs() < 5e-4, "{in_us}: {expected} rad after {t} s");
-        // And the ball leaves at its time.
+        // And the ball is released in time.
         let release = start.as_micros() + (HA * 1e6).round() as u64;
         bench.run_for(release - bench.now - 30_000);
         assert!(!bench.controller.take_sample(start).gripper_open);

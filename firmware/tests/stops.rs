@@ -1,4 +1,4 @@
-//! Stops that meet stops: which cause stays, when a reaction gives way to a graver one, and how a path stop ends.
+//! Stops during stops: which cause stays, when a more severe reaction takes over, and how a path stop ends.
 
 use crate::bench::*;
 use firmware::fault::{Cause, Fault};
@@ -78,7 +78,7 @@ fn the_first_of_two_stops_is_the_cause() {
 
 #[test]
 fn a_fault_during_a_stop_is_the_cause_and_one_after_a_fault_is_only_noted() {
-    // A fault takes the place of the stop that was ordered: it is no further one.
+    // A fault replaces the stop that was ordered: it does not count as a further fault.
     let mut bench = thrown(Settings::powercube6(), 300_000);
     bench.order(Order::Stop).unwrap();
     bench.run_for(2 * PERIOD_US);
@@ -107,7 +107,7 @@ fn a_fault_while_halted_drives_brake_ends_in_fault() {
     assert_eq!(fault(&bench), Some(Fault::at(Cause::DriveSilent, joint(2))));
 }
 
-/// Each stop is an order to halt, but none gives a joint that does not come to rest more time.
+/// Each stop is an order to halt, but a repeated stop gives a joint that does not come to rest no more time.
 #[test]
 fn stops_that_are_repeated_do_not_put_off_the_end_of_a_joint_that_moves_on() {
     let mut bench = thrown(Settings::powercube6(), 430_000);
@@ -160,8 +160,8 @@ fn a_path_stop_halts_some_cycles_after_its_reference_stands() {
     }
 }
 
-/// The slowest joint needs its speed over the share of its acceleration that stops use, and the path follows it. Beside that:
-/// commands that are under way, three cycles to settle, and a measured rest.
+/// The slowest joint needs its speed over the share of its acceleration that stops use, and the path follows it. In
+/// addition: commands that are on their way, three cycles to settle, and a measured rest.
 #[test]
 fn a_path_stop_takes_no_longer_than_its_slowest_joint_needs() {
     for into_us in (4_000..900_000).step_by(16_000) {

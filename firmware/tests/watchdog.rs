@@ -37,7 +37,7 @@ fn is_broadcast(broadcast: Broadcast) -> impl Fn(&Frame) -> bool {
     move |frame| *frame == broadcast.encode()
 }
 
-/// Found by abuse: a stop had halted the drives, and a halted drive was taken for one that its watchdog had stopped.
+/// Found by misuse: a stop had halted the drives, and a halted drive counted as stopped by its watchdog.
 #[test]
 fn drive_that_is_halted_before_the_start_proves_nothing_at_any_start() {
     let mut bench = Bench::new(Options::default());
@@ -91,7 +91,7 @@ fn drive_that_stays_halted_after_a_reset_is_refused_by_name() {
     assert_eq!(boot(&mut bench), Some(Fault::at(Cause::DriveSupply, joint(1))));
 }
 
-/// Somebody presses a stop button while the drives are left alone: that shows nothing about a watchdog.
+/// A person presses a stop button while the drives get no sign of life: this shows nothing about a watchdog.
 #[test]
 fn error_or_halt_without_communication_error_proves_nothing() {
     let error = CubeState::ERROR;
@@ -103,7 +103,7 @@ fn error_or_halt_without_communication_error_proves_nothing() {
     }
 }
 
-/// A communication error alone may be a transmission error (`powercube-protocol` section 5): the drive goes on.
+/// A communication error alone may be a transmission error (`powercube-protocol` section 5): the search continues.
 #[test]
 fn communication_error_without_a_stop_proves_nothing() {
     let mut bench = Bench::new(Options::default());
@@ -131,7 +131,7 @@ fn every_kind_of_real_watchdog_is_proven_and_a_dead_one_of_the_same_kind_is_not(
                         format!("{any_frame_is_life} {reset_keeps_watchdog} {watchdog_shows} {halted}");
                     assert_eq!(boot(&mut bench), None, "{kind}");
                     assert_eq!(bench.kind(), StateKind::Ready, "{kind}");
-                    // The watchdog of one drive dies in operation.
+                    // The watchdog of one drive fails in operation.
                     bench.drives[2].watchdog_us = NEVER_US;
                     bench.run_for(200_000);
                     bench.stop_now();
@@ -165,7 +165,7 @@ fn clear_proves_the_watchdogs_again() {
     assert_eq!(bench.kind(), StateKind::Ready);
 }
 
-/// A watchdog that needs longer than the settings say is as good as none.
+/// A watchdog that needs longer than the settings allow does not count.
 #[test]
 fn watchdog_that_is_slower_than_set_is_not_proven() {
     for (watchdog_us, proven) in [(20_500, true), (99_000, true), (130_000, false), (1_000_000, false)] {
@@ -187,7 +187,7 @@ fn drive_that_moves_at_the_start_is_halted_and_named() {
     assert!(bench.drives[2].v.abs() < 0.01, "{}", bench.drives[2].v);
 }
 
-/// The settings may switch the test off; then a halted drive is still found, reset and looked at again.
+/// The settings may switch the test off; a halted drive is still found, reset and read again.
 #[test]
 fn without_the_proof_a_halted_drive_is_reset_and_one_that_stays_halted_is_refused() {
     let settings = Settings { watchdog_prove: false, ..Settings::powercube6() };

@@ -1,4 +1,4 @@
-//! A node of one's own moves a simulated drive: `cargo run -p hil-sim --example hello_drive`.
+//! A small node that moves a simulated drive: `cargo run -p hil-sim --example hello_drive`.
 
 use hil_sim::bus::BusConfig;
 use hil_sim::participants::Solo;
@@ -7,7 +7,7 @@ use protocol::powercube::{MotionCommand, MotionRequest, Parameter, Reply, Reques
 use protocol::units::Radians;
 use protocol::{Duration, Frame, Instant, ModuleId, Node};
 
-/// Sends a request to a module, then asks for its position every 100 ms, and prints the answers.
+/// Sends a request to a module, then requests its position every 100 ms, and prints the answers.
 struct Hello {
     module: ModuleId,
     request: Request,

@@ -1,27 +1,27 @@
-//! A lab without hardware: six PowerCube drives, the arm they move and the CAN bus they share.
+//! A simulated lab: six PowerCube drives, the arm they move and the CAN bus they share.
 //!
-//! Written from the drive's protocol, never from our controller: this package does not know
-//! `firmware` exists.
+//! Written from the drive's protocol, never from this project's controller: this package does not depend on
+//! `firmware`.
 //!
 //! # Map
 //!
 //! | layer | modules | is | must not |
 //! |---|---|---|---|
-//! | medium | [`bus`] | classical CAN 2.0: bit time, stuffing, arbitration, acknowledge, error counters, bus-off, transmit queues, figures per id | know what a frame means |
+//! | medium | [`bus`] | classical CAN 2.0: bit time, stuffing, arbitration, acknowledge, error counters, bus-off, transmit queues, figures per id | know the meaning of a frame |
 //! | participants | [`participants`] | the nodes on the bus, and the physical process behind them | know the scheduler |
 //! | drives | [`drive`] | one PowerCube or one Damiao motor behind the wire, a [`protocol::Node`] | know the arm's other joints |
 //! | physics | [`mechanics`] | rigid bodies, friction, supplies, gripper and ball | know CAN |
-//! | faults | [`fault`] | what can go wrong, when, where and how likely; one random stream each | depend on the order in which faults are listed |
+//! | faults | [`fault`] | possible faults, with time, place and probability; one random stream each | depend on the order in which faults are listed |
 //! | virtual time | [`world`] | event queue that joins bus, participants and faults; same seed, same log | read a clock |
-//! | real time | [`realtime`] | the same world behind a link of the operating system | change what the world does |
+//! | real time | [`realtime`] | the same world behind a link of the operating system | change the behaviour of the world |
 //! | seen from the bus | [`record`], [`checker`] | candump log, trace, invariants that only use frames | look into a node |
-//! | industrial robot | [`krc`] | a robot controller behind Ethernet RSI, in virtual time, lock step or real time | know who leads it |
-//! | tracker | [`tracker`] | an optical tracker: DTrack data and commands | know who looks |
-//! | court | [`court`] | two arms, a ball that bounces, cups as hands, the tracker that watches | move an arm; know who does |
+//! | industrial robot | [`krc`] | a robot controller behind Ethernet RSI, in virtual time, lock step or real time | know its client |
+//! | tracker | [`tracker`] | an optical tracker: DTrack data and commands | know its client |
+//! | two-arm cell | [`court`] | two arms, a ball that bounces, cups as hands, the tracker that measures | move an arm; know its controller |
 //! | results | [`report`] | a run in numbers, as table and JSON | judge |
 //! | situations | [`scenario`], [`swarm`] | TOML and seeds to options; printed before a run | act on their own |
 //!
-//! # The seam between bus and drives
+//! # The interface between bus and drives
 //!
 //! A drive ([`drive::PowerCubeDrive`]) implements [`protocol::Node`]; the arm is one physical process that all drives act
 //! on. Both belong to one *cell* ([`Cell`]), which implements [`participants::Participants`]:

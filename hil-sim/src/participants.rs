@@ -15,8 +15,8 @@ pub enum BusConnection {
     On,
     /// Without power: no acknowledge, no frames, counters lost.
     Off,
-    /// Set to another bit rate (baud broadcast). The model keeps such a node apart from the bus; the
-    /// error frames a real one would cause are left to the `babble` and `corrupt` faults.
+    /// Set to another bit rate (baud broadcast). The model separates such a node from the bus; the error frames
+    /// that a real one would cause can be simulated with the `babble` and `corrupt` faults.
     OtherRate,
 }
 
@@ -25,8 +25,8 @@ pub enum BusConnection {
 /// # Contract
 ///
 /// * [`Participants::len`] never changes during a run.
-/// * [`Participants::advance`] is called with times that never decrease, before any node is handed an event of
-///   that time. What it computes may depend on the times of the *events* only, not on how often it was called.
+/// * [`Participants::advance`] is called with times that never decrease, before any node gets an event of
+///   that time. Its result may depend on the times of the *events* only, not on how often it was called.
 /// * Nodes reach each other through frames only; what they share physically is in `advance`.
 pub trait Participants {
     fn len(&self) -> usize;
@@ -47,21 +47,21 @@ pub trait Participants {
         let _ = to;
     }
 
-    /// Whether the node at `index` takes part in the bus; asked after each of its events and after
-    /// each start or end of a fault.
+    /// Whether the node at `index` is connected to the bus; checked after each of its events and after each start
+    /// or end of a fault.
     fn connection(&self, index: usize) -> BusConnection {
         let _ = index;
         BusConnection::On
     }
 
-    /// Acceptance filter of the node at `index`: a frame that it refuses is acknowledged, but not handed over, as
-    /// in a CAN controller. Only for speed: a node must ignore such a frame anyway.
+    /// Acceptance filter of the node at `index`: a frame that it refuses is acknowledged, but not passed on, as in
+    /// a CAN controller. Only for speed: a node must ignore such a frame anyway.
     fn accepts(&self, index: usize, frame: &Frame) -> bool {
         let _ = (index, frame);
         true
     }
 
-    /// In which order the node at `index` offers the frames that wait in it; `None`: as the bus is set. Asked once.
+    /// Order in which the node at `index` sends its waiting frames; `None`: as set for the bus. Read once.
     fn tx_order(&self, index: usize) -> Option<TxOrder> {
         let _ = index;
         None
@@ -79,7 +79,7 @@ pub trait Participants {
     }
 }
 
-/// Two crews on one bus, the first one's nodes first: a cell and the controller it is tested with.
+/// Two groups of participants on one bus, the nodes of the first one first: for example a cell and the controller under test.
 ///
 /// Physical faults go to the first participants that have physics.
 impl<A: Participants, B: Participants> Participants for (A, B) {

@@ -96,7 +96,7 @@ impl ThrowRow {
 }
 
 impl RunReport {
-    /// True if every checker ended as the scenario says.
+    /// True if every checker ended as the scenario expects.
     pub fn as_expected(&self) -> bool {
         self.checks.iter().all(CheckResult::as_expected)
     }

@@ -1,11 +1,11 @@
 //! Seeded random streams, one per purpose.
 //!
-//! A simulator needs streams that are reproducible for ever, cheap to create by the dozen and apart
-//! from each other; it does not need secrecy. SplitMix64 (Steele, Lea and Flood, "Fast splittable
-//! pseudorandom number generators", OOPSLA 2014) is all of that in eight lines: a counter with an
-//! odd step and a finaliser that passes BigCrush.
+//! A simulator needs streams that are reproducible, cheap to create in large numbers and independent of each other;
+//! it does not need secrecy. SplitMix64 (Steele, Lea and Flood, "Fast splittable pseudorandom number generators",
+//! OOPSLA 2014) has these properties in eight lines: a counter with an odd step and a finaliser that passes
+//! BigCrush.
 
-/// Random stream with a name. Same seed and label, same numbers, on every target and profile.
+/// Named random stream. Same seed and label, same numbers, on every target and profile.
 #[derive(Clone, Debug)]
 pub struct Rng {
     state: u64,
@@ -21,7 +21,7 @@ const fn finalise(mut z: u64) -> u64 {
 }
 
 impl Rng {
-    /// The stream called `label` of the run `seed`.
+    /// The stream `label` of the run `seed`.
     ///
     /// The label is hashed with FNV-1a. A stream depends on its own label only, so a further fault or
     /// drive leaves all other streams as they were.
@@ -69,7 +69,7 @@ impl Rng {
 
     /// Exponentially distributed with the given mean, by inversion; finite and not negative.
     pub fn exponential(&mut self, mean: f64) -> f64 {
-        // 1 - u lies in (0, 1], so the logarithm is finite. `libm` gives the same bits everywhere.
+        // 1 - u is in (0, 1], so the logarithm is finite. `libm` gives the same bits everywhere.
         -mean * libm::log(1.0 - self.unit())
     }
 

@@ -1,8 +1,8 @@
-//! Seeds to situations: a thousand cells that differ in everything, to find what nobody thought of.
+//! Seeds to situations: a thousand cells that differ in everything, to find unforeseen defects.
 //!
-//! A seed gives options of the drives, deviations of the arm, faults of all kinds and a host that sends sensible and
-//! senseless things; the result is an ordinary [`Scenario`], printed before its run, so that any failure is
-//! repeated with `hil-sim swarm --first SEED --seeds 1`.
+//! A seed determines options of the drives, deviations of the arm, faults of all kinds and a host that sends
+//! sensible and senseless frames. The result is an ordinary [`Scenario`], printed before its run, so that any
+//! failure can be repeated with `hil-sim swarm --first SEED --seeds 1`.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -220,7 +220,7 @@ pub fn fault(rng: &mut Rng, index: u64, kind: u64, end_us: u64, modules: &[Modul
     }
 }
 
-/// Looks for NaN in what modules say.
+/// Searches for NaN in the answers of modules.
 #[derive(Debug, Default)]
 struct NotANumber(Option<String>);
 

@@ -1,7 +1,7 @@
-//! A record of the plant itself: where the joints are, how fast they move, what the gripper is told.
+//! A record of the plant itself: positions and speeds of the joints, orders to the gripper.
 //!
-//! Nodes on the bus cannot read it. Whoever judges a run compares what the run reports with what this record holds.
-//! It has one sample per step of the cell's time grid.
+//! Nodes on the bus cannot read it. To judge a run, compare the report of the run with this record. It has one
+//! sample per step of the cell's time grid.
 
 use protocol::{Duration, Instant};
 
@@ -66,7 +66,7 @@ impl Trace {
         self.samples.get(index * self.joints..(index + 1) * self.joints).unwrap_or_default()
     }
 
-    /// Each change of the order to the gripper: when, and true for open. A cell starts with a closed one.
+    /// Each change of the order to the gripper: time, and true for open. A cell starts with a closed one.
     pub fn gripper_orders(&self) -> &[(Instant, bool)] {
         &self.gripper
     }

@@ -79,14 +79,14 @@ pub enum RunError {
     Fault {
         /// Time of the run.
         now: Instant,
-        /// What the cell says.
+        /// Reason that the cell gives.
         error: NotApplicable,
     },
 }
 
 /// Sees what happens on the bus, in order; times are those at which nodes see it.
 pub trait Observer {
-    /// A good frame; `from` is the node's index, `None` if it vanished meanwhile.
+    /// A good frame; `from` is the node's index, `None` if the node has left the bus.
     fn on_frame(&mut self, at: Instant, from: Option<usize>, frame: &Frame);
 
     /// A node began an error flag.
@@ -100,7 +100,7 @@ pub trait Observer {
     }
 }
 
-/// Looks at nothing.
+/// An observer that does nothing.
 impl Observer for () {
     fn on_frame(&mut self, _: Instant, _: Option<usize>, _: &Frame) {}
 }
@@ -177,21 +177,21 @@ pub struct WorldStats {
 ///
 /// # Calling order
 ///
-/// [`World::run_until`] as often as wanted, with times that never decrease; between two calls
-/// [`World::with_participants`] lets a program act on its own nodes, after which everything they want to send is
-/// taken. The result depends on the times of these calls only as far as they change something.
+/// [`World::run_until`] as often as needed, with times that never decrease; between two calls
+/// [`World::with_participants`] lets a program act on its own nodes, and then takes all frames that they want to
+/// send. The result depends on the times of these calls only as far as they change something.
 #[derive(Debug)]
 pub struct World<C> {
     participants: C,
     bus: Bus,
     faults: Engine,
     now: Instant,
-    /// Microseconds, `u64::MAX` for none; one per participant.
+    /// Microseconds, `u64::MAX` for no deadline; one per participant.
     deadlines: Vec<u64>,
     links: Vec<BusConnection>,
-    /// A node is asked for frames only while fewer of its own wait at the bus.
+    /// A node may give its next frame only while fewer of its own wait at the bus.
     asked_below: Vec<usize>,
-    /// Ports cut off by an intermittent plug, apart from what the participants say.
+    /// Ports cut off by an intermittent contact, in addition to those that the participants report as disconnected.
     unplugged: u64,
     delayed: BinaryHeap<Reverse<Delayed>>,
     sequence: u64,
@@ -299,7 +299,7 @@ impl<C: Participants> World<C> {
         report
     }
 
-    /// Earliest time at which something is due that is not a frame in flight; for real-time runners.
+    /// Earliest due time, apart from frames in flight; for real-time runners.
     pub fn next_due(&self) -> Option<Instant> {
         let mut next = Instant::FAR_FUTURE.min(self.next_deadline());
         if let Some(change) = self.faults.next_change() {
@@ -327,8 +327,8 @@ impl<C: Participants> World<C> {
         self.bus.set_queue_depth(node, depth);
     }
 
-    /// From now on the node keeps its frames itself: it is asked for the next one only while fewer than `waiting_max`
-    /// of them wait at the bus, and asked again when one has been sent.
+    /// From now on the node keeps its frames itself: it may give the next one only while fewer than `waiting_max`
+    /// of them wait at the bus, and again when one has been sent.
     pub fn keep_queue_short(&mut self, node: usize, waiting_max: usize) {
         self.asked_below[node] = waiting_max.max(1);
     }
@@ -525,7 +525,7 @@ impl<C: Participants> World<C> {
             self.stats.timeouts += 1;
             self.participants.node(index).handle_timeout(self.now);
             self.settle(index)?;
-            // As the loop of a live bus: one call serves everything that is due.
+            // As in the loop of a live bus: one call serves everything that is due.
             if self.deadlines[index] <= self.now.as_micros() {
                 return Err(RunError::Livelock {
                     node: self.participants.name(index).into_owned(),

@@ -17,7 +17,7 @@ fn arbitration_table() {
         // Same leading 11 bits: the base format wins at SRR or IDE, even as a remote frame.
         (standard(0x123, &[]), extended(0x123 << 18, &[])),
         (remote(0x123), extended(0x123 << 18, &[])),
-        // A lower base id wins whatever follows.
+        // A lower base id wins, with any following bits.
         (extended(0x122 << 18 | 0x3FFFF, &[]), standard(0x123, &[])),
         (extended(0x1000_0000, &[]), extended(0x1000_0001, &[])),
         // Data before remote.
@@ -229,7 +229,7 @@ fn play(sends: &[(u64, usize, Frame)], every: u32, tx_order: TxOrder) -> Figures
     (events, nodes, ids, bus.busy_ns(), bus.error_ns())
 }
 
-/// CAN wants ids of its own for each sender; what happens without is a test below.
+/// CAN requires separate ids for each sender; a test below covers the case without.
 fn with_own_ids(sends: &mut [(u64, usize, Frame)]) {
     for (_, port, frame) in sends {
         let id = match frame.id() {
@@ -256,7 +256,7 @@ proptest! {
         let count = |port: usize| sends.iter().filter(|(_, p, _)| *p == port).count() as u64;
         let sent: Vec<u64> = nodes.iter().map(|node| node.0).collect();
         prop_assert_eq!(sent, (0..4).map(count).collect::<Vec<_>>());
-        // One that was disturbed in its last bit comes again; none is lost, and none is of nobody.
+        // A frame that was disturbed in its last bit comes again; no frame is lost, and every frame has a sender.
         let seen = frames(&events);
         for (_, _, frame) in &sends {
             prop_assert!(seen.iter().any(|seen| seen.2 == *frame));

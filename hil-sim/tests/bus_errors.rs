@@ -1,4 +1,4 @@
-//! Rules of CAN Specification 2.0 part A section 8 at attempts that fail. Rules 7 to 11 by themselves: `counters.rs`.
+//! Rules of CAN Specification 2.0 part A section 8 for attempts that fail. Rules 7 to 11 alone: `counters.rs`.
 
 use crate::common::{BIT_NS, EVERYBODY, Script, bus, frame_bits, frames, run, standard};
 use hil_sim::bus::{Bus, BusConfig, BusEvent, Confinement, Disturbance, ErrorKind, Recovery};
@@ -104,7 +104,7 @@ fn rule_10_thirty_two_transmit_errors_end_in_bus_off() {
     assert_eq!(events.iter().filter(|event| matches!(event, BusEvent::BusOff { port: 0, .. })).count(), 1);
     assert_eq!(frames(&events), []);
     assert_eq!(bus.port_stats(0).became_bus_off, 1);
-    // Held until a node asks.
+    // Held until a node requests recovery.
     assert!(run(&mut bus, &mut Script::default(), 200_000).is_empty());
     assert!(!bus.is_online(0));
 }
@@ -207,7 +207,7 @@ fn error_in_the_last_bit_at_the_sender_alone_duplicates_the_frame_and_in_the_one
 #[test]
 fn passive_receiver_that_reads_a_bit_wrongly_misses_the_frame_alone() {
     let mut bus = bus(3);
-    // Only port 1 reads wrongly: 9 per attempt. After fifteen it is passive and its flags stop nobody.
+    // Only port 1 reads wrongly: 9 per attempt. After fifteen attempts it is passive and its flags no longer end frames.
     bus.send(0, frame(), 0);
     let mut script = Script::always(21, 1 << 1);
     let events = run(&mut bus, &mut script, 10_000);

@@ -1,4 +1,4 @@
-//! Each checker against short hand-made conversations: it must stay quiet on a good one and speak on a bad one.
+//! Each checker with short hand-made conversations: no violation in a good one, a violation in a bad one.
 
 use hil_sim::Observer;
 use hil_sim::checker::{Checkers, ModuleLimits};
@@ -31,7 +31,7 @@ fn f32_hex(value: f32) -> String {
 }
 
 #[test]
-fn answers_in_time_are_fine_and_unknown_modules_are_none_of_its_business() {
+fn answers_in_time_are_fine_and_unknown_modules_are_ignored() {
     let expect = Expect { answers_within: Some(Duration::from_millis(5)), ..Expect::default() };
     let talk = [
         (0, "0C1#0A3C"),

@@ -1,4 +1,4 @@
-//! The program as people use it: verbs, exit codes, what it says when something is wrong.
+//! The program from the command line: verbs, exit codes, messages for errors.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -166,7 +166,7 @@ fn serve_answers_a_socketcand_client_takes_typed_faults_and_ends_cleanly() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_full_disk_behind_standard_output_is_told_with_the_code_of_output() {
+fn a_full_disk_behind_standard_output_is_reported_with_the_code_of_output() {
     let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
     let ended = Command::new(env!("CARGO_BIN_EXE_hil-sim"))
         .arg("faults")
@@ -178,7 +178,7 @@ fn a_full_disk_behind_standard_output_is_told_with_the_code_of_output() {
     assert!(String::from_utf8_lossy(&ended.stderr).contains("standard output is not whole"), "{ended:?}");
 }
 
-/// An hour of simulated time whose report goes to `stdout`. It listens to signals once it has said what it runs.
+/// An hour of simulated time whose report goes to `stdout`. It handles signals once it has printed what it runs.
 fn long_run(name: &str, stdout: Stdio) -> Child {
     let hour = file(name, &POLL.replace("duration_s = 0.1", "duration_s = 3600"));
     let mut run = Command::new(env!("CARGO_BIN_EXE_hil-sim"));
@@ -206,7 +206,7 @@ fn signals_that_come_together_end_a_run_in_order_with_its_report() {
     }
 }
 
-/// Nobody reads the report, and the pipe for it is full: the run cannot end by itself.
+/// No program reads the report, and the pipe for it is full: the run cannot end by itself.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_signal_half_a_second_after_the_first_ends_a_run_that_hangs_with_code_130() {

@@ -190,7 +190,7 @@ fn a_time_out_takes_the_torque_until_a_person_clears_it() {
     rig.run_s(0.002);
     assert_eq!(rig.motor.status(), Status::LinkLost);
     assert_eq!(rig.motor.input().torque_max_nm, 0.0);
-    // Commands alone do not bring it back, nor does enabling.
+    // Neither commands alone nor enabling bring it back.
     rig.command(Command::Enable);
     assert_eq!(rig.state().status, Status::LinkLost);
     rig.command(Command::ClearFault);
@@ -266,7 +266,7 @@ fn the_other_modes_lead_a_reference_at_most_at_their_velocity() {
 
 #[test]
 fn faults_show_as_on_the_wire_of_a_broken_motor() {
-    // A range that is not that of the register: velocities are wrong by the ratio, and nothing says so.
+    // A range that differs from the register: velocities are wrong by the ratio, and nothing reports it.
     let mut rig = Rig::at(0.0);
     rig.motor.faults_mut().velocity_range_factor = 0.8;
     rig.command(Command::Enable);

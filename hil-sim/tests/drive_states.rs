@@ -1,4 +1,4 @@
-//! Every bit of the state word: what raises it, what it does, what clears it. And the faults of a module.
+//! Every bit of the state word: its cause, its effect, how it is cleared. And the faults of a module.
 
 use crate::drive_rig::{Rig, id};
 use hil_sim::fault::{FaultTarget, PhysicalFault, Place};
@@ -394,7 +394,7 @@ fn blocked_axis_shows_in_a_current_motion_as_standing() {
 }
 
 #[test]
-fn impact_shows_in_the_current_and_a_current_motion_shows_what_it_was_told() {
+fn impact_shows_in_the_current_and_a_current_motion_shows_what_was_ordered() {
     let mut rig = Rig::homed(|_| ());
     rig.velocity(0.5);
     rig.run_ms(400);

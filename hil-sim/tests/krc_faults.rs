@@ -135,8 +135,8 @@ fn closed_connection_stops_the_robot() {
     assert_eq!(summary(&bench), (0, vec![], "connection-lost"));
 }
 
-/// Whatever befalls the network: the set points that reach the drives keep all limits, nothing is sent after a fault,
-/// and the same seed gives the same log.
+/// With any fault of the network: the set points that reach the drives keep all limits, nothing is sent after a
+/// fault, and the same seed gives the same log.
 #[test]
 fn random_faults_never_break_the_limits_and_repeat_exactly() {
     let (mut faults_seen, mut runs_on) = (0, 0);

@@ -1,4 +1,4 @@
-//! The controller behind real sockets of this machine, in lock step: nothing depends on how fast the machine is.
+//! The controller behind real sockets of this machine, in lock step: nothing depends on the speed of the machine.
 
 use std::cell::Cell;
 use std::io::{Read, Write};
@@ -23,7 +23,7 @@ fn answer(telegram: &str) -> Option<String> {
     ))
 }
 
-/// Answers telegrams until told to end by an empty datagram, or until the connection is closed.
+/// Answers telegrams until it gets an empty datagram, or until the connection is closed.
 fn client(protocol: &str, piece: usize) -> (SocketAddr, JoinHandle<u64>) {
     if protocol == "TCP" {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
@@ -175,7 +175,7 @@ fn robot_whose_client_begins_late_takes_one_answer_to_the_telegram_that_it_repea
     assert_eq!((served.telegrams, served.late, served.refused, served.fault), (100, 0, 0, None));
 }
 
-/// In real time, with answers that are in the socket long before the simulator looks: after part of a cycle and after two.
+/// In real time, with answers that are in the socket long before the simulator reads it: after part of a cycle and after two.
 #[test]
 fn robot_that_is_held_up_blames_no_answer_that_waited_for_it() {
     let mut options = wide(Generation::KrC2);
@@ -292,7 +292,7 @@ fn fault_ends_the_exchange_and_the_run() {
 }
 
 #[test]
-fn robot_says_so_when_nobody_listens_or_nobody_answers() {
+fn robot_reports_that_no_client_listens_or_that_no_client_answers() {
     let mut krc = Krc::new(ARM.clone(), config("TCP", Space::Axes, true), wide(Generation::KrC2), 1).unwrap();
     let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let mut options = ServeOptions {

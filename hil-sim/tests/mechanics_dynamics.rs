@@ -122,7 +122,7 @@ fn work_of_the_drives_is_the_gain_in_energy() {
     assert!(gained.abs() > 5.0 && (gained - work).abs() < 2e-3 * work.abs(), "{gained} J against {work} J");
 }
 
-/// Without gravity, torques and friction nothing turns the arm as a whole: angular momentum about joint 1's axis stays.
+/// Without gravity, torques and friction the angular momentum about joint 1's axis is constant.
 #[test]
 fn momentum_about_the_first_axis_is_kept_without_gravity() {
     let text = robot_model::built_in_text("powercube6")

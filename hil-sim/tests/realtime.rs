@@ -1,4 +1,4 @@
-//! Doors of a world in real time, with links that live in memory and a clock that the test moves; one with sockets.
+//! Doors (ports) of a world in real time, with links in memory and a clock that the test moves; one with sockets.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
@@ -94,7 +94,7 @@ fn doors_arbitrate_against_each_other_by_identifier() {
 }
 
 #[test]
-fn more_frames_than_the_backlog_wait_at_the_door_and_none_is_lost() {
+fn more_frames_than_the_backlog_wait_at_the_door_and_no_frame_is_lost() {
     let (sender, ear) = (Memory::default(), Memory::default());
     let flood = burst(0x200).into_iter().cycle().take(3_000);
     sender.0.lock().unwrap().to_world.extend(flood.clone());
@@ -116,7 +116,7 @@ fn joined_bus_that_goes_away_ends_the_run() {
     assert!(matches!(error, RealtimeError::Link(_)), "{error}");
 }
 
-/// Counts what reaches the bus and how the world was asked.
+/// Counts the frames on the bus and the calls of the world.
 #[derive(Default)]
 struct Count {
     /// Identifiers with their times, in order.
@@ -216,7 +216,7 @@ fn a_client_that_floods_at_a_lower_priority_costs_another_one_frame_at_the_start
     assert_eq!(places.len(), 20);
     // At first the flood alone was there: one of its frames is on its way.
     assert!(places[0] <= 1, "{places:?}");
-    // From then on none comes between.
+    // From then on no other frame comes between.
     assert!(places.windows(2).all(|pair| pair[1] - pair[0] == 1), "{places:?}");
     // All the time of the bus is used: a frame of 8 bytes takes 111 to 135 us.
     assert!((740..=900).contains(&count.frames.len()), "{}", count.frames.len());
@@ -239,7 +239,7 @@ fn turns_of_a_flooded_world_are_at_most_two_for_each_frame() {
     let frames = count.frames.len();
     assert!((7_400..=9_000).contains(&frames), "{frames}");
     assert!((frames..=2 * frames + 16).contains(&turns), "{turns} turns for {frames} frames");
-    // Each turn looks until nothing more can be taken: once more than it takes frames. Some still wait in the end.
+    // Each turn reads until nothing more can be taken: one read more than frames. Some frames still wait in the end.
     let looks = *looks.lock().unwrap() as usize;
     assert!((turns..=turns + frames + 64 + 2).contains(&looks), "{looks} looks in {turns} turns");
 }

@@ -1,4 +1,4 @@
-//! What a scenario file can say about drives, mechanics, supplies and gripper.
+//! Options of a scenario file for drives, mechanics, supplies and gripper.
 
 use std::path::Path;
 
@@ -150,7 +150,7 @@ fn perturbed_plant_draws_masses_within_a_tenth_and_friction_within_a_half() {
     assert!((0.9..0.901).contains(&low) && (1.099..=1.1).contains(&high), "{low} to {high}");
     let (low, high) = spread(|seed, joint| scatter.draw(seed, joint).friction);
     assert!((0.5..0.505).contains(&low) && (1.495..=1.5).contains(&high), "{low} to {high}");
-    // Nothing else moves: studies change one thing at a time.
+    // Nothing else changes: studies vary one thing at a time.
     let d = scatter.draw(3, 2);
     assert_eq!((d.com_m, d.rotor, d.current, d.delay, d.home_rad), ([0.0; 3], 1.0, 1.0, 1.0, 0.0));
     assert_eq!(perturbed().cell.gripper.jitter, Duration::from_millis(2));

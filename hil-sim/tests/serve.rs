@@ -19,7 +19,7 @@ fn clients_of_all_doors_share_one_bus_with_the_drives() {
     let mut clients: Vec<Client> = (0..3).map(|door| server.client(door)).collect();
     // A neighbour behind the first door.
     clients.push(server.client(0));
-    // Everybody is listening before the first frame counts: a drive answers each of them.
+    // All clients listen before the first frame counts: a drive answers each of them.
     for client in &mut clients {
         assert!(client.asks_version(6));
     }
@@ -29,7 +29,7 @@ fn clients_of_all_doors_share_one_bus_with_the_drives() {
         for (index, client) in clients.iter_mut().enumerate() {
             let heard = client.hear_until(|frame| is_version(module, frame));
             let requests = heard.iter().filter(|frame| **frame == request).count();
-            // All others hear the request once, before its answer; the sender does not hear itself.
+            // All others see the request once, before its answer; the sender does not see its own frame.
             assert_eq!(requests, usize::from(index != sender), "client {index}: {heard:?}");
         }
     }
@@ -52,7 +52,7 @@ fn clients_of_all_doors_share_one_bus_with_the_drives() {
 }
 
 #[test]
-fn clients_that_vanish_or_talk_nonsense_disturb_nobody() {
+fn clients_that_vanish_or_send_nonsense_do_not_disturb_others() {
     let server = Server::start(PROGRAM, &[SOCKETCAND, SLCAN_TCP]);
     let mut steady = server.client(0);
     assert!(steady.asks_version(1));
@@ -67,7 +67,7 @@ fn clients_that_vanish_or_talk_nonsense_disturb_nobody() {
         assert!(steady.asks_version(1 + round % 6));
         drop(rude);
         drop(vandal);
-        // Whoever comes next finds a working adapter.
+        // The next client finds a working adapter.
         assert!(server.client(1).asks_version(2));
         assert!(steady.asks_version(3));
     }
@@ -82,7 +82,7 @@ fn client_that_floods_neither_starves_others_nor_keeps_the_server_awake() {
     let address = server.doors[0].split('/').nth(2).unwrap().to_owned();
     let mut flood = TcpStream::connect(address).unwrap();
     flood.write_all(b"< open can0 >< rawmode >").unwrap();
-    // What the drives say to it is read, as a client that is in a hurry does.
+    // The answers of the drives are read, as by a client that is in a hurry.
     let mut ear = flood.try_clone().unwrap();
     let reader = std::thread::spawn(move || std::io::copy(&mut ear, &mut std::io::sink()));
     let writer = std::thread::spawn(move || {
@@ -94,7 +94,7 @@ fn client_that_floods_neither_starves_others_nor_keeps_the_server_awake() {
         frames
     });
     let mut steady = server.client(0);
-    // The flood is on the bus before the first question: a busy machine may start its thread late.
+    // The flood is on the bus before the first request: a busy machine may start its thread late.
     assert!(!steady.hear_until(|frame| frame.id() == id(0x300).into()).is_empty());
     for round in 0..51 {
         assert!(steady.asks_version(1 + round % 6));
@@ -107,7 +107,7 @@ fn client_that_floods_neither_starves_others_nor_keeps_the_server_awake() {
     // The flood was carried, and slowed down to what the bus takes.
     assert!((51 * 2 + 51..=51 * 2 + offered).contains(&frames), "{frames} frames, {offered} offered");
     let turns = report["turns"].as_u64().unwrap();
-    // A turn for the start and the end of each frame, one for each read of a client, and looks at the own business.
+    // A turn for the start and the end of each frame, one for each read of a client, and the regular wake-ups.
     let naps = 1 + (report["simulated_s"].as_f64().unwrap() / 0.05) as u64;
     let reads = frames / 50 + 3 * 51;
     assert!((51..=2 * frames + reads + 2 * naps).contains(&turns), "{turns} turns for {frames} frames");

@@ -76,7 +76,7 @@ fn lock_step_run_reports_as_json_and_writes_the_same_log_twice() {
 #[test]
 fn failures_have_their_exit_codes_and_a_next_step() {
     let (pc, client) = client();
-    // Nobody listens on this port; UDP does not tell, TCP does.
+    // No client listens on this port; UDP does not report that, TCP does.
     let output = hil_sim(&["--scenario", &scenario("kr_c2_tcp.toml"), "--pc", "127.0.0.1:1", "--lock-step"]);
     let text = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(5), "{text}");

@@ -1,4 +1,4 @@
-//! The simulated tracker behind sockets of this machine. Nothing depends on how fast the machine is.
+//! The simulated tracker behind sockets of this machine. Nothing depends on the speed of the machine.
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream, UdpSocket};
@@ -63,7 +63,7 @@ fn client_starts_the_measurement_over_tcp_and_gets_poses_over_udp() {
 }
 
 #[test]
-fn port_that_is_taken_is_told_with_a_next_step() {
+fn port_that_is_taken_is_reported_with_a_next_step() {
     let first = Sockets::bind(SocketAddr::from(([127, 0, 0, 1], 0))).unwrap();
     let error = Sockets::bind(first.command_address().unwrap()).unwrap_err();
     assert_eq!(error.next().unwrap(), "choose a port that is free", "{error}");

@@ -72,7 +72,7 @@ fn documented_datagram_is_sent_byte_by_byte() {
 }
 
 #[test]
-fn datagrams_leave_after_latency_and_jitter_and_tell_it() {
+fn datagrams_leave_after_latency_and_jitter_and_contain_it() {
     let sent = frames(exact(), 10_020);
     assert!((1000..=1001).contains(&sent.len()), "{}", sent.len());
     let mut latencies = Vec::new();

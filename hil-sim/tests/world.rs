@@ -11,7 +11,7 @@ use hil_sim::{BusConnection, Participants};
 use protocol::text::BusName;
 use protocol::{Duration, Frame, Instant, ModuleId, Node};
 
-/// The poller asks each drive once per cycle; a cycle has room for all of it.
+/// The poller sends a request to each drive once per cycle; a cycle has room for all of them.
 const CYCLE_US: u64 = 2_000;
 
 const fn us(us: u64) -> Instant {
@@ -162,7 +162,7 @@ fn silent_module_sends_nothing_and_answers_again_afterwards() {
     assert_eq!(count(&log, "0A3", 10, 30), 0);
     assert_eq!(count(&log, "0A3", 30, 50), 20);
     assert_eq!(count(&log, "0A2", 10, 30), 20);
-    // It still acknowledges and hears.
+    // It still acknowledges and receives.
     assert!(world.bus().port_stats(2).received > 500);
 }
 
@@ -205,7 +205,7 @@ fn delayed_request_is_answered_later_by_exactly_that() {
 #[test]
 fn duplicate_fault_puts_each_frame_of_the_module_twice_on_the_bus() {
     let (log, _) = log_of(1, vec![fault(WireFault::Duplicate, module(2))], cycles(30));
-    // With probability 1 each repetition is repeated again, until the sender has counted itself out.
+    // With probability 1 each repetition is repeated again, until the sender's counter ends it.
     assert!(count(&log, "0A2", 10, 30) > 40);
     assert_eq!(count(&log, "0A1", 0, 10), 10);
 }
@@ -258,7 +258,7 @@ fn wrong_answer_changes_exactly_the_part_it_names() {
 }
 
 #[test]
-fn corrupt_frames_are_repeated_and_nobody_loses_one() {
+fn corrupt_frames_are_repeated_and_no_node_loses_one() {
     let mut corrupt = fault(WireFault::Corrupt, Target::Bus);
     corrupt.probability = 0.2;
     let (log, world) = log_of(1, vec![corrupt], cycles(50));
@@ -358,7 +358,7 @@ fn deadline_that_never_moves_is_reported_with_the_name() {
     assert_eq!(error, RunError::Livelock { node: "bad".into(), now: us(5), deadline: us(5) });
 }
 
-/// The live runner calls once: virtual time must not be more patient.
+/// The live runner calls once: virtual time must require the same.
 #[test]
 fn node_that_serves_one_of_two_deadlines_in_a_call_is_reported() {
     let participants = Solo::new("forgetful", TwoAtOnce(2));

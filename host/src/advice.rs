@@ -116,11 +116,11 @@ impl Place {
 
     /// `text` with this bus in every command line that acts on one and names none.
     #[must_use]
-    pub fn told(&self, text: &str) -> String {
-        let (mut told, mut rest) = (String::with_capacity(text.len()), text);
+    pub fn complete(&self, text: &str) -> String {
+        let (mut text_with_bus, mut rest) = (String::with_capacity(text.len()), text);
         while let Some(at) = rest.find(BEGIN) {
             let (before, after) = rest.split_at(at + BEGIN.len());
-            told += before;
+            text_with_bus += before;
             let line = &after[..after.find('`').unwrap_or(after.len())];
             let short = SHORT_NAMES.iter().map(|(short, _)| short);
             let verb = BUS_VERBS.iter().chain(short).find(|verb| begins_with(line, verb));
@@ -128,12 +128,12 @@ impl Place {
             if let Some(verb) = verb
                 && !line.contains("--bus")
             {
-                told += verb;
-                told += &self.0;
+                text_with_bus += verb;
+                text_with_bus += &self.0;
                 rest = &after[verb.len()..];
             }
         }
-        told + rest
+        text_with_bus + rest
     }
 }
 
@@ -170,7 +170,7 @@ mod tests {
     fn advice_names_the_bus_and_the_robot_of_the_command_that_gives_it() {
         let can = place(&["cubectl", "modules", "diff", "a.toml", "--bus", "can0"]);
         assert_eq!(
-            can.told(
+            can.complete(
                 "`cubectl modules restore a.toml`, `cubectl home` and `cubectl throw --controller NODE-ID`"
             ),
             "`cubectl modules restore --bus can0 a.toml`, `cubectl home --bus can0` and `cubectl throw --bus can0 --controller \
@@ -179,7 +179,7 @@ mod tests {
         let robot =
             place(&["cubectl", "status", "--bus", "rsi:udp://h:1?lockstep", "--robot", "my arm.toml"]);
         assert_eq!(
-            robot.told("`cubectl controller clear`"),
+            robot.complete("`cubectl controller clear`"),
             "`cubectl controller clear --bus 'rsi:udp://h:1?lockstep' --robot 'my arm.toml'`"
         );
     }
@@ -194,18 +194,18 @@ mod tests {
             "cubectl home",
             "`cubectl ",
         ] {
-            assert_eq!(can.told(text), text);
+            assert_eq!(can.complete(text), text);
         }
-        assert_eq!(can.told("`cubectl explain --last`"), "`cubectl explain --last --bus can0`");
+        assert_eq!(can.complete("`cubectl explain --last`"), "`cubectl explain --last --bus can0`");
         for words in [
             &["cubectl", "home"][..],
             &["cubectl", "home", "--bus", "sim"],
             &["cubectl", "plan", "check", "a.json"],
         ] {
-            assert_eq!(place(words).told("`cubectl home`"), "`cubectl home`");
+            assert_eq!(place(words).complete("`cubectl home`"), "`cubectl home`");
         }
         let served = place(&["cubectl", "sim", "--bus", "socketcand://127.0.0.1:1/can0"]);
-        assert_eq!(served.told("`cubectl home`"), "`cubectl home`");
+        assert_eq!(served.complete("`cubectl home`"), "`cubectl home`");
     }
 
     #[test]

@@ -71,8 +71,8 @@ impl ExpectedError {
     pub fn on(self, place: &Place) -> Self {
         Self {
             code: self.code,
-            what: place.told(&self.what),
-            next: self.next.iter().map(|step| place.told(step)).collect(),
+            what: place.complete(&self.what),
+            next: self.next.iter().map(|step| place.complete(step)).collect(),
             also: self.also.into_iter().map(|other| other.on(place)).collect(),
         }
     }
@@ -258,12 +258,12 @@ mod tests {
             "next": ["check the cable", "`cubectl doctor`", "free space"],
         });
         assert_eq!(both.json(), wanted);
-        let told = error.on(&Place::of_matches(&place("can0")));
-        assert_eq!(told.next, ["check the cable", "`cubectl doctor --bus can0`"]);
+        let completed = error.on(&Place::of_matches(&place("can0")));
+        assert_eq!(completed.next, ["check the cable", "`cubectl doctor --bus can0`"]);
     }
 
     fn place(bus: &str) -> clap::ArgMatches {
         use clap::CommandFactory;
-        crate::cli::Cli::command().get_matches_from(["cubectl", "status", "--bus", bus])
+        crate::cli::Cli::command().get_matches_from(["cubectl", "arm", "status", "--bus", bus])
     }
 }

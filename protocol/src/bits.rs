@@ -6,9 +6,9 @@
 //!           '------------------- stuffed ---------------------------------'   '---- fixed form ------'
 //! ```
 //!
-//! After five equal bits of the stuffed part the transmitter inserts one of the other value, which
-//! counts as the first of the next five; so does the last bit of the CRC. A remote frame has no data
-//! whatever its DLC says. The interframe space belongs to no frame and is counted on its own.
+//! After five equal bits of the stuffed part the transmitter inserts one of the other value, which counts as the
+//! first of the next five. The same holds at the last bit of the CRC. A remote frame has no data, whatever its DLC.
+//! The interframe space does not belong to a frame and is counted on its own.
 //!
 //! [`length`] takes two table lookups per byte.
 //!
@@ -19,7 +19,7 @@
 use crate::frame::{Frame, MAX_DATA_LEN};
 use crate::id::Id;
 
-/// Bits between two frames in which nobody may transmit.
+/// Bits between two frames in which no node may transmit.
 pub const INTERFRAME_SPACE: u32 = 3;
 
 /// CRC delimiter, ACK slot, ACK delimiter and seven bits of end of frame: never stuffed.
@@ -57,8 +57,8 @@ impl Length {
 /// Exact length of `frame`.
 pub fn length(frame: &Frame) -> Length {
     let sequence = Sequence::of(frame);
-    // Alternating bits in front fill up to whole bytes and leave the counter as the idle bus does:
-    // recessive, with SOF starting a run of its own.
+    // Alternating bits in front fill up to whole bytes and leave the counter as an idle bus does: recessive, so
+    // that SOF starts a new run.
     let padding = if frame.is_extended() { 0b01 } else { 0b01_0101 };
     let padded = padding << sequence.len | sequence.bits;
     let len = sequence.len.next_multiple_of(8);

@@ -31,8 +31,8 @@ impl core::error::Error for FrameError {}
 
 /// One classical CAN frame.
 ///
-/// The DLC is the number of data bytes (data frame) or of bytes asked for (remote frame); raw DLC
-/// values 9..=15, which ISO 11898-1 allows to mean 8, are folded to 8 by whoever reads raw bits.
+/// The DLC is the number of data bytes (data frame) or of requested bytes (remote frame); raw DLC values 9..=15,
+/// which ISO 11898-1 allows to mean 8, must be folded to 8 by the reader of raw bits.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Frame {
     id: Id,
@@ -66,7 +66,7 @@ impl Frame {
         Self { id: id.into(), remote: false, dlc: N as u8, bytes }
     }
 
-    /// Remote frame that asks for `dlc` bytes; refuses more than eight.
+    /// Remote frame that requests `dlc` bytes; refuses more than eight.
     pub fn remote(id: impl Into<Id>, dlc: usize) -> Result<Self, FrameError> {
         if dlc > MAX_DATA_LEN {
             return Err(FrameError::TooLong { len: dlc });
@@ -85,7 +85,7 @@ impl Frame {
         self.bytes.get(..len).unwrap_or(&[])
     }
 
-    /// Data length code, 0..=8: bytes carried (data frame) or asked for (remote frame).
+    /// Data length code, 0..=8: bytes carried (data frame) or requested (remote frame).
     pub const fn dlc(&self) -> usize {
         self.dlc as usize
     }

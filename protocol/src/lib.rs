@@ -1,15 +1,15 @@
-//! Everything that travels on the bus, and the contract of everything that sits on it.
+//! All formats on the bus, and the contract of its participants.
 //!
 //! # Map
 //!
 //! | layer | modules | is | must not |
 //! |---|---|---|---|
-//! | ground | [`id`], [`frame`], [`time`], [`units`], [`module`] | checked values: CAN ids, classical CAN frames, integer microseconds, physical units, wire address apart from joint number | know any higher protocol |
-//! | wire | [`bits`] | exact length and CRC of a frame on the wire, longest and shortest length of its kind | know who sends it or when |
+//! | base | [`id`], [`frame`], [`time`], [`units`], [`module`] | checked values: CAN ids, classical CAN frames, integer microseconds, physical units, wire address apart from joint number | know any higher protocol |
+//! | wire | [`bits`] | exact length and CRC of a frame on the wire, longest and shortest length of its kind | know sender or time |
 //! | drives | [`powercube`] | the M5 protocol of the modules, both directions, its tables and its DBC file | keep state between frames |
-//! | text | [`text`] | frames as lines for tools of the field: candump logs, SLCAN, socketcand | touch a socket, a file or a clock |
-//! | contract | [`node`] | what a participant of the bus is: frames and times in, frames and deadlines out | do IO, read a clock, sleep |
-//! | host link | [`cyphal`] | Cyphal/CAN v1.0: transport, standard services, our messages | know the drives |
+//! | text | [`text`] | frames as lines for common tools: candump logs, SLCAN, socketcand | touch a socket, a file or a clock |
+//! | contract | [`node`] | interface of a participant of the bus: frames and times in, frames and deadlines out | do IO, read a clock, sleep |
+//! | host link | [`cyphal`] | Cyphal/CAN v1.0: transport, standard services, messages of this project | know the drives |
 //!
 //! # Invariants of the crate
 //!

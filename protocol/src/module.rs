@@ -70,7 +70,7 @@ impl TryFrom<u8> for ModuleId {
 
 /// Place of a joint in the arm, counted from the base: 0..[`JOINTS_MAX`].
 ///
-/// Printed as people count, from 1.
+/// Printed from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct JointIndex(u8);
 

@@ -3,7 +3,7 @@
 use crate::frame::Frame;
 use crate::time::Instant;
 
-/// A participant of the bus that does no IO: frames and times go in, frames and deadlines come out.
+/// A participant of the bus without IO: frames and times go in, frames and deadlines come out.
 ///
 /// # Calling order
 ///
@@ -12,11 +12,10 @@ use crate::time::Instant;
 /// `None`, then ask [`poll_timeout`] again.
 ///
 /// * `now` never decreases from call to call.
-/// * [`handle_timeout`] may be called late, early or more often than asked for: a call before the
+/// * [`handle_timeout`] may be called late, early or more often than requested: a call before the
 ///   deadline does nothing.
 /// * A frame that is not for this node is ignored; every frame of the bus may be offered.
-/// * A node never hands back its own transmitted frames as received ones; a runner on a loop-back
-///   medium filters them.
+/// * A node never receives its own transmitted frames; a runner on a loop-back medium filters them.
 /// * After a deadline was served, [`poll_timeout`] moves past it: a runner may treat a deadline that
 ///   stays at or before `now` after [`handle_timeout`] as a defect.
 ///
@@ -33,7 +32,7 @@ pub trait Node {
     /// Next frame to transmit, in order; drained after every `handle_*` call.
     fn poll_frame(&mut self) -> Option<Frame>;
 
-    /// Earliest time at which the node wants [`Node::handle_timeout`]; `None` while only a frame
-    /// can change anything.
+    /// Earliest time at which the node needs [`Node::handle_timeout`]; `None` while only a frame can change
+    /// anything.
     fn poll_timeout(&self) -> Option<Instant>;
 }

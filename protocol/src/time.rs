@@ -1,7 +1,7 @@
 //! Time as an argument: integer microseconds since an origin that the runner chooses.
 //!
-//! Nobody below a runner reads a clock. All arithmetic saturates: a deadline computed from hostile
-//! input is at worst "never" (584 000 years), it does not wrap and does not panic.
+//! Only a runner reads a clock. All arithmetic saturates: a deadline computed from hostile input is at worst
+//! "never" (584 000 years); it does not wrap and does not panic.
 
 use core::fmt;
 use core::ops::{Add, AddAssign, Mul, Sub};

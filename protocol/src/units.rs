@@ -1,9 +1,8 @@
-//! Physical quantities at the borders between rooms: one newtype per unit, single precision as on
-//! the wire.
+//! Physical quantities at the interfaces between modules: one newtype per unit, single precision as on the wire.
 //!
-//! Inside a kernel the unit is a suffix of the name (`q_rad`, `v_max_rad_s`); a value changes hands
-//! between modules as one of these. Rotary units are meant; a linear module carries metres in the
-//! same wire fields (`powercube-protocol` section 1) and is not distinguished here.
+//! Inside a computation the unit is a suffix of the name (`q_rad`, `v_max_rad_s`); between modules a value is
+//! passed as one of these types. Rotary units are meant; a linear module carries metres in the same wire fields
+//! (`powercube-protocol` section 1) and is not distinguished here.
 
 use core::fmt;
 use core::ops::{Add, Neg, Sub};
@@ -20,8 +19,8 @@ macro_rules! quantity {
             /// Unit symbol as printed.
             pub const UNIT: &'static str = $unit;
 
-            /// Wraps a number that is in this unit; NaN and infinities are allowed here and are
-            /// refused where they would act ([`Self::is_finite`]).
+            /// Wraps a number that is in this unit. NaN and infinities are allowed here and are refused where they
+            /// would act ([`Self::is_finite`]).
             pub const fn new(value: f32) -> Self {
                 Self(value)
             }

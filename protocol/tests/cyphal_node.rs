@@ -49,7 +49,7 @@ fn heartbeat_comes_at_once_and_every_second_with_uptime_and_rising_number() {
 }
 
 #[test]
-fn heartbeat_of_a_watched_host_comes_as_often_as_it_is_told_but_not_less_than_once_a_second() {
+fn heartbeat_of_a_watched_host_comes_in_its_set_period_and_at_least_once_a_second() {
     for (asked_ms, expected) in [(30, 34), (5000, 2), (0, 1001)] {
         let mut core = ControllerCore::new(Instant::ZERO, node(SERVER));
         core.set_heartbeat_period(Duration::from_millis(asked_ms));
@@ -306,7 +306,7 @@ fn number_of_a_request_that_waits_long_is_not_given_to_another() {
         let name = ListResponse::from_bytes(&bytes).unwrap().name;
         assert_eq!(name, rig.server.app.register_name(index % 3));
     }
-    assert!(rig.host.listener.answers.is_empty(), "nobody else's answer was taken");
+    assert!(rig.host.listener.answers.is_empty(), "no answer to another request was accepted");
     rig.run(Duration::from_secs(51));
     let failed = NoAnswer { server: node(SERVER), service: register::LIST, attempts: 1 };
     assert_eq!(rig.host.listener.answers, [(ticket, Err(failed))]);
@@ -380,7 +380,7 @@ fn request_that_cannot_be_answered_is_not_carried_out() {
     let mut core = ControllerCore::new(Instant::ZERO, node(SERVER));
     let mut app = DemoApp::new();
     let request = CommandRequest { command: COMMAND_REVERSE, parameter: b"x" };
-    // Nobody takes the frames away: five of six places fill up, the last is for urgent transfers.
+    // The frames are not sent: five of six places fill up, the last is for urgent transfers.
     for transfer_id in 0..10 {
         for frame in request_frames(command::SERVICE, transfer_id, Priority::Nominal, &request) {
             core.handle_frame(Instant::ZERO, &frame, &mut app);
@@ -426,7 +426,7 @@ fn stop_of_a_program_that_began_anew_is_carried_out_and_other_repetitions_are_no
 }
 
 #[test]
-fn answers_nobody_can_use_any_more_are_dropped() {
+fn answers_that_are_too_late_to_be_used_are_dropped() {
     let mut core = ControllerCore::new(Instant::ZERO, node(SERVER));
     let mut app = DemoApp::new();
     for frame in request_frames(info::SERVICE, 0, Priority::Nominal, &()) {

@@ -336,7 +336,7 @@ fn restarted_sender_with_the_same_number_begins_anew() {
     let mut rig = Rig::new();
     let before = frames(request_from(PEER), 0, &[1; 30]);
     let after = frames(request_from(PEER), 0, &[2; 30]);
-    // Broken off after one, two, three frames: the new start is never taken for a repetition.
+    // Broken off after one, two, three frames: the new start never counts as a repetition.
     for broken_off in 1..4 {
         rig.take_all(&before[..broken_off]);
         assert_eq!(rig.take_all(&after), [[2; 30]]);
@@ -404,7 +404,7 @@ fn sessions_in_mid_transfer_are_not_thrown_out_until_they_are_stuck() {
     assert_eq!(rig.take(&frames(request_from(9), 0, &[9])[0]), Some(vec![9]));
     // The others go on undisturbed.
     assert_eq!(rig.take_all(&all[0][1..]), [[1; 20]]);
-    // Node 2 stays silent: its buffer is lent out only after STALL.
+    // Node 2 stays silent: its buffer is reused only after STALL.
     rig.now += Duration::from_millis(1);
     rig.take(&frames(request_from(3), 1, &[3; 20])[0]);
     let refused = rig.dropped(Dropped::NoRoom);

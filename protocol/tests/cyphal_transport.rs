@@ -1,5 +1,5 @@
-//! The transport against pycyphal: the frames it makes of a transfer, and what it makes of frames on
-//! a bus that loses and doubles some of them (`tests/interop/cyphal/make_transport_vectors.py`).
+//! The transport against pycyphal: the frames that pycyphal makes of a transfer, and how it reads frames on a bus
+//! that loses and doubles some of them (`tests/interop/cyphal/make_transport_vectors.py`).
 
 use protocol::cyphal::bits::{Encode, Writer};
 use protocol::cyphal::id::{NodeId, Priority, Route, ServiceId, TransferId};

@@ -1,4 +1,4 @@
-//! What holds for all messages of the M5 protocol, not only for the vectors.
+//! Properties of all messages of the M5 protocol, not only of the vectors.
 
 use proptest::prelude::*;
 use protocol::powercube::broadcast::BroadcastFrame;
@@ -237,7 +237,7 @@ proptest! {
     }
 }
 
-/// Requests and the reply that is theirs alone; of some commands two, to tell them apart.
+/// Requests and the reply that belongs to each; some commands occur twice, to check that they are distinguished.
 #[test]
 fn reply_answers_the_request_of_its_command_parameter_motion_and_form_and_no_other() {
     let ramp = MotionCommand::Ramp { target: Radians::new(1.0) };

@@ -34,7 +34,7 @@ fn is_reply(text: &str, module: u8, reply: Reply) {
 
 #[test]
 fn ramp_extended_trace_of_the_reference() {
-    // moveRampExtended(1.0 rad, 0.25 rad/s, 0.5 rad/s²) to module 5, and what the module answers.
+    // moveRampExtended(1.0 rad, 0.25 rad/s, 0.5 rad/s²) to module 5, and the module's answer.
     is_request("0E5#084F0000803E", 5, Request::Set(Parameter::TargetVel, Value::F32(0.25)));
     is_reply("0A5#084F64", 5, Reply::SetAck { parameter: Parameter::TargetVel, code: Some(0x64) });
     is_request("0E5#08500000003F", 5, Request::Set(Parameter::TargetAcc, Value::F32(0.5)));
@@ -227,7 +227,7 @@ fn a_reply_answers_only_its_own_request() {
     assert!(extended.answers(&Request::Move(MotionRequest::extended(ramp))));
     assert!(!extended.answers(&Request::Move(MotionRequest::simple(ramp))));
     assert!(!extended.answers(&Request::Get(Parameter::ActPos)));
-    // A state word that comes unasked answers nothing.
+    // A state word without a request is not an answer.
     assert!(!Reply::State(CubeState::EMPTY).answers(&Request::Get(Parameter::CubeState)));
 }
 

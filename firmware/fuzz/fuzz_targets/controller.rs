@@ -1,9 +1,9 @@
-//! The whole controller under a script: time passes, drives answer right, late, twice, wrongly or not at all, frames of any
-//! id and content arrive, and a host orders anything. Whatever happens:
+//! The whole controller under a script: time passes, drives answer correctly, late, twice, wrongly or not at all,
+//! frames of any id and content arrive, and a host gives any order. In every case:
 //!
-//! * nothing but requests and broadcasts leaves, at most a queue full per call, and no deadline stands still;
-//! * no motion leaves in a state that must not move, and no target, speed or acceleration is beyond the limits;
-//! * a frame of one drive changes what is known of that drive only.
+//! * only requests and broadcasts are sent, at most a full queue per call, and every deadline moves on;
+//! * no motion is sent in a state that must not move, and no target, speed or acceleration is beyond the limits;
+//! * a frame of one drive changes only what is known of that drive.
 #![no_main]
 
 use firmware::Controller;
@@ -37,14 +37,14 @@ const HOST: Peer = Peer::new(42);
 struct Bench {
     controller: Box<Controller<RamStorage, Spline, PowerCubes>>,
     now: Instant,
-    /// Requests that no answer was given to yet.
+    /// Requests without an answer so far.
     open: Vec<AddressedRequest>,
     last_reply: Option<Frame>,
     /// Current limits that the drives hold, A, by address.
     max_cur_a: [f32; 32],
     token: u32,
     name: FileName,
-    /// With which the plan goes on; none for a plan that takes new end states.
+    /// Next segment of the plan; empty for a plan that accepts new end states.
     segment: Vec<u8>,
 }
 
@@ -117,7 +117,7 @@ impl Bench {
                 let MotionCommand::Ramp { target } = motion.command() else { panic!("only ramps") };
                 let q = limits.to_joint_rad(target.get());
                 let inside = q >= limits.q_min_rad - 1e-5 && q <= limits.q_max_rad + 1e-5;
-                // A joint outside its limits is jogged from there, and stopped where it is.
+                // A joint outside its limits is jogged from its position, and stopped there.
                 let jogs = matches!(self.kind(), StateKind::Jogging | StateKind::Stopping);
                 assert!(inside || jogs, "target {q}");
             }
@@ -206,7 +206,7 @@ impl Bench {
 
 fuzz_target!(|bytes: &[u8]| {
     let mut input = Input(bytes);
-    // Its content is anything; the digest is right, so that the controller looks at it.
+    // Its content is arbitrary; the digest is right, so that the controller reads it.
     let is_long = bytes.first().is_some_and(|first| first & 1 == 1);
     let segment = if is_long { &bytes[bytes.len() - bytes.len().min(segment::LEN_MAX)..] } else { &[] };
     let mut bench = Bench::new(segment.to_vec());

@@ -8,11 +8,12 @@
 //!  │ the order itself ─────────▶ │   its bytes are the content; carried out if the code covers them
 //! ```
 //!
-//! A commit and the confirmation of an arming name things that others can change. Their content ends with a digest of
-//! these: of the file, and of file and settings ([`run_digest`](crate::registers::run_digest)).
+//! A commit and the confirmation of an arming name things that others can change. The code therefore also covers a
+//! digest: for a commit of the file, for an arming of the file and the settings
+//! ([`run_digest`](crate::registers::run_digest)).
 //!
-//! A code covers one order of one node. If the answer to the order is lost and the same order comes again, the answer is
-//! given again and nothing is done twice.
+//! A code covers one order of one node. If the answer to the order is lost, the node sends the same order again: it
+//! gets the same answer, and nothing is done twice.
 
 use hmac::{Hmac, KeyInit, Mac};
 use protocol::cyphal::cubecell::authorization::CONTEXT;
@@ -53,27 +54,27 @@ pub fn code_of(key: &Key, nonce: &Nonce, peer: Peer, content: &[u8]) -> Code {
     code
 }
 
-/// A challenge that is out.
+/// A challenge that was sent and is still valid.
 #[derive(Clone, Copy)]
 struct Challenge {
     peer: Peer,
     nonce: Nonce,
     until: Instant,
-    /// From the node; not compared with anything yet.
+    /// Received from the node; not compared with anything yet.
     code: Option<Code>,
-    /// The order that the code was for has been carried out, with this outcome.
+    /// Outcome of the order, once the order has been carried out.
     outcome: Option<Result<Done, Refusal>>,
 }
 
-/// What a code says about an order.
+/// Result of the comparison of a code with an order.
 pub(crate) enum Verdict {
     /// Carry it out.
     Carry,
-    /// It was carried out before: answer this.
+    /// The order was carried out before: send this answer again.
     Repeat(Result<Done, Refusal>),
 }
 
-/// The key, and the challenges that are out.
+/// The key, and the challenges that are still valid.
 #[derive(Default)]
 pub(crate) struct Keyring {
     key: Option<Key>,
@@ -119,7 +120,7 @@ impl Keyring {
         let challenge = self.slot(now, peer).filter(|challenge| challenge.nonce == nonce);
         let Some(challenge) = challenge else { return Err(Refusal::of(Cause::CodeWrong)) };
         match challenge.code {
-            // The same again: its answer was lost.
+            // The same code again: the answer to the first one was lost.
             Some(old) if old == code => Ok(()),
             // A challenge takes one code.
             Some(_) => Err(Refusal::of(Cause::CodeWrong)),
@@ -130,8 +131,8 @@ impl Keyring {
         }
     }
 
-    /// Compares the code of `peer` with `content`, the order as it came, and the digest of what it is about. A code that does
-    /// not fit is used up.
+    /// Compares the code of `peer` with `content` (the bytes of the order) and with the digest of what the order
+    /// refers to. A code that does not fit cannot be used again.
     pub(crate) fn judge(
         &mut self,
         now: Instant,
@@ -152,7 +153,7 @@ impl Keyring {
         match (fits, challenge.outcome) {
             (true, None) => Ok(Verdict::Carry),
             (true, Some(outcome)) => Ok(Verdict::Repeat(outcome)),
-            // The code was for an order that was carried out: this one has none.
+            // The code was for an order that has been carried out: this order has no code.
             (false, Some(_)) => Err(Refusal::of(Cause::CodeMissing)),
             (false, None) => {
                 challenge.until = now;
@@ -161,7 +162,7 @@ impl Keyring {
         }
     }
 
-    /// The order of `peer` was carried out: its code is used up.
+    /// The order of `peer` was carried out: its code cannot be used again.
     pub(crate) fn close(&mut self, now: Instant, peer: Peer, outcome: Result<Done, Refusal>) {
         if let Some(challenge) = self.slot(now, peer) {
             challenge.outcome = Some(outcome);

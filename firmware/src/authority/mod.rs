@@ -1,4 +1,4 @@
-//! Who may order what: the node that an order comes from, its session, unforeseeable tokens, and codes of a key.
+//! Who may give which order: the node that an order comes from, its session, unpredictable tokens, and codes made with a key.
 //!
 //! `session` binds a motion to a node, `tokens` draws numbers, `key` checks codes. Nothing here
 //! knows a protocol: the link gives each node a number.

@@ -50,7 +50,7 @@ impl Session {
         self.host = heard.or(Some(Seen { peer, at: None }));
     }
 
-    /// The host has started again: what it gave orders for is void.
+    /// The host has started again: its earlier orders are void.
     pub(crate) const fn forget_host(&mut self) {
         self.host = None;
     }

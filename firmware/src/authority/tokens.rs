@@ -11,8 +11,8 @@ pub const SEED_LEN: usize = 32;
 pub struct Seed([u8; SEED_LEN]);
 
 impl Seed {
-    /// A seed that everybody knows: tokens can be foreseen. For virtual time and emulated boards, where equal runs must
-    /// give equal logs, and for tests; never for a bus with hardware on it.
+    /// A public seed: tokens can be predicted. For virtual time, emulated boards and tests, where equal runs must
+    /// give equal logs; never for a bus with hardware on it.
     pub const FORESEEABLE: Self = Self(*b"cube-cell seed of virtual time..");
 
     /// Seed of random bytes: a hardware generator, or the operating system's.
@@ -21,7 +21,7 @@ impl Seed {
     }
 }
 
-/// Not its bytes.
+/// Does not print the bytes.
 impl core::fmt::Debug for Seed {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str("Seed")
@@ -43,7 +43,7 @@ impl Tokens {
     pub(crate) fn next_bytes(&mut self) -> [u8; 8] {
         self.count = self.count.wrapping_add(1);
         let mut bytes = [0; 8];
-        // A key of any length is taken.
+        // HMAC takes a key of any length.
         if let Ok(mut mac) = <Hmac<Sha256> as KeyInit>::new_from_slice(&self.seed.0) {
             mac.update(&self.count.to_le_bytes());
             for (to, from) in bytes.iter_mut().zip(mac.finalize().into_bytes()) {
@@ -53,7 +53,7 @@ impl Tokens {
         bytes
     }
 
-    /// A token: never 0, which an unset field holds.
+    /// A token. Never 0, because an unset field holds 0.
     pub(crate) fn next_token(&mut self) -> u32 {
         let [a, b, c, d, ..] = self.next_bytes();
         u32::from_le_bytes([a, b, c, d]).max(1)

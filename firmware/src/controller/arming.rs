@@ -35,11 +35,11 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         }
         let digest = registers::run_digest(&committed.sha256, &self.settings);
         if self.spline.borrow().is_altered() {
-            // A run went on with segments: the knots of the file are loaded again.
+            // The last run replaced knots by those of later segments: load the knots of the file again.
             self.store.reload(&self.storage, &self.settings, self.spline.borrow_mut());
         }
         if matches!(self.machine.state(), State::Stopped { .. }) {
-            // Drives are halted; nothing moves by a reset. Their state words are read again before the second step.
+            // Drives are halted; a reset moves nothing. Their state words are read again before the second step.
             self.group.command(now, &self.settings, Command::Reset);
         }
         let token = self.tokens.next_token();
@@ -97,15 +97,16 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         Ok(Done::Taken)
     }
 
-    /// How long before its start a run is begun: the lead of the group, and two periods of the monitor for a call that comes
-    /// late.
+    /// How long before its start time a run is begun: the lead of the group, and two monitor periods in case the
+    /// call comes late.
     pub(super) fn start_ahead(&self) -> Duration {
         let monitor = Duration::from_micros(self.settings.monitor_period_us.into());
         self.group.profile(&self.settings).lead + monitor * 2
     }
 
-    /// Goes to Running once the start of an ordered run is so near that the group must begin to lead the drives. A start that
-    /// has passed meanwhile, or is nearer than the drives need, is none: the plan would begin with a leap.
+    /// Goes to Running when the start of an ordered run is so near that the group must begin to lead the drives. A
+    /// start that has passed, or that is nearer than the lead of the group, is refused: the plan would begin with a
+    /// leap.
     pub(super) fn start_when_due(&mut self, now: Instant, start: Instant) {
         if start > now + self.start_ahead() {
             return;
@@ -151,8 +152,8 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         Ok(())
     }
 
-    /// Gains that were proven for the loop of these settings, for its period and delay, and for the robot of the plan; 0 is a
-    /// plan that names no robot.
+    /// The gains were proven for the loop of these settings, for its period and delay, and for the robot of the
+    /// plan. `robot_crc32` 0: the plan names no robot.
     fn require_gains(&self, robot_crc32: u32) -> Result<(), Refusal> {
         let s = &self.settings;
         if s.gains_certificate_crc32 != registers::certificate_crc32(s) {

@@ -30,7 +30,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         if !kind.is_legal_in(self.kind()) {
             return Err(Refusal::of(Cause::OrderNotNow));
         }
-        // A jog that goes on was let through when it began.
+        // The code of a jog was checked when it began; its repetitions need no code.
         let goes_on = kind == OrderKind::Jog && self.kind() == StateKind::Jogging;
         let needs_code = kind.needs_code() && !goes_on && self.keyring.is_keyed();
         if needs_code {
@@ -55,7 +55,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         outcome
     }
 
-    /// Digest of what an order names and others can change: of the file, and of the file with the settings of its run.
+    /// Digest of what an order refers to and others can change: of the file, or of the file and the settings of its run.
     fn digest_for(&self, order: &Order) -> Result<Option<Digest>, Refusal> {
         match order {
             Order::Commit(name) => self.store.sha256_of(*name).map(Some),
@@ -164,12 +164,12 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.note(now, TraceEvent::LimitsPutBack);
     }
 
-    /// Sets the key of the controller, or removes it; it is stored at once. A controller with a key wants a code of the
-    /// old one.
+    /// Sets the key of the controller, or removes it; the change is stored at once. A controller that has a key
+    /// requires a code made with the old key.
     ///
     /// # Errors
     ///
-    /// [`Cause::OrderNotNow`] while anything is armed or moves, [`Cause::OtherHost`], those of a code,
+    /// [`Cause::OrderNotNow`] while anything is armed or moves, [`Cause::OtherHost`], a cause about the code,
     /// [`Cause::StorageFailed`].
     pub fn set_key(&mut self, now: Instant, source: Source<'_>, key: Option<Key>) -> Result<(), Refusal> {
         self.now = now;

@@ -1,13 +1,13 @@
 //! Analyse, decide, act: what the controller does with each event of the group.
 //!
 //! ```text
-//! analyse   an event says what the drives measured, missed or report        serve, analyse
-//! decide    the state says what follows: a path, a wait, a stop             period, running, stopping
-//! act       each joint gets its set point, or the group gets a command      control_step
+//! analyse   an event: a measurement, a missed answer, a report of a drive     serve, analyse
+//! decide    the state determines what follows: a path, a wait, a stop         period, running, stopping
+//! act       each joint gets its set point, or the group gets a command        control_step
 //! ```
 //!
-//! The states are those of the diagram in [`crate::state`]. What a stop does is in [`super::stopping`], what standing means
-//! in [`super::standing`], the law of a joint in [`super::tracker`].
+//! The states are those of the diagram in [`crate::state`]. [`super::stopping`] describes a stop,
+//! [`super::standing`] describes when a joint stands, and [`super::tracker`] holds the control law of a joint.
 
 use core::borrow::BorrowMut;
 
@@ -27,7 +27,8 @@ use crate::store::Storage;
 use crate::supervisor;
 use crate::trace::TraceEvent;
 
-/// Homing fails after this many times the missed answers in a row that stop a path: it does not depend on a single answer.
+/// Homing fails after this many times the number of missed answers in a row that stops a path: homing does not depend on a
+/// single answer.
 const HOMING_PATIENCE: u32 = 2;
 
 impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
@@ -56,7 +57,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     }
 
     /// Updates the estimator of a joint with a measured position, and checks the motion of the joint.
-    // Not inlined, here and below: inlined, each event would save and restore the registers that all of them need.
+    // Not inlined, here and below. Inlined, each event would save and restore the registers that all branches together need.
     #[inline(never)]
     fn analyse(&mut self, now: Instant, measured: &Measured) {
         let Measured { joint, sample, in_force, trouble } = *measured;
@@ -104,7 +105,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         if in_row >= patience * self.settings.reply_missed_max {
             self.fail(now, Fault::at(Cause::DriveSilent, joint));
         } else if matches!(self.machine.state(), State::Running { parking: Some(_), .. }) {
-            // Without this command the drive would continue to the target of its last one.
+            // Without this command the drive would continue to the target of its last command.
             self.park_joint(now, joint);
         }
     }
@@ -112,7 +113,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     fn analyse_implausible(&mut self, now: Instant, joint: JointIndex, again: bool) {
         self.trackers.at_mut(joint).set_missed(true);
         self.note(now, TraceEvent::Implausible(joint));
-        // One may be a mix-up on the bus; the next one must be right.
+        // A single implausible position may be a mix-up on the bus; two in a row are a fault.
         if again {
             self.fail(now, Fault::at(Cause::ReplyImplausible, joint));
         }
@@ -139,7 +140,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     /// Leads the joints along the plan, then to its last knot.
     fn running(&mut self, now: Instant, overrun: bool) {
         let State::Running { clock, parking } = *self.machine.state() else { return };
-        // Before the plan begins the joints stand, and drives may still answer requests from before the order.
+        // Before the plan begins the joints stand, and drives may still answer requests that were sent before the order.
         let (s_us, _) = clock.at(now);
         let overrun = overrun && s_us > 0;
         match parking {
@@ -160,7 +161,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         }
     }
 
-    /// Counts periods that begin late or while the last one is still at work; true if there were too many in a row.
+    /// Counts periods that begin late or before the last one is done; true if there were too many in a row.
     fn is_overrun(&mut self, now: Instant, overrun: bool) -> bool {
         if !overrun {
             self.late_in_row = 0;
@@ -197,7 +198,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         }
     }
 
-    /// The plan is at its end, or was not begun: each joint ramps to where it stands then, and stays.
+    /// The plan has ended or had not begun: each joint ramps to the last or the first knot, and stays there.
     pub(super) fn park(&mut self, now: Instant) {
         let mut longest_s = 0.0;
         for joint in self.settings.joints() {
@@ -213,12 +214,12 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         if self.is_on_plan { spline.end_rad(joint) } else { spline.start_rad(joint) }
     }
 
-    /// Longest time that the ramp to it takes, s.
+    /// Longest time of the ramp to that knot, s.
     fn park_time_s(&self, joint: JointIndex) -> f32 {
         let limits = self.settings.joint.at(joint);
         let end_rad = self.park_rad(joint);
         let way_rad = self.group.position(joint).map_or(0.0, |position| (position.q_rad - end_rad).abs());
-        // Brakes from the speed it has, and goes back and the rest of the way at the speed of a jog.
+        // The joint brakes, returns over the braking way, and goes the rest of the way at jog speed.
         let v_rad_s = self.trackers.at(joint).qd_rad_s().abs();
         let braking_s = v_rad_s / limits.jog_a_rad_s2;
         let back_rad = way_rad + 0.5 * v_rad_s * braking_s;

@@ -14,17 +14,18 @@ use crate::state::State;
 use crate::store::Storage;
 use crate::trajectory_format::ahead_us;
 
-/// How long knots are kept after the path time has passed them, µs: measurements that come late are compared with them.
+/// How long knots are kept after the path time has passed them, µs: late measurements are compared with them.
 pub const KEPT_US: i64 = 200_000;
 
 impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
-    /// Takes the next segment of the plan that runs; returns for how many knots there is room then. The last one that was taken
-    /// passes again and changes nothing, so a lost answer does no harm.
+    /// Takes the next segment of the plan that runs; returns the number of knots for which there is room
+    /// afterwards. The segment that was taken last is accepted again and changes nothing, so a lost answer does no
+    /// harm.
     ///
     /// # Errors
     ///
-    /// [`Cause::OrderNotNow`] if nothing runs, [`Cause::OtherHost`], [`Cause::SegmentOther`], [`Cause::SegmentEarly`], and those of a
-    /// trajectory file.
+    /// [`Cause::OrderNotNow`] if nothing runs, [`Cause::OtherHost`], [`Cause::SegmentOther`],
+    /// [`Cause::SegmentEarly`], and the causes about a trajectory file.
     pub fn extend(&mut self, now: Instant, peer: Peer, bytes: &[u8]) -> Result<usize, Refusal> {
         self.now = now;
         self.require_session(now, peer)?;
@@ -43,7 +44,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         Ok(spline.room())
     }
 
-    /// Forgets what lies behind. True if a segment is missing that a stop along the path could need from now on.
+    /// Forgets the knots that are past. True if a segment is missing that a stop along the path could need from now on.
     pub(super) fn runs_dry(&mut self, s_us: i64) -> bool {
         if self.next_segment.is_none() {
             return false;

@@ -1,4 +1,4 @@
-//! Doors for a host: orders, stop, heartbeat, registers, upload.
+//! Calls for a host: orders, stop, heartbeat, registers, upload.
 
 use core::borrow::BorrowMut;
 
@@ -21,7 +21,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     ///
     /// # Errors
     ///
-    /// Why it was refused; nothing has changed then.
+    /// Why the order was refused; it has changed nothing.
     pub fn order<'a>(
         &mut self,
         now: Instant,
@@ -32,9 +32,10 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         let kind = order.kind();
         let outcome = self.admit(now, &source.into(), &order);
         match outcome {
-            // A jog comes many times a second; challenges and codes belong to the order that follows.
+            // A jog is repeated many times a second; a challenge or a code belongs to the order that follows. They are not
+            // traced.
             Ok(_) if matches!(kind, OrderKind::Jog | OrderKind::Challenge | OrderKind::Authorize) => {}
-            // New end states come a hundred times a second, and each is answered: the first of a run is enough.
+            // New end states come a hundred times a second, and each is answered: only the first of a run is traced.
             Ok(_) if kind == OrderKind::Retarget && self.targets_taken > 1 => {}
             Err(_) if kind == OrderKind::Retarget && self.targets_taken > 0 => {}
             Ok(_) => self.note(now, TraceEvent::Order(kind)),
@@ -80,7 +81,8 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         if fault.cause.code() != code {
             return Err(Refusal { cause: Cause::OtherFault, joint: fault.joint, index: fault.cause.code() });
         }
-        // A reset takes the halt from the drives. One that does not answer measures no rest, but has had the time to stop.
+        // A reset ends the halt of the drives. A drive that does not answer cannot be measured at rest, but it has had the time
+        // to stop.
         let had_time = self.halt_due + HALT_REST_MAX <= now;
         if self.any_moves(now) || !(had_time || self.all_at_rest(now)) {
             return Err(Refusal::of(Cause::StillMoving));
@@ -95,7 +97,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.offer = None;
         let fault = Fault::group(Cause::StopMessage);
         match self.kind() {
-            // Repeated, because the node asks again.
+            // The halt is repeated, because the node asks again.
             StateKind::Stopped | StateKind::Fault => {
                 self.halt(now);
                 self.group.command(now, &self.settings, Command::Stand { armed: false });
@@ -104,12 +106,12 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         }
     }
 
-    /// Sign of life of a node. Only the host's keep a motion alive.
+    /// Sign of life of a node. Only the host's heartbeat keeps a motion alive.
     pub fn host_heartbeat(&mut self, now: Instant, peer: Peer) {
         self.session.hear(now, peer);
     }
 
-    /// A node has started again. If it is the host, its session ends: an offer and an arming are void, a motion stops.
+    /// A node has started again. If it is the host, its session ends: an offer and an arming become void, and a motion stops.
     pub fn host_restarted(&mut self, now: Instant, peer: Peer) {
         self.now = now;
         if self.session.host() != Some(peer) {
@@ -137,7 +139,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.foreign_bits = self.foreign_bits.wrapping_add(bits);
     }
 
-    /// Numbers of register number `index` ([`registers::TABLE`]); `None` if there is none.
+    /// Numbers of register number `index` ([`registers::TABLE`]); `None` if there is no such register.
     pub fn register(&self, index: usize) -> Option<Numbers> {
         registers::read(&self.settings, index)
     }
@@ -158,16 +160,16 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.write_register_at(now, source, index, numbers)
     }
 
-    /// Writes a register: all numbers or none.
+    /// Writes a register: all of its numbers, or nothing.
     ///
-    /// What shapes motion changes only while nothing moves and nothing is armed, and voids an offer to arm. The
-    /// [table](registers::TABLE) says what else a change needs and voids.
+    /// A register that shapes motion can change only while nothing moves and nothing is armed; the change voids an
+    /// offer to arm. The [table](registers::TABLE) lists what else a change needs and voids.
     ///
     /// # Errors
     ///
-    /// As [`registers::write`]; [`Cause::OrderNotNow`] while the register must not change, [`Cause::StillMoving`] while a joint
-    /// moves and the register needs a new search; [`Cause::OtherHost`] while
-    /// another node holds the session; [`Cause::LimitCeiling`] for what needs the unlock; those of a code.
+    /// As [`registers::write`]; [`Cause::OrderNotNow`] while the register must not change, [`Cause::StillMoving`]
+    /// while a joint moves and the register needs a new search, [`Cause::OtherHost`] while another node holds the
+    /// session, [`Cause::LimitCeiling`] if the unlock is needed, or a cause about the code.
     pub fn write_register_at<'a>(
         &mut self,
         now: Instant,
@@ -201,7 +203,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             return Err(Refusal::of(Cause::OrderNotNow));
         }
         if info.writable == Writable::NextStart {
-            // It begins a search, which lets halted drives go: a fault ends by its clearing only.
+            // This write begins a search, which ends the halt of the drives. A fault must end only by the order to clear it.
             if matches!(self.kind(), StateKind::Fault | StateKind::Stopped) {
                 return Err(Refusal::of(Cause::OrderNotNow));
             }
@@ -261,7 +263,8 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     ///
     /// # Errors
     ///
-    /// As [`store::TrajectoryStore::write`], [`Cause::UploadOfOther`] among them; [`Cause::BankBusy`] while armed, moving, or offered to another node.
+    /// As [`store::TrajectoryStore::write`], for example [`Cause::UploadOfOther`]; [`Cause::BankBusy`] while armed, moving, or
+    /// offered to another node.
     pub fn upload(&mut self, now: Instant, peer: Peer, offset: usize, data: &[u8]) -> Result<(), Refusal> {
         self.now = now;
         if self.kind().may_move()

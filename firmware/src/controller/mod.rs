@@ -3,9 +3,9 @@
 //! # Calls
 //!
 //! * **Drives**: [`Controller::handle_packet`], [`Controller::handle_deadline`], [`Controller::poll_packet`],
-//!   [`Controller::poll_deadline`]. The packet is that of the group.
+//!   [`Controller::poll_deadline`]. The type of the packet is defined by the group.
 //! * **Host**: [`Controller::order`], [`Controller::stop_now`], [`Controller::host_heartbeat`], registers, upload.
-//!   They do not know by which protocol a host speaks. After each call the runner drains
+//!   They are independent of the protocol of the host. After each call the runner drains
 //!   [`Controller::poll_packet`], as after a `handle_*` call; `now` obeys the same rule.
 //! * **Queries** change nothing.
 //!
@@ -22,9 +22,10 @@
 //!
 //! # Bounded work
 //!
-//! One call handles one packet or one set of deadlines: at most one control step (a fixed number of operations per joint)
-//! and at most as many packets out as the transmit queue of the group holds. Only a commit takes longer, a few milliseconds
-//! on a Cortex-M4 for the longest file, and it is refused while anything is armed or moves.
+//! One call handles one packet or one set of deadlines. It makes at most one control step (a fixed number of
+//! operations per joint) and sends at most as many packets as the transmit queue of the group holds. Only a commit
+//! takes longer: a few milliseconds on a Cortex-M4 for the longest file. It is refused while anything is armed or
+//! moves.
 
 mod arming;
 mod authority;
@@ -100,15 +101,15 @@ pub struct Controller<S, M, G> {
     jitter: Duration,
     telemetry_due: Instant,
     foreign_bits: u32,
-    // What is watched.
+    // Monitored.
     late_in_row: u32,
-    /// The run has begun a period within its plan.
+    /// The first period within the plan has begun.
     is_on_plan: bool,
     /// Motions that the group had ordered when the run began.
     motions_before: u32,
     /// New end states taken since the start of the run.
     targets_taken: u16,
-    /// The segment with which the plan goes on, and the one that came last.
+    /// The segment that must come next, and the segment that came last.
     next_segment: Option<Digest>,
     last_segment: Option<Digest>,
     /// Where each joint stood when the group came to rest, rad.
@@ -135,9 +136,9 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     /// Controller with the stored settings over `defaults` and the stored trajectory; it begins to look for
     /// the drives at its first deadline.
     ///
-    /// `spline` is where the trajectory is kept; a board gives a static place, because 17 KB on their way through the
-    /// stack are too much. `defaults` must pass [`Settings::check`]; others are replaced by [`Settings::BUILT_IN`]. Their
-    /// limits are the widest that are taken without an unlock. Tokens are drawn from `seed`.
+    /// `spline` is where the trajectory is kept. A board gives a static place, because 17 KB are too much for its
+    /// stack. `defaults` must pass [`Settings::check`]; otherwise [`Settings::BUILT_IN`] replaces them. Their
+    /// limits are the widest that are accepted without an unlock. Tokens are drawn from `seed`.
     pub fn with_spline(storage: S, spline: M, defaults: &Settings, seed: Seed) -> Self {
         let mut controller = Self::blank(storage, spline, seed);
         controller.restore(defaults);
@@ -152,7 +153,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         controller
     }
 
-    /// Before [`Self::restore`].
+    /// Replaces the group; call it before [`Self::restore`].
     pub(crate) fn set_group(&mut self, group: G) {
         self.group = group;
     }
@@ -202,7 +203,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         let defaults = if defaults.check().is_ok() { defaults } else { &Settings::BUILT_IN };
         self.ceiling = *defaults;
         self.settings = store::load_settings(&self.storage, defaults);
-        // An unlock ends with the power: limits that were saved meanwhile are put back.
+        // An unlock ends with the power: limits that were saved during the unlock are put back.
         if registers::narrow(&mut self.settings, &self.ceiling) {
             self.note(Instant::ZERO, TraceEvent::LimitsPutBack);
         }
@@ -278,8 +279,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.session.heard_at().is_some_and(|seen| now.saturating_since(seen) <= timeout)
     }
 
-    /// True if the group is armed or moves, and more than half of the time in which the host must be heard has passed
-    /// without a sign of life of it.
+    /// True if the group is armed or moves, and the host was not heard for more than half of its time-out.
     pub fn is_host_late(&self, now: Instant) -> bool {
         let half = Duration::from_micros((self.settings.host_timeout_us / 2).into());
         let engaged = self.kind().may_move() || self.kind() == StateKind::Armed;

@@ -37,7 +37,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.counters.cycles
     }
 
-    /// True in a control cycle and in its rehearsal: the bus is for the drives until they have answered.
+    /// True in a control cycle and in a cycle that only checks the timing: the bus is for the drives until they have answered.
     pub fn is_keeping_time(&self) -> bool {
         self.group.is_keeping_time()
     }
@@ -47,7 +47,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.group.is_cycle_done(&self.settings)
     }
 
-    /// The group now; the jitter counts again from here.
+    /// State of the group at `now`; the jitter is measured anew from here.
     pub fn take_sample(&mut self, now: Instant) -> GroupSample {
         let jitter = core::mem::take(&mut self.jitter);
         let homed_mask = self

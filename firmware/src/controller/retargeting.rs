@@ -15,7 +15,7 @@ use crate::spline::Spline;
 use crate::state::State;
 use crate::store::Storage;
 
-/// Periods of set points that the drives have, or will have got before a change can act.
+/// Periods whose set points the drives have, or get before a change can act.
 const COMMITTED_CYCLES: u64 = 2;
 
 impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
@@ -59,14 +59,14 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         Ok(Done::Taken)
     }
 
-    /// From now to where the motion can still change: the set points that the drives have, or will have got before a change can act.
+    /// Time from now until the motion can still change: the set points that the drives have, or get before a change can act.
     #[must_use]
     pub fn committed(&self) -> Duration {
         let profile = self.group.profile(&self.settings);
         profile.period * COMMITTED_CYCLES + profile.lag
     }
 
-    /// From when on the motion can still change, and when the end state is to be reached, both µs of the plan.
+    /// First time at which the motion can still change, and time at which the end state is to be reached; both µs of the plan.
     fn reach(&self, now: Instant, clock: &PathClock, at: Instant) -> Result<(u32, u32), Refusal> {
         let (open_us, _) = clock.at(now + self.committed());
         let from_us = u32::try_from(open_us.max(0)).map_err(|_| Refusal::of(Cause::TargetTooFar))?;

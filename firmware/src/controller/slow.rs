@@ -1,4 +1,4 @@
-//! Homing and jogging: the controller's half. How a joint homes and jogs is the group's business.
+//! Homing and jogging: the controller's half. The group does the homing and jogging of a single joint.
 
 use core::borrow::BorrowMut;
 

@@ -1,12 +1,13 @@
-//! Rest: which joints stand, as measured; and the watch over a group that stands.
+//! Rest: which joints stand, as measured; and the supervision of a group that stands.
 //!
 //! # When a joint stands
 //!
-//! Its position has stayed within the steps of its encoder for [`crate::rest::WINDOW`], and the drive reports no motion since
-//! ([`DriveGroup::is_at_rest`]). Ready and Stopped are entered, and a jog, a homing, a run and Boot end, when all joints stand in
-//! this sense. There is no timer that makes a group stand. A time that passes without it ends in the fault RestNotReached.
+//! Its position has stayed within the steps of its encoder for [`crate::rest::WINDOW`], and the drive has reported
+//! no motion since ([`DriveGroup::is_at_rest`]). The group enters Ready and Stopped, and ends a jog, a homing, a
+//! run and Boot, only when all joints stand in this sense. No timer replaces the measurement: if the joints do not
+//! come to rest in time, the fault is RestNotReached.
 //!
-//! # The watch over a group that stands
+//! # Supervision of a group that stands
 //!
 //! A joint that leaves its place by more than [`PLACE_RAD`], or whose drive reports motion several times in a row, moves.
 //!
@@ -17,8 +18,8 @@
 //! | Homing, Jogging | as in Ready, for the joints that are not at work |
 //! | Fault | the halt is repeated every [`HALT_REPEAT`] until the joint stands; the first cause stays |
 //!
-//! In Fault people may move joints by hand: the repeated halt does not hinder them. In Stopped they may not, although the
-//! drives are halted: a brake that slips looks the same.
+//! In Fault people may move joints by hand: the repeated halt does not hinder them. In Stopped they may not,
+//! although the drives are halted: a slipping brake would look the same.
 
 use core::borrow::BorrowMut;
 
@@ -31,10 +32,10 @@ use crate::spline::Spline;
 use crate::state::{State, StateKind};
 use crate::store::Storage;
 
-/// Distance from its place at which a standing joint counts as moving, rad: eight steps of the encoder. A joint gives
-/// way by about one step when its brake opens or the ball leaves the hand.
+/// Distance from its place at which a standing joint counts as moving, rad: eight steps of the encoder. A joint
+/// moves by about one step when its brake opens or the ball leaves the hand.
 const PLACE_RAD: f32 = 3e-3;
-/// Time between halts while something moves that must not.
+/// Time between halts while a joint moves that must stand.
 pub(super) const HALT_REPEAT: Duration = Duration::from_millis(100);
 
 impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
@@ -48,7 +49,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.joints().find(|&joint| !self.group.is_at_rest(now, &self.settings, joint))
     }
 
-    /// True if a joint is known to move. A drive that says nothing may move or not.
+    /// True if a joint is known to move. A drive that reports nothing may move or stand.
     pub(super) fn any_moves(&self, now: Instant) -> bool {
         self.joints().any(|joint| self.group.is_moving(now, &self.settings, joint))
     }
@@ -115,7 +116,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         }
     }
 
-    /// After a fault the halt broadcast is repeated while anything moves.
+    /// Repeats the halt broadcast after a fault while anything moves.
     pub(super) fn repeat_halt(&mut self, now: Instant) {
         if self.halt_due <= now && self.any_moves(now) {
             self.halt(now);

@@ -16,8 +16,8 @@ use crate::store::Storage;
 use crate::trace::TraceEvent;
 
 impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
-    /// Begins the committed trajectory at `start`, at least the lead of the group from now. The order has checked that it may
-    /// run.
+    /// Begins the committed trajectory at `start`, at least the lead of the group from now. The caller has checked
+    /// that it may run.
     pub(super) fn start_run(&mut self, now: Instant, start: Instant) {
         self.spline.borrow_mut().follow_knots();
         self.group.command(now, &self.settings, Command::Track);
@@ -45,9 +45,9 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.enter(now, State::Running { clock: PathClock::starting(start), parking: None });
     }
 
-    /// Whether the first set point within the plan comes so late that it is a leap from rest into mid-motion. A plan begins at
-    /// rest: in two periods it goes less than the drives resolve. For drives that are led and move already it is
-    /// a late cycle as any other.
+    /// True if the first set point within the plan comes so late that the joints would leap from rest into motion.
+    /// A plan begins at rest: in its first two periods it moves less than the drives resolve. For drives that are
+    /// led and already move, it is a late cycle like any other.
     pub(super) fn misses_start(&mut self, now: Instant, s_us: i64) -> bool {
         if self.is_on_plan || s_us <= 0 {
             return false;
@@ -57,8 +57,8 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         !self.is_on_plan
     }
 
-    /// Ends a run, or the wait for it, before anything has moved. Drives that have got set points of the wait ramp to rest
-    /// where the plan begins: a drive keeps the last acceleration that it got.
+    /// Ends a run, or the wait for it, before anything has moved. If drives have got set points during the wait,
+    /// they ramp to rest where the plan begins: a drive keeps the last acceleration that it got.
     pub(super) fn not_begun(&mut self, now: Instant, cause: Cause) {
         self.gripper.cancel();
         self.note(now, TraceEvent::Refused(OrderKind::Run, cause));

@@ -2,7 +2,7 @@
 //!
 //! | reaction | while tracking | homing | jogging | nothing moves |
 //! |---|---|---|---|---|
-//! | path stop | the path is followed ever more slowly; a quick stop if the joints cannot keep to it, or if it takes too long | halt | quick stop | halt |
+//! | path stop | the path is followed more and more slowly; a quick stop if the joints cannot keep to it, or if it takes too long | halt | quick stop | halt |
 //! | quick stop | one ramp per joint to where it can just stop | halt | one ramp | halt |
 //! | halt | halt at once | halt | halt | halt |
 //!
@@ -31,7 +31,7 @@ use crate::trace::TraceEvent;
 const SETTLE_CYCLES: u64 = 3;
 
 impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
-    /// Something is wrong: reacts, unless a graver reaction is already at work.
+    /// Reacts to a fault, unless a more severe reaction is already in progress.
     pub(super) fn fail(&mut self, now: Instant, fault: Fault) {
         self.react(now, fault, fault.cause.reaction());
     }
@@ -56,7 +56,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
                         self.quick_stop(now, first, clock);
                     }
                     (Reaction::QuickStop, StopWay::Quick) => {
-                        // Ramps are out; a drive that does not listen gets its halt now.
+                        // Ramps are sent; a drive that does not answer gets its halt now.
                         self.halt_silent(now, fault);
                     }
                     (_, StopWay::Halted) if !first.cause.is_plain_stop() => self.end_stop(now, first),
@@ -78,7 +78,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             }
             (State::Boot, _) if fault.cause.is_plain_stop() => {
                 self.halt(now);
-                // The halt spoils the proof of the watchdogs that may be at work.
+                // The halt disturbs the proof of the watchdogs that may be in progress: search again.
                 self.find(now, false);
             }
             (
@@ -95,7 +95,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         }
     }
 
-    /// Latches the first of two causes of a stop; returns it.
+    /// Latches the first cause of `latched` and `new`; returns it.
     fn latch(&mut self, now: Instant, latched: Fault, new: Fault) -> Fault {
         let first = first_cause(latched, new);
         if first != new {
@@ -115,12 +115,12 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.note(now, TraceEvent::Halt);
     }
 
-    /// True in Fault until the joints are measured at rest, at most [`HALT_REST_MAX`] after the last halt.
+    /// True in Fault until the joints are measured at rest, for at most [`HALT_REST_MAX`] after the last halt.
     pub fn is_braking(&self, now: Instant) -> bool {
         self.kind() == StateKind::Fault && now < self.halt_due + HALT_REST_MAX && !self.all_at_rest(now)
     }
 
-    /// The halt and the state after it: Fault at once, Stopped when all joints stand.
+    /// Sends the halt and enters the next state: Fault at once, Stopped when all joints stand.
     pub(super) fn end_stop(&mut self, now: Instant, fault: Fault) {
         self.halt(now);
         if !fault.cause.is_plain_stop() {
@@ -135,9 +135,9 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         }
     }
 
-    /// Looks for the drives, from the beginning. With `reset` errors and halts are cleared first.
+    /// Searches the drives from the beginning. With `reset`, errors and halts are cleared first.
     pub(super) fn find(&mut self, now: Instant, reset: bool) {
-        // The picture belongs to the fault that ends here.
+        // The freeze frame belongs to the fault that ends here.
         self.freeze = None;
         self.group.command(now, &self.settings, Command::Find { reset });
         self.enter(now, State::Boot);
@@ -178,7 +178,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
                 let open = self.first_open(now);
                 let (_, rate) = clock.at(open);
                 match self.slowing(open, &clock) {
-                    // Before the start of the plan or at its end the reference stands anyway.
+                    // Before the start of the plan and after its end the reference stands anyway.
                     _ if rate <= 0.0 => clock.advance(open, 0.0),
                     Some(slowing) => clock.advance(open, slowing),
                     None => {
@@ -192,13 +192,13 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         }
     }
 
-    /// First time whose reference may still change. Drives that close their own loop were given what lies before it.
+    /// First time whose reference may still change. Drives that close their own loop already have the references before it.
     fn first_open(&self, now: Instant) -> Instant {
         let profile = self.group.profile(&self.settings);
         if profile.law == Law::Reference { now + profile.lag } else { now }
     }
 
-    /// Hardest slowing down of path time that all joints can follow in the cycle from `open` on.
+    /// Hardest slowing down of path time that all joints can follow in the cycle that begins at `open`.
     fn slowing(&mut self, open: Instant, clock: &PathClock) -> Option<f32> {
         let mut slowing = Slowing::default();
         let ahead = open + self.group.profile(&self.settings).period;
@@ -211,7 +211,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         slowing.hardest_1_s()
     }
 
-    /// Keeps the picture of the first fault.
+    /// Keeps the freeze frame of the first fault.
     fn freeze_at(&mut self, now: Instant, fault: Fault) {
         if fault.cause.is_plain_stop() || self.freeze.is_some() {
             return;
@@ -244,16 +244,16 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     }
 }
 
-/// Of a latched cause and a new one: the first, but a fault goes before a plain stop, and the name of an error before the
-/// error.
+/// The first of a latched cause and a new one. Two exceptions: a fault replaces a plain stop, and the name of an
+/// error replaces the report that there is an error.
 fn first_cause(latched: Fault, new: Fault) -> Fault {
     let fault_after_stop = latched.cause.is_plain_stop() && !new.cause.is_plain_stop();
     if fault_after_stop || names(latched, new) { new } else { latched }
 }
 
-/// True if `new` says what `latched` is about. The state that comes with a position only tells that something is wrong with
-/// the drive; its state word, which is read next, tells what. All watchdogs wait for the same sign of life, so one drive whose
-/// watchdog has expired speaks for the others.
+/// True if `new` explains `latched`. The short state that comes with a position reports only that the drive has an
+/// error; the state word, which is read next, names the error. All watchdogs wait for the same sign of life, so one
+/// drive whose watchdog has expired explains the others.
 fn names(latched: Fault, new: Fault) -> bool {
     let reported = Cause::DriveTowError.code()..=Cause::DriveLostHome.code();
     latched.cause == Cause::DriveError

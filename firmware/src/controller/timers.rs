@@ -1,5 +1,5 @@
-//! What the controller waits for beside its group: each deadline by name, the earliest of them, and what follows when it has
-//! come. Everything that is due is served in one call, and afterwards no deadline lies at or before now.
+//! What the controller waits for beside its group: each deadline by name, the earliest of them, and the reaction
+//! when it has come. One call serves everything that is due; afterwards no deadline is at or before `now`.
 
 use core::borrow::BorrowMut;
 
@@ -35,7 +35,7 @@ enum Timer {
     Stop,
 }
 
-/// Deadlines at one time, and one more for each that begins when another one has come.
+/// Deadlines at one time, and one more for each deadline that a served deadline starts.
 const SERVED_MAX: usize = 16;
 
 impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
@@ -61,14 +61,14 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         ]
     }
 
-    /// When the host is lost that this state needs.
+    /// When the host of this state counts as lost; `None` if the state needs no host.
     fn host_lost_at(&self) -> Option<Instant> {
         let needed = match self.machine.state() {
             State::Armed { .. } | State::Homing(_) | State::Running { .. } => true,
             State::Jogging(jog) => !jog.released,
             _ => false,
         };
-        // Heard until the last microsecond of the time-out.
+        // The host is in time until the last microsecond of the time-out.
         let timeout = Duration::from_micros(u64::from(self.settings.host_timeout_us) + 1);
         if needed { Some(self.session.heard_at().map_or(self.now, |heard| heard + timeout)) } else { None }
     }

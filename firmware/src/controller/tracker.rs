@@ -1,10 +1,11 @@
-//! Tracking of one joint: where it is in relation to its reference, and what it does next.
+//! Tracking of one joint: its state relative to its reference, and its next set point.
 //!
-//! In cycle k a set point is computed from what cycle k-1 measured, and acts in cycle k for one period. So the state is one
-//! period old when the set point begins to act, and the feed forward is the mean acceleration of the reference over the
-//! interval in which it acts ([`crate::feedback`]), taken the drive's lag later: a set point moves the drive's generator, and the
-//! position follows it. Without this lead the jump of the acceleration at the start of a throw leaves a speed error of lag
-//! times jump to the feedback (45 mrad/s with a lag of 5 ms). The designs of `cubectl tune` count on it.
+//! In cycle k a set point is computed from the measurement of cycle k-1, and acts in cycle k for one period. So the
+//! state is one period old when the set point begins to act. The feed forward is the mean acceleration of the
+//! reference over the interval in which the set point acts ([`crate::feedback`]), taken later by the lag of the
+//! drive: a set point moves the drive's generator, and the position follows it. Without this shift the jump of the
+//! acceleration at the start of a throw leaves a speed error of lag times jump to the feedback (45 mrad/s with a
+//! lag of 5 ms). The designs of `cubectl tune` assume it.
 
 use protocol::Instant;
 
@@ -14,7 +15,7 @@ use crate::settings::JointSettings;
 use crate::span;
 use crate::spline::Setpoint;
 
-/// Set points in a row turned into braking before a soft limit that stop the group.
+/// Set points in a row that were turned into braking before a soft limit; this many stop the group.
 const NEAR_LIMIT_ROW: u8 = 3;
 
 /// See the [module](self).
@@ -25,7 +26,7 @@ pub(super) struct Tracker {
     measured_at: Instant,
     /// A set point was answered since the last control step.
     fresh: bool,
-    /// An answer was missed, or is of no use.
+    /// An answer was missed, or is not usable.
     missed: bool,
     /// Input of the error system in force since the last answer, rad/s².
     u_in_force_rad_s2: f32,
@@ -36,11 +37,11 @@ pub(super) struct Tracker {
 }
 
 impl Tracker {
-    /// The joint stands `e_rad` from its reference.
+    /// Starts with the joint at rest, `e_rad` from its reference.
     pub(super) fn begin(now: Instant, e_rad: f32, weights: Weights) -> Self {
         let mut estimator = ErrorEstimator::default();
         estimator.update(e_rad, 0.0, 0.0, 0.0, weights);
-        // Not the answer to a set point, but as good: the joint stands.
+        // There is no answer to a set point yet, but the joint stands, which is as good.
         Self { estimator, measured_at: now, fresh: true, ..Self::default() }
     }
 
@@ -56,7 +57,8 @@ impl Tracker {
         let e_rad = sample.q_rad - self.reference.q_rad;
         self.estimator.update(e_rad, dt_s, self.u_in_force_rad_s2, period_s, weights);
         self.measured_at = sample.at;
-        // An answer that comes after the next control step is that of the cycle before: that step is still to be answered.
+        // An answer that comes after the next control step belongs to the cycle before: the answer to that step is still to
+        // come.
         self.fresh = in_force.in_time;
         self.missed = false;
         self.u_in_force_rad_s2 = in_force.u_rad_s2;
@@ -105,7 +107,7 @@ impl Tracker {
         }
     }
 
-    /// Takes note of what became of a set point; true if the joint has been braked before a soft limit too often in a row.
+    /// Records what became of a set point; true if the joint has been braked before a soft limit too often in a row.
     pub(super) const fn is_near_limit(&mut self, taken: Taken) -> bool {
         self.near_limit_in_row =
             if taken.position_limited { self.near_limit_in_row.saturating_add(1) } else { 0 };
@@ -198,8 +200,8 @@ mod tests {
         assert!((found - expected).abs() < 2e-4, "{found}, expected {expected}");
     }
 
-    /// The state is carried to the time at which the set point acts: after an answer in time, after one that belongs to the set
-    /// point before, and through cycles without one.
+    /// The state is predicted for the time at which the set point acts: after an answer in time, after a late
+    /// answer to the set point before, and through cycles without an answer.
     #[test]
     fn set_point_begins_where_the_joint_will_be() {
         for in_time in [true, false] {
@@ -208,7 +210,7 @@ mod tests {
                 let acts_at = at + PERIOD_US * (cycle + 1) + 900;
                 let set_point = decided(&mut tracker, Law::Feedback, acts_at);
                 assert_near(set_point.q_rad, 2.0 + parabola(acts_at).0);
-                // The rate is that of the state the law works on: the last measurement, or the last control step.
+                // The rate is that of the state that the law uses: at the last measurement, or at the last control step.
                 let state_at = at + PERIOD_US * (cycle + u64::from(!in_time));
                 assert_near(set_point.qd_rad_s, 0.7 + parabola(state_at).1);
                 assert_eq!(set_point.acts_at, US(acts_at));

@@ -1,4 +1,4 @@
-//! What the Cyphal node is asked for: info, registers, commands and files, answered by the controller.
+//! Requests to the Cyphal node: info, registers, commands and files, answered by the controller.
 
 use core::borrow::BorrowMut;
 
@@ -31,7 +31,7 @@ use crate::spline::Spline;
 use crate::state::StateKind;
 use crate::store::Storage;
 
-/// Registers beside the settings: the types of the ports, as the standard wants them.
+/// Registers beside the settings: the types of the ports, which the standard requires.
 const TYPES: [(&str, &str); 5] = [
     ("uavcan.sub.stop.type", stop::TYPE),
     ("uavcan.pub.group_state.type", group_state::TYPE),
@@ -46,12 +46,12 @@ const FILES: [&[u8]; 3] = [TRAJECTORY_PATH, FREEZE_PATH, TRACE_PATH];
 /// Registers of the key, after those.
 const KEYS: [&str; 2] = [KEY_REGISTER, KEYED_REGISTER];
 
-/// A node as the controller knows it.
+/// A node in the numbering of the controller.
 const fn peer(node: NodeId) -> Peer {
     Peer::new(node.get())
 }
 
-/// The output of a command, by what became of it.
+/// The output of a command, from its result.
 fn answer<T>(
     outcome: Result<T, Refusal>,
     output: &mut Writer<'_>,
@@ -79,23 +79,23 @@ pub(super) struct App<S, M, G> {
     identity: Identity,
     pub(super) ports: [Port; 3],
     pub(super) subjects: [SubjectId; 3],
-    /// What became of the last new end state, until it is sent.
+    /// Answer to the last new end state, until it is sent.
     pub(super) answer: Option<TargetAnswer>,
-    /// Node whose heartbeat was heard last as the host's, and its uptime, s.
+    /// Node whose heartbeat was last accepted as the host's, and its uptime, s.
     beat: Option<(NodeId, u32)>,
     pub(super) complete: bool,
     pub(super) late_host: LateHost,
 }
 
-/// Whether people are told of a host that is nearly too slow: once for each arming or motion.
+/// Whether a warning about a late host was sent: one for each arming or motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum LateHost {
-    /// It was in time.
+    /// The host was in time.
     No,
-    /// A sign of life came late.
+    /// A sign of life came late; the warning is still to be sent.
     Seen,
-    /// Told.
-    Told,
+    /// The warning was sent.
+    Warned,
 }
 
 impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> App<S, M, G> {
@@ -113,7 +113,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> App<S, M, G> {
         }
     }
 
-    /// Heartbeat of a node. One that starts again counts its uptime from zero: what it ordered before is void.
+    /// Heartbeat of a node. If its uptime has decreased, the node has started again and its earlier orders are void.
     fn take_heartbeat(&mut self, now: Instant, source: NodeId, payload: &[u8]) {
         let Ok(beat) = Heartbeat::from_bytes(payload) else { return };
         let peer = peer(source);
@@ -147,7 +147,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> App<S, M, G> {
         });
     }
 
-    /// Takes the key, or its removal by no bytes. What is refused shows in register `security.keyed`, and in the trace.
+    /// Takes the key, or removes it if the value is empty. A refusal is visible in register `security.keyed`, and in the trace.
     fn write_key(&mut self, now: Instant, source: Source<'_>, value: &Value<'_>) {
         if value.kind() != ValueType::Unstructured {
             return;
@@ -222,7 +222,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Application for App<S, M, 
             return Some(Register { mutable: false, persistent: true, value });
         }
         if KEYS.get(index.checked_sub(TYPES.len())?) == Some(&KEY_REGISTER) {
-            // Never the key itself.
+            // Never returns the key itself.
             let value = Value::unstructured(&[]).ok()?.into();
             return Some(Register { mutable: true, persistent: true, value });
         }
@@ -236,7 +236,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Application for App<S, M, 
         let source = Source { peer: peer(client), content };
         let index = usize::from(index);
         let Some(info) = registers::TABLE.get(index) else {
-            // The only other one that can be written.
+            // The only other register that can be written.
             self.write_key(now, source, value);
             return;
         };
@@ -252,7 +252,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Application for App<S, M, 
             *place = number;
             count += 1;
         }
-        // More than fit are too many for any register; the refusal shows in the value read back.
+        // More numbers than fit are too many for any register; the value read back shows the refusal.
         if value.len() == count
             && let Some(numbers) = numbers.get(..count)
         {
@@ -283,7 +283,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Application for App<S, M, 
         let peer = peer(client);
         if number == command::EXTEND {
             self.controller.host_heartbeat(now, peer);
-            // Needs no code: the armed file has its digest.
+            // Needs no code: the armed file contains the digest of the segment.
             return answer(self.controller.extend(now, peer, parameter), output, |knots, output| {
                 Room { knots: knots as u16 }.encode(output);
             });
@@ -325,7 +325,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Application for App<S, M, 
         }
         let offset = usize::try_from(offset).map_err(|_| FileError::FILE_TOO_LARGE)?;
         if data.is_empty() {
-            // The end: everything before it must be there.
+            // End of the file: everything before it must be there.
             let whole = self.controller.uploaded().is_some_and(|name| name.len as usize == offset);
             self.complete = whole;
             return if whole { Ok(()) } else { Err(FileError::INVALID_VALUE) };
@@ -356,7 +356,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Application for App<S, M, 
     fn message(&mut self, now: Instant, transfer: &Transfer<'_>) {
         let [stop_port, _, target_port] = self.ports;
         match transfer.route {
-            // Whatever it says, from whomever.
+            // A stop counts with any content, from any node.
             Route::Message { subject, .. } | Route::Anonymous { subject, .. }
                 if subject.get() == stop_port.id =>
             {

@@ -1,4 +1,4 @@
-//! Freeze frame and trace as the files of [`protocol::cyphal::cubecell::history`]: made piece by piece where they are read.
+//! Freeze frame and trace as the files of [`protocol::cyphal::cubecell::history`], made piece by piece at each read.
 
 use core::borrow::BorrowMut;
 
@@ -13,7 +13,7 @@ use crate::spline::Spline;
 use crate::store::Storage;
 use crate::trace::{TRACE_LEN, TraceEvent};
 
-/// Part of a file that is asked for, and how much of it is there.
+/// The requested part of a file, and how much of it is filled.
 struct Piece<'a> {
     /// Where the next record begins, from the start of the file.
     at: usize,

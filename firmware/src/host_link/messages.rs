@@ -18,7 +18,7 @@ use crate::retarget::EndState;
 use crate::store::FileName;
 use crate::telemetry::GroupSample;
 
-/// Order of a command; an error if there is none or its parameter cannot be read.
+/// Order of a command; an error if the command is unknown or its parameter cannot be read.
 pub(super) fn order_of(number: u16, parameter: &[u8]) -> Result<Order, Status> {
     fn read<'a, T: Decode<'a>>(parameter: &'a [u8]) -> Result<T, Status> {
         T::from_bytes(parameter).map_err(|_| Status::BAD_PARAMETER)
@@ -117,7 +117,7 @@ pub(super) fn to_message(refusal: &Refusal) -> command::Refusal {
     }
 }
 
-/// Port numbers are 16 bits wide in the standard, all others as wide as they are here.
+/// Port numbers are 16 bits wide in the standard, all other numbers as wide as they are here.
 pub(super) fn to_value(name: &str, kind: Kind, numbers: &[Number]) -> Option<ValueBuf> {
     let (mut floats, mut naturals, mut bits) =
         ([0.0f32; JOINTS_MAX], [0u32; JOINTS_MAX], [false; JOINTS_MAX]);
@@ -138,7 +138,7 @@ pub(super) fn to_value(name: &str, kind: Kind, numbers: &[Number]) -> Option<Val
     }
 }
 
-/// The message that tells a host of the group. `complete`: a whole file is in the upload bank.
+/// The message with the state of the group. `complete`: a whole file is in the upload bank.
 pub fn group_message(sample: &GroupSample, sequence: u16, complete: bool) -> group_state::GroupState {
     let us16 = |span: Duration| u16::try_from(span.as_micros()).unwrap_or(u16::MAX);
     let ms = (sample.arming_left.as_micros().min(u64::from(u32::MAX)) as u32) / 1_000;

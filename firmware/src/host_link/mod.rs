@@ -1,8 +1,9 @@
 //! The controller with its host link: Cyphal/CAN beside the drives.
 //!
-//! Only translation lives here: `app` answers what the node is asked for, `messages` turns commands into [`Order`]s,
-//! register values into numbers and samples into messages, `history` freeze frame and trace into files, `can_node` makes
-//! controllers nodes of a CAN bus; this file decides when each frame leaves. The numbers, parameters and messages are those of [`protocol::cyphal::cubecell`].
+//! This module only translates. `app` answers requests to the node, `messages` turns commands into [`Order`]s,
+//! register values into numbers and samples into messages, `history` turns freeze frame and trace into files,
+//! `can_node` makes controllers nodes of a CAN bus. This file decides when each frame leaves. The numbers,
+//! parameters and messages are those of [`protocol::cyphal::cubecell`].
 //!
 //! # Two ports
 //!
@@ -15,20 +16,21 @@
 //! | drives that do not speak CAN | the same; packets are those of the group |
 //! | no host link | [`Controller`] itself, with orders given in the process |
 //!
-//! # Who is the host
+//! # Which node is the host
 //!
-//! The node that gave the last accepted order. Its heartbeats and its commands keep a motion alive; those of
-//! others do not. While an offer to arm is pending, and while the group is armed or moves, other nodes may only stop and disarm.
-//! A host whose uptime decreases has restarted: its offer and its arming become void, and its motion stops. A host must send
-//! heartbeats more often than `host.timeout_us`; the one per second of the standard is not enough. While the group is armed or
-//! moves, a heartbeat later than half of that time causes a warning (`uavcan.diagnostic.Record`), and later than all of it a stop.
+//! The node that gave the last accepted order. Only its heartbeats and its commands keep a motion alive. While an
+//! offer to arm is pending, and while the group is armed or moves, other nodes may only stop and disarm. A host
+//! whose uptime decreases has restarted: its offer and its arming become void, and its motion stops. A host must
+//! send heartbeats more often than `host.timeout_us`; the one per second of the standard is not enough. While the
+//! group is armed or moves, a heartbeat later than half of that time causes a warning (`uavcan.diagnostic.Record`),
+//! and one later than all of it a stop.
 //!
-//! # Pace
+//! # Bus load
 //!
-//! On one bus the drives come first. While a control cycle runs, Cyphal frames go out in what is left of it after the last
-//! motion's answer, or one per two cycles if nothing is left. At rest they keep a distance, so that a long answer never
-//! fills a transmit queue before a halt. A stop that is received is acted on at once and needs no frame of this node.
-//! A call that makes a control step makes nothing else: samples are taken in the next call.
+//! On one bus the drives come first. While a control cycle runs, Cyphal frames are sent after the last motion's
+//! answer, or one per two cycles if no time is left. At rest they keep a distance, so that a long answer never
+//! fills a transmit queue before a halt. A received stop acts at once and needs no frame of this node. A call that
+//! makes a control step does nothing else: samples are taken in the next call.
 
 mod app;
 mod can_node;
@@ -59,7 +61,7 @@ use crate::telemetry::{GroupSample, JointSample};
 
 /// Time between Cyphal frames: a little more than a frame takes at 1 Mbit/s.
 const SPACING: Duration = Duration::from_micros(160);
-/// Longest wait of telemetry behind a control step, if no frame comes before.
+/// Longest time that telemetry waits after a control step, if no frame comes before.
 const LATER: Duration = Duration::from_millis(1);
 
 /// Name of the program in `GetInfo`.
@@ -68,13 +70,13 @@ pub const NODE_NAME: &[u8] = b"cubecell.controller";
 /// What a board knows about itself.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Identity {
-    /// Number of this very board in the world.
+    /// Unique identifier of this board.
     pub unique_id: [u8; 16],
     /// Board, major and minor version.
     pub hardware: (u8, u8),
 }
 
-/// Where a frame comes from, or goes to.
+/// Port that a frame comes from, or goes to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Port {
     /// The drives.
@@ -90,13 +92,13 @@ impl Port {
     }
 }
 
-/// Whose the bus of the host link is.
+/// Which bus the host link uses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum HostBus {
-    /// The drives' too: host frames wait for the drives, and count to the load of their bus.
+    /// The bus of the drives: host frames wait for the drives, and count to the load of the bus.
     #[default]
     Shared,
-    /// Its own.
+    /// A bus of its own.
     Own,
 }
 
@@ -116,7 +118,7 @@ pub struct ControllerNode<S, M, G> {
     last_frame: Instant,
     held: Option<Frame>,
     host_bus: HostBus,
-    /// A control step was made in the last call: what is not urgent comes with the next one, at the latest then.
+    /// A control step was made in the last call: work that is not urgent is done in the next call, at the latest at this time.
     later: Option<Instant>,
     now: Instant,
 }
@@ -166,10 +168,10 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> ControllerNode<S, M, G> {
         node
     }
 
-    /// First half of [`Self::with_spline`], for a board: what this returns is made in the place it is kept in, and
-    /// [`Self::restore`] must follow before anything else. In one call the node would be made and then moved, with stack for
-    /// two of them.
-    // The large parts come last and from a call each, or they would be made elsewhere (see `Controller::blank`).
+    /// First half of [`Self::with_spline`], for a board: the value is built in the place in which it is kept, and
+    /// [`Self::restore`] must follow before anything else. In one call the node would be built and then moved,
+    /// which needs stack for two of them.
+    // The large parts come last, each from a call; otherwise the compiler builds them elsewhere (see `Controller::blank`).
     #[inline(never)]
     pub fn blank(now: Instant, storage: S, spline: M, identity: Identity, seed: Seed) -> Self {
         let valid = Duration::from_millis(200);
@@ -213,7 +215,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> ControllerNode<S, M, G> {
         [self.group_state.subject, self.joint_state.subject, self.target_answer.subject] = subjects;
     }
 
-    /// Says whose the bus of the host link is.
+    /// Sets which bus the host link uses.
     pub const fn set_host_bus(&mut self, host_bus: HostBus) {
         self.host_bus = host_bus;
     }
@@ -223,8 +225,8 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> ControllerNode<S, M, G> {
         &self.app.controller
     }
 
-    /// An order of whoever runs this node, such as a stop before it is switched off. Not through the host link: who is the
-    /// host stays as it is.
+    /// An order of the program that runs this node, such as a stop before it is switched off. It does not come
+    /// through the host link, so the host stays the same.
     ///
     /// # Errors
     ///
@@ -234,7 +236,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> ControllerNode<S, M, G> {
         self.app.controller.order(now, Peer::LOCAL, order)
     }
 
-    /// As a stop message on the bus: the halt broadcast is the next frame out.
+    /// Same effect as a stop message on the bus: the halt broadcast is the next frame out.
     pub fn stop_now(&mut self, now: Instant) {
         self.now = now;
         self.app.controller.stop_now(now);
@@ -245,15 +247,15 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> ControllerNode<S, M, G> {
         self.app.controller.take_gripper_level()
     }
 
-    /// Tells of a host that is nearly too slow, before its motion is stopped because it is.
-    fn tell_of_late_host(&mut self, now: Instant) {
+    /// Warns of a late host before its motion is stopped.
+    fn warn_of_late_host(&mut self, now: Instant) {
         match self.app.late_host {
             LateHost::No => {}
             LateHost::Seen => {
-                self.app.late_host = LateHost::Told;
+                self.app.late_host = LateHost::Warned;
                 self.link.log(now, Severity::Warning, "host late: over half of host.timeout_us");
             }
-            LateHost::Told => {
+            LateHost::Warned => {
                 let state = self.app.controller.state().kind();
                 if !state.may_move() && state != StateKind::Armed {
                     self.app.late_host = LateHost::No;
@@ -262,7 +264,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> ControllerNode<S, M, G> {
         }
     }
 
-    /// Messages that are due: answers at once, the state when it changes, all with the period of the telemetry.
+    /// Sends messages that are due: answers at once, the state when it changes, all of them once per telemetry period.
     fn publish(&mut self, now: Instant) {
         if let Some(answer) = self.app.answer.take() {
             let _ = self.link.publish(now, &mut self.target_answer, &answer);
@@ -307,10 +309,10 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> ControllerNode<S, M, G> {
         }
     }
 
-    /// What a call does once the drives are served.
+    /// Work of a call after the drives are served.
     fn after_the_drives(&mut self, now: Instant) {
         self.later = None;
-        self.tell_of_late_host(now);
+        self.warn_of_late_host(now);
         self.publish(now);
         if self.link.poll_timeout() <= now {
             self.link.handle_timeout(now, &self.app);
@@ -354,7 +356,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> ControllerNode<S, M, G> {
         self.after_the_drives(now);
     }
 
-    /// A packet of the drives' port. One that makes a control step makes nothing else.
+    /// A packet of the drives' port. If it makes a control step, the call does nothing else.
     pub fn handle_packet(&mut self, now: Instant, packet: &G::Packet) {
         self.now = now;
         let cycles = self.app.controller.cycles();
@@ -362,11 +364,11 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> ControllerNode<S, M, G> {
         self.after_a_call(now, cycles);
     }
 
-    /// A deadline of [`Self::poll_deadline`] has come. One that makes a control step makes nothing else.
+    /// A deadline of [`Self::poll_deadline`] has come. If it makes a control step, the call does nothing else.
     pub fn handle_deadline(&mut self, now: Instant) {
         self.now = now;
         let cycles = self.app.controller.cycles();
-        // Harmless where nothing is due, and cheaper than the question.
+        // Harmless if nothing is due, and cheaper than to check.
         self.app.controller.handle_deadline(now);
         self.after_a_call(now, cycles);
     }

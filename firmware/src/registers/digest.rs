@@ -1,5 +1,5 @@
-//! What settings amount to: the checksum of what a certificate is about, and the digest of what a run depends on. Both over
-//! the stored rows of registers, in the order of the table.
+//! The checksum of what a certificate of gains depends on, and the digest of what a run depends on. Both are
+//! computed over the stored rows of registers, in the order of the table.
 
 use sha2::{Digest as _, Sha256};
 
@@ -16,8 +16,8 @@ fn rows(settings: &Settings, wanted: fn(&RegisterInfo) -> bool, mut take: impl F
     }
 }
 
-/// Checksum over what the certificate of the gains in `settings` must be about to prove the loop that they make: gains,
-/// weights, period, delay, lag, age of a reply, acceleration and robot. Never 0, which stands for no certificate.
+/// Checksum over the settings that the certificate of the gains in `settings` must match: gains, weights, period,
+/// delay, lag, age of a reply, acceleration and robot. Never 0, which stands for no certificate.
 pub fn certificate_crc32(settings: &Settings) -> u32 {
     let mut crc = Crc32::new();
     rows(settings, |info| info.is_proven, |row| crc.update(row));

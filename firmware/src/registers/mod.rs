@@ -37,38 +37,39 @@ pub enum Number {
 /// When a register may be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Writable {
-    /// Never: it tells what the controller was started with.
+    /// Never: it holds what the controller was started with.
     Never,
     /// Also during a motion: it does not shape motion.
     Always,
     /// Only while nothing moves and nothing is armed.
     AtRest,
-    /// Makes the controller look for its drives again; writable while nothing moves, but not in Stopped and Fault: halted
-    /// drives are let go by an order only.
+    /// Makes the controller search its drives again. Writable while nothing moves, but not in Stopped and Fault:
+    /// only an order ends the halt of the drives.
     NextStart,
     /// Takes effect when the controller is switched on the next time, if it was saved.
     NextPowerOn,
 }
 
-/// What of a register lets the arm do more than before. It needs the unlock, and any change voids the commit.
+/// Which new values let the arm do more than before. They need the unlock, and any change voids the commit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wider {
     /// Nothing: not a limit.
     No,
-    /// More than the controller was started with; put back when the unlock ends.
+    /// Larger values than the controller was started with; put back when the unlock ends.
     More,
-    /// Less than the controller was started with; put back when the unlock ends.
+    /// Smaller values than the controller was started with; put back when the unlock ends.
     Less,
-    /// Any other number: it moves all limits in the room. What was set while unlocked stays.
+    /// Any other value, because it moves all limits in space. A value set during the unlock stays.
     Other,
 }
 
-/// The loop that the certificate of the gains is of depends on it: in [`certificate_crc32`], a change voids the certificate.
+/// The loop that the gains are certified for depends on it: it is part of [`certificate_crc32`], and a change voids the
+/// certificate.
 const PROVEN: bool = true;
 const FREE: bool = false;
 
-/// Row of the table: the one place that says when a register may be written, what of it needs the unlock and what a change
-/// voids.
+/// Row of the table. Only the table holds when a register may be written, which values need the unlock and what a
+/// change voids.
 #[derive(Clone, Copy, Debug)]
 pub struct RegisterInfo {
     /// Name, with the unit.
@@ -83,7 +84,7 @@ pub struct RegisterInfo {
     pub max: f32,
     /// When it may be written.
     pub writable: Writable,
-    /// What of it needs the unlock.
+    /// Which values need the unlock.
     pub wider: Wider,
     /// A change voids the certificate of the gains.
     pub is_proven: bool,
@@ -103,24 +104,24 @@ impl RegisterInfo {
         if self.per_joint { settings.joints as usize } else { 1 }
     }
 
-    /// True if the number may stand here. Subnormal numbers mean nothing in any unit, and cost time in arithmetic.
+    /// True if the register accepts the number. Subnormal numbers mean nothing in any unit, and cost time in arithmetic.
     fn allows(&self, number: Number) -> bool {
         let x = number.magnitude();
         // Written so that NaN fails.
         number.kind() == self.kind && x >= self.min && x <= self.max && !x.is_subnormal()
     }
 
-    /// True for a limit of motion or of its supervision, and for what limits are counted from: a change voids the commit.
+    /// True for a limit of motion or of its supervision, and for an origin of limits: a change voids the commit.
     pub const fn is_limit(&self) -> bool {
         !matches!(self.wider, Wider::No)
     }
 
-    /// True for gains, for all that their certificate is about, and for its checksum.
+    /// True for gains, for everything that their certificate depends on, and for its checksum.
     pub fn is_of_gains(&self) -> bool {
         self.is_proven || self.name == "gains.certificate_crc32"
     }
 
-    /// True if [`run_digest`] covers it: all that a run depends on.
+    /// True if [`run_digest`] covers it: everything that a run depends on.
     pub const fn is_in_digest(&self) -> bool {
         !matches!(self.writable, Writable::Always | Writable::NextPowerOn)
     }
@@ -143,7 +144,7 @@ impl RegisterInfo {
     fn widens(&self, number: Number, old: Number, ceiling: Number) -> bool {
         match self.wider {
             Wider::Other => number != old,
-            // A limit that is wide already, by another node's unlock, may be narrowed.
+            // A limit that is already wide, by another node's unlock, may be narrowed.
             _ => self.is_wider(number, ceiling) && self.is_wider(number, old),
         }
     }
@@ -243,7 +244,7 @@ macro_rules! registers {
                 writable: Writable::$jwhen, wider: Wider::$jwider, is_proven: $jproven, place: Place::Joint(Joint::$jfield) },)*
         ];
 
-        /// What each register is, in the order of [`TABLE`]; apart from it because a board has no use for the texts.
+        /// What each register is, in the order of [`TABLE`]; separate from it, because a board does not need the texts.
         pub const MEANINGS: &[&str] = &[$($gtext,)* $($jtext,)*];
 
         /// One number of a register.
@@ -255,7 +256,7 @@ macro_rules! registers {
             }
         }
 
-        /// Sets one number; `None` for one of another type.
+        /// Sets one number; `None` if its type is not that of the register.
         fn set(settings: &mut Settings, place: Place, joint: JointIndex, number: Number) -> Option<()> {
             let joint = settings.joint.at_mut(joint);
             match place {
@@ -335,7 +336,7 @@ pub fn find(name: &str) -> Option<usize> {
     TABLE.iter().position(|info| info.name == name)
 }
 
-/// Numbers of register number `index`; `None` if there is none.
+/// Numbers of register number `index`; `None` if there is no such register.
 pub fn read(settings: &Settings, index: usize) -> Option<Numbers> {
     let info = TABLE.get(index)?;
     let mut numbers = Numbers { numbers: [Number::Natural32(0); JOINTS_MAX], count: info.count(settings) };
@@ -345,7 +346,7 @@ pub fn read(settings: &Settings, index: usize) -> Option<Numbers> {
     Some(numbers)
 }
 
-/// Writes register number `index`: all numbers or none.
+/// Writes register number `index`: all of its numbers, or nothing.
 ///
 /// # Errors
 ///
@@ -370,7 +371,7 @@ pub fn write(settings: &mut Settings, index: usize, numbers: &[Number]) -> Resul
 }
 
 impl Settings {
-    /// Each value is in the range of its register, and what must hold between values does.
+    /// Checks that each value is in the range of its register, and the conditions between values.
     ///
     /// # Errors
     ///
@@ -405,7 +406,7 @@ impl Settings {
 ///
 /// # Errors
 ///
-/// [`Cause::SettingsInvalid`] with the joint of the first number that is not (none: of the group); index: the register.
+/// [`Cause::SettingsInvalid`] with the joint of the first number out of range (`None`: of the group); index: the register.
 pub fn check_ranges(settings: &Settings) -> Result<(), Refusal> {
     for (index, info) in TABLE.iter().enumerate() {
         for joint in JointIndex::first(info.count(settings)) {
@@ -418,11 +419,11 @@ pub fn check_ranges(settings: &Settings) -> Result<(), Refusal> {
     Ok(())
 }
 
-/// The change of register `index` from `old` to `settings` needs no unlock.
+/// Checks that the change of register `index` from `old` to `settings` needs no unlock.
 ///
 /// # Errors
 ///
-/// [`Cause::LimitCeiling`] with the first joint that it widens; index: the register.
+/// [`Cause::LimitCeiling`] with the first joint whose limit becomes wider; index: the register.
 pub fn check_widening(
     settings: &Settings,
     old: &Settings,
@@ -439,8 +440,8 @@ pub fn check_widening(
     }
 }
 
-/// Puts every limit that is wider than in `ceiling` back to it; true if there was one. Where they do not go together then, all
-/// limits are those of `ceiling`, and if that does not help, all settings.
+/// Puts every limit that is wider than in `ceiling` back to it; true if there was one. If the settings are then
+/// inconsistent, all limits are set to those of `ceiling`; if they still are, all settings.
 pub fn narrow(settings: &mut Settings, ceiling: &Settings) -> bool {
     let put_back = |settings: &mut Settings, all: bool| {
         let mut any = false;
@@ -449,7 +450,7 @@ pub fn narrow(settings: &mut Settings, ceiling: &Settings) -> bool {
                 let limit = get(ceiling, info.place, joint);
                 if all || info.is_wider(get(settings, info.place, joint), limit) {
                     any = true;
-                    // Of the same register, so of its type.
+                    // From the same register, so the type is right.
                     let _ = set(settings, info.place, joint, limit);
                 }
             }
@@ -466,8 +467,9 @@ pub fn narrow(settings: &mut Settings, ceiling: &Settings) -> bool {
     any
 }
 
-/// Sets register number `index` to what a controller holds, or has stored: checked on its own and not beside the others, since
-/// limits may pass through a state out of order. False if the numbers are not allowed; then nothing changes.
+/// Sets register number `index` to what a controller holds, or has stored. The numbers are checked on their own and
+/// not against the other registers, since limits may pass through an inconsistent state. False if the numbers are
+/// not allowed; then nothing changes.
 pub fn set_held(settings: &mut Settings, index: usize, numbers: &[Number]) -> bool {
     let Some(info) = TABLE.get(index) else { return false };
     let fits = !numbers.is_empty() && (info.per_joint || numbers.len() == 1);
@@ -481,7 +483,7 @@ pub fn set_held(settings: &mut Settings, index: usize, numbers: &[Number]) -> bo
 /// Sets numbers of the register's type.
 fn put(settings: &mut Settings, info: &RegisterInfo, numbers: &[Number]) {
     for (joint, number) in JointIndex::first(numbers.len()).zip(numbers) {
-        // Of another type it stays as it is; the callers have looked.
+        // A number of another type changes nothing; the callers have checked the type.
         let _ = set(settings, info.place, joint, *number);
     }
 }
@@ -491,8 +493,8 @@ pub const ROW_LEN: usize = 8 + 4 * JOINTS_MAX;
 /// Bytes of the stored settings.
 pub const STORED_LEN: usize = TABLE.len() * ROW_LEN;
 
-/// Key of a register in storage: the checksum of its name, so that a later version finds what it
-/// knows and skips the rest.
+/// Key of a register in storage: the checksum of its name, so that a later version finds the registers that it
+/// knows and skips the others.
 fn key(info: &RegisterInfo) -> u32 {
     Crc32::of(info.name.as_bytes())
 }
@@ -511,8 +513,8 @@ pub fn to_row(settings: &Settings, index: usize) -> Option<[u8; ROW_LEN]> {
     Some(row)
 }
 
-/// Takes a stored row; false if it is unknown or its numbers are not allowed any more (the setting
-/// keeps its value).
+/// Takes a stored row; false if the register is unknown or its numbers are not allowed any more (the setting keeps
+/// its value).
 pub fn take_row(settings: &mut Settings, row: &[u8; ROW_LEN]) -> bool {
     let Some((head, tail)) = row.split_first_chunk::<8>() else { return false };
     let [k0, k1, k2, k3, count, ..] = *head;

@@ -2,21 +2,20 @@
 //!
 //! # Why knots and not coefficients
 //!
-//! A segment is given by position and velocity at its two ends (cubic Hermite form). Every
-//! piecewise cubic with continuous velocity has exactly one such form, it needs half the bytes of
-//! four coefficients per segment, and continuity of position and velocity cannot be violated: there
-//! is nothing to check. Plans that want more freedom, such as a motion that makes the error of a
-//! late release small, use more knots: one more knot gives each joint two more numbers, where a
-//! quartic would give one.
+//! A segment is given by position and velocity at its two ends (cubic Hermite form). Every piecewise cubic with
+//! continuous velocity has exactly one such form. It needs half the bytes of four coefficients per segment, and
+//! position and velocity are always continuous, so this needs no check. Plans that need more freedom, such as a
+//! motion that makes the error of a late release small, use more knots: one more knot gives each joint two more
+//! numbers, where a quartic would give one.
 //!
 //! # Arithmetic
 //!
-//! Time is an integer (µs) up to the segment, then the normalised time τ = t / h in 0..=1. So
-//! nothing grows with the length of a trajectory. Against double precision on the same knots, for
-//! |q| ≤ 2π rad and |q̇|·h ≤ 8 rad: position to 8 µrad, velocity to 32 µrad / h, acceleration to 96 µrad / h².
+//! Time is an integer (µs) up to the segment, then the normalised time τ = t / h in 0..=1. So rounding errors do
+//! not grow with the length of a trajectory. Against double precision on the same knots, for |q| ≤ 2π rad and
+//! |q̇|·h ≤ 8 rad: position to 8 µrad, velocity to 32 µrad / h, acceleration to 96 µrad / h².
 //!
-//! A control step asks each joint twice, nearly always for the segment of the last question: its coefficients are kept
-//! ([`Spline::at`]), so that a step searches and converts nothing.
+//! A control step evaluates each joint twice, nearly always on the segment of the last evaluation. The coefficients
+//! of that segment are kept ([`Spline::at`]), so that a step searches and converts nothing.
 
 use protocol::JointIndex;
 
@@ -31,7 +30,8 @@ pub const WORDS_MAX: usize = KNOTS_MAX * knot_words(6);
 /// Shortest segment, µs. Shorter ones would turn the rounding of a position (0.2 µrad) into
 /// noticeable acceleration, and no drive follows them.
 pub const SEGMENT_MIN_US: u32 = 2_000;
-/// Longest trajectory of one file, µs (about 17 minutes). One that goes on with segments ([`crate::segment`]) has no end.
+/// Longest trajectory of one file, µs (about 17 minutes). A trajectory that goes on with segments ([`crate::segment`]) has no
+/// limit.
 pub const DURATION_MAX_US: u32 = 1_000_000_000;
 
 /// Position, velocity and acceleration of one joint at one time.
@@ -94,11 +94,11 @@ impl Polynomial {
     }
 }
 
-/// Polynomial of a joint on the segment it was last asked for.
+/// Polynomial of a joint on the segment of the last evaluation.
 #[derive(Clone, Copy, Debug)]
 struct Active {
     from_us: u32,
-    /// 0: none.
+    /// 0: no polynomial is kept.
     span_us: u32,
     polynomial: Polynomial,
 }
@@ -110,7 +110,7 @@ impl Active {
     #[inline]
     fn at(&self, t_us: i64) -> Option<Setpoint> {
         let into_us = u32::try_from(t_us).ok()?.wrapping_sub(self.from_us);
-        // In the same steps as the segment was checked: microseconds, seconds, share of the duration.
+        // Computed in the same steps as in the check of the segment: microseconds, seconds, share of the duration.
         (into_us < self.span_us).then(|| self.polynomial.at(into_us as f32 * 1e-6 / self.polynomial.h_s))
     }
 }
@@ -123,7 +123,7 @@ impl Cubic {
         Polynomial { h_s, c: [q0_rad, p0, 3.0 * delta - 2.0 * p0 - p1, p0 + p1 - 2.0 * delta] }
     }
 
-    /// Value at normalised time `tau`, 0..=1; the caller keeps it there.
+    /// Value at normalised time `tau`; the caller keeps it within 0..=1.
     pub fn at(&self, tau: f32) -> Setpoint {
         self.polynomial().at(tau)
     }
@@ -146,7 +146,7 @@ impl Cubic {
                 worst.q_max_rad = worst.q_max_rad.max(q_rad);
             }
         };
-        // Zeros of c1 + 2 c2 τ + 3 c3 τ², in the form that does not cancel.
+        // Zeros of c1 + 2 c2 τ + 3 c3 τ², in the form without cancellation.
         let root = square_root((c2 * c2 - 3.0 * c3 * c1).max(0.0));
         let w = -(c2 + if c2 < 0.0 { -root } else { root });
         if c3 != 0.0 {
@@ -174,11 +174,12 @@ pub struct Knot {
     pub state: PerJoint<(f32, f32)>,
 }
 
-/// Knots in ascending time; empty until one is loaded.
+/// Knots in ascending time; empty until a plan is loaded.
 ///
-/// Before the first knot the reference stands at its position, after the last one at that. Knots lie side by side, each as
-/// long as its joints need: most of a controller's RAM is here. They are a ring: while a plan runs, knots behind make room for
-/// those of the next segment.
+/// Before the first knot the reference stands at the position of that knot, after the last knot at the position of
+/// the last. Knots are stored one after the other, each as long as its joints need: they take most of a
+/// controller's RAM. They are a ring: while a plan runs, knots that are past make room for those of the next
+/// segment.
 #[derive(Clone, Debug)]
 pub struct Spline {
     /// Per knot: time, then position and velocity of each joint as the bits of their floats.
@@ -190,18 +191,18 @@ pub struct Spline {
     count: usize,
     /// From the start of the plan to where the times of the knots begin, µs.
     base_us: i64,
-    /// Time of the last knot, µs: asked for in each control step.
+    /// Time of the last knot, µs, because each control step needs it.
     knots_us: u32,
     joints: usize,
-    /// Knots were forgotten or came while the plan ran.
+    /// Knots were forgotten or added while the plan ran.
     is_altered: bool,
-    /// Segment of the last search: times asked for are close to each other.
+    /// Segment of the last search; the next time is usually close.
     cursor: usize,
     active: PerJoint<Active>,
     detour: Detour,
 }
 
-/// Time of the first knot from which on the times of all are counted anew, µs.
+/// Time of the first knot from which the times of all knots are counted anew, µs.
 const REBASE_US: u32 = 1_000_000_000;
 
 /// Words of one knot.
@@ -216,9 +217,9 @@ pub const fn knots_max(joints: usize) -> usize {
 }
 
 impl Spline {
-    /// No knots.
+    /// A spline without knots.
     pub const fn empty() -> Self {
-        // Zeros only: a board keeps it out of its start-up data.
+        // Zeros only, so that it takes no space in the start-up data of a board.
         Self {
             words: [0; WORDS_MAX],
             knots_max: 0,
@@ -242,19 +243,19 @@ impl Spline {
         self.follow_knots();
     }
 
-    /// Forgets all new end states: the knots hold again.
+    /// Forgets all new end states: the knots are followed again.
     pub fn follow_knots(&mut self) {
         self.active = PerJoint::splat(Active::NONE);
         self.detour.clear();
     }
 
-    /// From the begin of the courses on, follows them instead of what was followed so far.
+    /// Follows the courses from their begin, instead of the present reference.
     pub(crate) fn follow(&mut self, courses: &PerJoint<Course>) {
         self.active = PerJoint::splat(Active::NONE);
         self.detour.take(JointIndex::first(self.joints), courses);
     }
 
-    /// Appends a knot; false (and nothing changed) if it is full or time does not grow.
+    /// Appends a knot; false (and nothing changed) if there is no room or time does not grow.
     #[must_use]
     pub fn push(&mut self, knot: &Knot) -> bool {
         let grows = self.is_empty() || knot.t_us > self.knots_us;
@@ -276,8 +277,8 @@ impl Spline {
         true
     }
 
-    /// Appends a knot to the plan that runs; its time is that of the plan modulo 2^32 µs. False, and nothing changed, if it is
-    /// full or time does not grow.
+    /// Appends a knot to the plan that runs; its time is that of the plan modulo 2^32 µs. False (and nothing
+    /// changed) if there is no room or time does not grow.
     #[must_use]
     pub fn extend(&mut self, knot: &Knot) -> bool {
         let is_taken = self.push(&Knot { t_us: self.since_base_us(knot.t_us), ..*knot });
@@ -285,7 +286,7 @@ impl Spline {
         is_taken
     }
 
-    /// Time of a knot from a time of the plan modulo 2^32 µs.
+    /// Time of a knot since the base, µs, from its time of the plan modulo 2^32 µs.
     pub const fn since_base_us(&self, t_us: u32) -> u32 {
         t_us.wrapping_sub(self.base_us as u32)
     }
@@ -304,7 +305,7 @@ impl Spline {
         }
     }
 
-    /// Lets the times of the knots begin at the first one, so that they never end.
+    /// Counts the times of the knots anew from the first one, so that they do not overflow.
     #[inline(never)]
     fn rebase(&mut self, first_us: u32) {
         for index in 0..self.count {
@@ -323,7 +324,7 @@ impl Spline {
         self.knots_max.saturating_sub(self.count)
     }
 
-    /// True if these are not the knots that were loaded.
+    /// True if these are not exactly the knots that were loaded.
     pub const fn is_altered(&self) -> bool {
         self.is_altered
     }
@@ -344,7 +345,7 @@ impl Spline {
         self.count
     }
 
-    /// True without knots.
+    /// True if there are no knots.
     pub const fn is_empty(&self) -> bool {
         self.count == 0
     }
@@ -417,7 +418,7 @@ impl Spline {
 
     /// Reference of a joint at `t_us` since the start of the plan; negative times are before it.
     ///
-    /// Takes `&mut self` for what it remembers of the last question only. At a knot the acceleration is that of the
+    /// Takes `&mut self` only to keep the segment of the last evaluation. At a knot the acceleration is that of the
     /// segment that begins there.
     #[inline]
     pub fn at(&mut self, joint: JointIndex, t_us: i64) -> Setpoint {
@@ -428,7 +429,7 @@ impl Spline {
         }
     }
 
-    /// [`Self::at`] off the segment of the last question.
+    /// [`Self::at`] for a time outside the segment of the last evaluation.
     #[inline(never)]
     fn at_another(&mut self, joint: JointIndex, t_us: i64) -> Setpoint {
         let standing = |q_rad| Setpoint { q_rad, qd_rad_s: 0.0, qdd_rad_s2: 0.0 };
@@ -467,7 +468,7 @@ impl Spline {
             Polynomial { h_s: 1.0, c: [piece.q_rad, piece.qd_rad_s, 0.5 * piece.qdd_rad_s2, 0.0] };
         let active = Active { from_us: piece.t_us, span_us, polynomial };
         self.active.set(joint, active);
-        // Before the oldest piece that is kept: its continuation back.
+        // A time before the oldest piece that is kept: that piece continued backwards.
         let before_us = piece.t_us.saturating_sub(t_us);
         active.at(t_us.into()).unwrap_or_else(|| polynomial.at(before_us as f32 * -1e-6))
     }

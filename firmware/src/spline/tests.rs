@@ -5,7 +5,7 @@ fn joint(index: usize) -> JointIndex {
     JointIndex::new(index).unwrap()
 }
 
-/// Double precision, Hermite basis functions: another form of the same polynomial.
+/// The same polynomial in another form: double precision, Hermite basis functions.
 fn oracle(c: &Cubic, tau: f64) -> (f64, f64, f64) {
     let [h, q0, v0, q1, v1] = [c.h_s, c.q0_rad, c.qd0_rad_s, c.q1_rad, c.qd1_rad_s].map(f64::from);
     let (t, t2, t3) = (tau, tau * tau, tau * tau * tau);
@@ -31,7 +31,7 @@ fn cubics() -> impl Strategy<Value = Cubic> {
     )
 }
 
-/// What single precision may be off by, on segments of up to 8 rad: position, velocity, acceleration.
+/// Checks the stated errors of single precision, on segments of up to 8 rad: position, velocity, acceleration.
 fn assert_within_the_stated_error(c: &Cubic, tau: f32) {
     let (q, qd, qdd) = oracle(c, tau.into());
     let (got, h) = (c.at(tau), f64::from(c.h_s));
@@ -41,8 +41,9 @@ fn assert_within_the_stated_error(c: &Cubic, tau: f32) {
     }
 }
 
-/// Found by the property below, against tighter bounds: 7.6 and 5.5 rad of way in one segment that begins the other way
-/// round. Coefficients of 35 and -21 rad cancel to a few radians just before the end, and leave their rounding.
+/// Found by the property test below, with tighter bounds: 7.6 and 5.5 rad of way in one segment that begins in the
+/// opposite direction. Coefficients of 35 and -21 rad cancel to a few radians just before the end, and their
+/// rounding remains.
 #[test]
 fn long_fast_segments_that_turn_round_stay_within_the_stated_error() {
     let turns =
@@ -75,7 +76,7 @@ proptest! {
         let (dq, dv) = (5e-6, 2e-5 / c.h_s);
         prop_assert!(worst.q_min_rad <= seen.0 + dq && worst.q_max_rad >= seen.1 - dq);
         prop_assert!(worst.qd_abs_rad_s >= seen.2 - dv);
-        // Not wildly above either: a grid of 2000 misses a parabola's top by less than this.
+        // The bound is not far above either: a grid of 2000 misses the top of a parabola by less than this.
         let slack = worst.qdd_abs_rad_s2 * c.h_s * c.h_s * 1e-6 + dq;
         prop_assert!(worst.q_min_rad >= seen.0 - slack && worst.q_max_rad <= seen.1 + slack);
     }
@@ -137,7 +138,7 @@ fn throw_cubic_has_the_acceleration_of_the_printed_formula() {
     assert!((c.extremes().qdd_abs_rad_s2 - 2.0 * qd_r / ha).abs() < 1e-5);
 }
 
-/// Knots come and go for two hours; times on the wire begin anew every 71 minutes.
+/// Knots are added and forgotten for two hours; times on the wire begin anew every 71 minutes.
 #[test]
 fn ring_of_knots_gives_the_same_as_each_segment_by_itself_for_two_hours() {
     const STEP_US: u64 = 500_000;

@@ -1,4 +1,4 @@
-//! The two key slots. A slot without a key says that it was removed.
+//! The two key slots. A slot without a key records that the key was removed.
 
 use protocol::cyphal::crc::Crc64;
 
@@ -7,7 +7,7 @@ use super::storage::{Area, Slot, Storage};
 use crate::credentials::{KEY_LEN, Key};
 use crate::fault::Refusal;
 
-/// Stores the key in the slot not in use, or that there is none; then erases the other slot.
+/// Stores the key, or the fact that there is no key, in the slot not in use; then erases the other slot.
 ///
 /// # Errors
 ///
@@ -21,7 +21,7 @@ pub fn save_key(storage: &mut impl Storage, key: Option<&Key>) -> Result<(), Ref
     storage.write(Area::Key(slot), 0, bytes)?;
     let seal = Seal { sequence, len: bytes.len() as u32, crc64: Crc64::of(bytes) };
     seal.write(storage, Area::KeySeal(slot))?;
-    // The old key is of no use any more. If the power fails here, the newer slot counts all the same.
+    // The old key is no longer needed. If the power fails here, the newer slot still counts.
     storage.erase(Area::KeySeal(slot.other()))?;
     Ok(storage.erase(Area::Key(slot.other()))?)
 }
@@ -41,7 +41,7 @@ fn newest(storage: &impl Storage) -> Option<(Slot, Seal)> {
     }
 }
 
-/// Seal and content of a slot that is whole.
+/// Seal and content of a slot that is complete.
 fn read(storage: &impl Storage, slot: Slot) -> Option<(Seal, Option<Key>)> {
     let seal = Seal::read(storage, Area::KeySeal(slot))?;
     let mut bytes = [0; KEY_LEN];
@@ -51,6 +51,6 @@ fn read(storage: &impl Storage, slot: Slot) -> Option<(Seal, Option<Key>)> {
         return None;
     }
     let key = <[u8; KEY_LEN]>::try_from(&*bytes).ok().map(Key::new);
-    // Neither whole nor empty: not written by `save_key`.
+    // Neither a whole key nor empty: `save_key` did not write it.
     (key.is_some() || bytes.is_empty()).then_some((seal, key))
 }

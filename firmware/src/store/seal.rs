@@ -1,11 +1,11 @@
-//! The record that makes an area count: written last, erased first.
+//! The record that makes an area valid: written last, erased first.
 
 use super::storage::{Area, RECORD_LEN, Storage, StorageError};
 use crate::crc::Crc32;
 
 const RECORD_MAGIC: u32 = 0x4C41_4553;
 
-/// What a seal says.
+/// Content of a seal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Seal {
     pub(super) sequence: u32,
@@ -49,7 +49,7 @@ impl Seal {
 
     pub(super) fn write(self, storage: &mut impl Storage, area: Area) -> Result<(), StorageError> {
         storage.write(area, 0, &self.to_bytes())?;
-        // Read back: a seal that cannot be read is no seal.
+        // Read back: a seal that cannot be read does not count.
         if Self::read(storage, area) == Some(self) { Ok(()) } else { Err(StorageError) }
     }
 }

@@ -34,8 +34,8 @@ pub fn save_settings(storage: &mut impl Storage, settings: &Settings) -> Result<
     Ok(seal.write(storage, Area::SettingsSeal(slot))?)
 }
 
-/// Stored settings over `defaults`; what is unknown or out of range keeps its default, and if the
-/// whole does not go together all of it does.
+/// Stored settings over `defaults`. A setting that is unknown or out of range keeps its default; if the settings
+/// together are inconsistent, all keep their defaults.
 pub fn load_settings(storage: &impl Storage, defaults: &Settings) -> Settings {
     let [a, b] = [Slot::A, Slot::B].map(|slot| valid_settings(storage, slot));
     let slot = match (a, b) {

@@ -1,4 +1,4 @@
-//! What a board has to offer: areas that are erased as a whole and written once.
+//! What a board must provide: areas that are erased as a whole and written once.
 
 use crate::credentials::KEY_LEN;
 use crate::fault::{Cause, Refusal};
@@ -8,7 +8,7 @@ use crate::trajectory_format::FILE_LEN_MAX;
 /// Bytes of a seal.
 pub const RECORD_LEN: usize = 24;
 
-/// One of two.
+/// One of two slots.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Slot {
     /// The first.
@@ -73,13 +73,13 @@ impl Area {
         }
     }
 
-    /// No area is empty.
+    /// False: no area is empty.
     pub const fn is_empty(self) -> bool {
         false
     }
 }
 
-/// Storage could not do it.
+/// The storage device failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StorageError;
 
@@ -91,9 +91,9 @@ impl From<StorageError> for Refusal {
 
 /// Permanent storage of a board.
 ///
-/// Semantics like flash: an area is erased as a whole and then written once, in ascending order, in
-/// pieces. If power fails during a call, any part of what the call should have written may have been
-/// written, and the rest of the area it touches may read as anything.
+/// Semantics like flash: an area is erased as a whole and then written once, in ascending order, in pieces. If
+/// power fails during a call, any part of its data may have been written, and the rest of the area that it writes
+/// may read as anything.
 pub trait Storage {
     /// Makes an area ready to be written; its content is lost.
     ///
@@ -117,7 +117,7 @@ pub trait Storage {
     fn read(&self, area: Area, offset: usize, out: &mut [u8]) -> Result<(), StorageError>;
 }
 
-/// Storage that forgets: for boards without any, simulation and tests.
+/// Storage in RAM, lost at power off: for boards without permanent storage, simulation and tests.
 #[derive(Clone)]
 pub struct RamStorage {
     banks: [[u8; FILE_LEN_MAX]; 2],
@@ -127,7 +127,7 @@ pub struct RamStorage {
 }
 
 impl RamStorage {
-    /// Holds nothing. Zeros, not the 0xFF of erased flash: a board keeps it out of its start-up data.
+    /// Empty storage. Zeros, not the 0xFF of erased flash: so it takes no space in the start-up data of a board.
     pub const fn new() -> Self {
         Self {
             banks: [[0; FILE_LEN_MAX]; 2],
@@ -209,7 +209,7 @@ impl Storage for RamStorage {
     }
 }
 
-/// A board's storage may live in a static place of its own.
+/// Storage by reference: a board may keep it in a static place.
 impl<S: Storage> Storage for &mut S {
     fn erase(&mut self, area: Area) -> Result<(), StorageError> {
         (**self).erase(area)

@@ -106,7 +106,7 @@ fn power_cut_at_every_byte_leaves_the_old_trajectory_or_the_new_one() {
     store.commit(&mut *sealed, name(&old), &settings, &mut spline).unwrap();
     let total = RECORD_LEN + FILE_LEN_MAX + new.len() + RECORD_LEN;
     let mut seen = [0, 0];
-    // Every byte of the records and the file; the big erase only now and then.
+    // Every byte of the records and the file; only some bytes of the long erase.
     let steps = (0..RECORD_LEN + 8).chain((RECORD_LEN + 8..total - new.len() - RECORD_LEN).step_by(997));
     for left in steps.chain(total - new.len() - RECORD_LEN - 2..=total) {
         let mut storage = Failing { cells: (*sealed).clone(), left };
@@ -114,7 +114,7 @@ fn power_cut_at_every_byte_leaves_the_old_trajectory_or_the_new_one() {
         let outcome = upload(&mut store, &mut storage, &new)
             .and_then(|()| store.commit(&mut storage, name(&new), &settings, &mut spline));
         if outcome.is_err() {
-            // The controller goes on with what it had, without a restart.
+            // The controller continues with what it had, without a restart.
             assert_eq!(store.committed().unwrap().name, name(&old));
         }
         let (store, spline) = find(&storage);
@@ -129,7 +129,7 @@ fn power_cut_at_every_byte_leaves_the_old_trajectory_or_the_new_one() {
 }
 
 #[test]
-fn power_cut_during_the_first_upload_leaves_none() {
+fn power_cut_during_the_first_upload_leaves_no_committed_trajectory() {
     let new = file(0.2);
     for left in [0, 10, RECORD_LEN + FILE_LEN_MAX + 20, RECORD_LEN + FILE_LEN_MAX + new.len() + 5] {
         let mut storage = Failing { cells: RamStorage::new(), left };
@@ -195,7 +195,7 @@ fn settings_survive_a_power_cut_at_every_byte_as_old_or_new() {
     }
 }
 
-/// Each save takes the slot of the older settings, whichever it is: a power cut never costs the newest.
+/// Each save uses the slot with the older settings, A or B: a power cut never loses the newest.
 #[test]
 fn settings_saved_again_and_again_survive_a_power_cut_as_the_last_two() {
     let defaults = Settings::powercube6();
@@ -216,7 +216,7 @@ fn settings_saved_again_and_again_survive_a_power_cut_as_the_last_two() {
     }
 }
 
-/// A key that is changed is the old one or the new one after a power cut, and the new one from the moment its seal is written.
+/// After a power cut, a changed key is the old one or the new one; it is the new one as soon as its seal is written.
 #[test]
 fn key_that_is_changed_survives_a_power_cut_at_every_byte_as_old_or_new() {
     let key = |number: u8| Key::new([number; KEY_LEN]);

@@ -20,14 +20,14 @@ pub struct Committed {
     pub name: FileName,
     /// SHA-256 of its bytes.
     pub sha256: Digest,
-    /// What its header says.
+    /// Header of the file.
     pub header: Header,
 }
 
-/// File on its way in.
+/// Upload in progress.
 #[derive(Clone, Debug)]
 struct Upload {
-    /// The node that began it.
+    /// The node that began the upload.
     owner: Peer,
     len: usize,
     crc64: Crc64,
@@ -44,7 +44,7 @@ pub struct TrajectoryStore {
 }
 
 impl TrajectoryStore {
-    /// Nothing known yet.
+    /// State before the storage is read.
     pub const fn new() -> Self {
         Self { committed: None, is_void: false, upload: None }
     }
@@ -54,7 +54,7 @@ impl TrajectoryStore {
         if self.is_void { None } else { self.committed.as_ref() }
     }
 
-    /// The committed trajectory may not run until it is committed again: then it is checked against the limits of that
+    /// The committed trajectory may not run until it is committed again, which checks it against the limits of that
     /// time. The file stays.
     pub const fn void_commit(&mut self) {
         self.is_void = true;
@@ -66,7 +66,7 @@ impl TrajectoryStore {
         Some(FileName { crc64: upload.crc64.get(), len: upload.len as u32 })
     }
 
-    /// SHA-256 of what a commit of `name` is about: the upload as it is now, or the committed file if there is none.
+    /// SHA-256 of what a commit of `name` refers to: the present upload, or the committed file if there is no upload.
     ///
     /// # Errors
     ///
@@ -80,7 +80,7 @@ impl TrajectoryStore {
         }
     }
 
-    /// The upload, if there is one, is of this node.
+    /// Checks that the upload, if there is one, is of this node.
     ///
     /// # Errors
     ///
@@ -92,7 +92,7 @@ impl TrajectoryStore {
         }
     }
 
-    /// Looks for the committed trajectory after power on and loads it into `spline`.
+    /// Searches the committed trajectory after power on and loads it into `spline`.
     pub fn find(&mut self, storage: &impl Storage, settings: &Settings, spline: &mut Spline) {
         (self.committed, self.is_void, self.upload) = (None, false, None);
         let [a, b] = [Slot::A, Slot::B].map(|slot| (slot, Seal::read(storage, Area::BankSeal(slot))));
@@ -116,9 +116,9 @@ impl TrajectoryStore {
         self.committed.map_or(Slot::A, |committed| committed.slot.other())
     }
 
-    /// Takes the next piece of a file. A piece that came before is compared and passes again, so a
-    /// lost answer does no harm; offset 0 with other content begins a new file. Whatever a node writes to the upload of
-    /// another one voids it.
+    /// Takes the next piece of a file. A piece that came before is compared and accepted again, so a lost answer
+    /// does no harm; offset 0 with other content begins a new file. Any write of a node to the upload of another
+    /// node voids that upload.
     ///
     /// # Errors
     ///
@@ -184,12 +184,12 @@ impl TrajectoryStore {
         Ok(count)
     }
 
-    /// Checks the uploaded file and makes it the one that may run; loads it into `spline`. A repeated
-    /// commit of the committed file passes.
+    /// Checks the uploaded file, makes it the one that may run, and loads it into `spline`. A repeated commit of
+    /// the committed file is accepted.
     ///
     /// # Errors
     ///
-    /// Whatever check fails; the trajectory that was committed before then stays, and is loaded.
+    /// The first check that fails. The trajectory that was committed before then stays, and is loaded.
     pub fn commit(
         &mut self,
         storage: &mut impl Storage,
@@ -237,7 +237,7 @@ impl TrajectoryStore {
         Ok(())
     }
 
-    /// Loads the committed trajectory into `spline` again; one that cannot be loaded is no longer committed.
+    /// Loads the committed trajectory into `spline` again; if that fails, it is no longer committed.
     pub fn reload(&mut self, storage: &impl Storage, settings: &Settings, spline: &mut Spline) {
         let loaded = self
             .committed

@@ -1,4 +1,4 @@
-//! Trajectory file: what a host uploads. Both sides use this code.
+//! Trajectory file that a host uploads. Host and controller both use this code.
 //!
 //! | offset | bytes | version 1 | version 2 |
 //! |---|---|---|---|
@@ -57,8 +57,8 @@ const JOINT_ENVELOPE_LEN: usize = 16;
 const HAS_ENVELOPE: u8 = 1;
 /// Flag: a segment follows.
 const HAS_NEXT: u8 = 2;
-/// What must lie ahead of the path time of a plan that goes on, beside the longest stop along the path, µs: the lag of the drives,
-/// and periods that come late.
+/// Time that a plan that goes on must have ahead of the path time, in addition to the longest stop along the path,
+/// µs: for the lag of the drives and for late periods.
 pub const AHEAD_MARGIN_US: u32 = 200_000;
 /// Bytes after the last knot.
 pub const TRAILER_LEN: usize = 4;
@@ -67,12 +67,12 @@ pub const FILE_LEN_MAX: usize =
     HEADER_LEN + EVENTS_MAX * EVENT_LEN + JOINTS_MAX * JOINT_ENVELOPE_LEN + 4 * WORDS_MAX + TRAILER_LEN;
 /// Largest speed at the ends of a plan that counts as rest, rad/s.
 pub const REST_RAD_S: f32 = 1e-3;
-/// Share above a limit that is put down to the rounding to single precision.
+/// Factor on a limit that allows for rounding to single precision.
 const ROUNDING: f32 = 1.001;
 
 const NO_RELEASE: u32 = u32::MAX;
 
-/// What the file says beside its knots.
+/// Content of the file beside its knots.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Header {
     /// Joints described.
@@ -81,11 +81,11 @@ pub struct Header {
     pub period_us: u32,
     /// What happens to outputs, within the duration of the plan.
     pub events: PlanEvents,
-    /// If there is one, new end states are taken over while the plan runs, and this is what they must stay in.
+    /// If present, the controller accepts new end states while the plan runs, within these limits.
     pub envelope: Option<Envelope>,
-    /// SHA-256 of the segment that follows, if one does. Excludes an envelope.
+    /// SHA-256 of the following segment, if there is one. Excludes an envelope.
     pub next: Option<Digest>,
-    /// CRC-32 of the robot file; 0: for any.
+    /// CRC-32 of the robot file; 0: any robot.
     pub robot_crc32: u32,
 }
 
@@ -117,7 +117,7 @@ impl Extras {
 }
 
 impl Header {
-    /// The release, if a file of version 1 can say all that happens.
+    /// Time of the release, if version 1 can express all events of the plan.
     fn one_release(&self) -> Option<u32> {
         if self.envelope.is_some() || self.next.is_some() {
             return None;
@@ -130,8 +130,8 @@ impl Header {
     }
 }
 
-/// Writes a file into `out` and returns its length; `None` if it does not fit or counts are out of
-/// range. Limits are the reader's business ([`check`] is public for a host to ask first).
+/// Writes a file into `out` and returns its length; `None` if it does not fit or counts are out of range. The
+/// reader checks the limits ([`check`] is public so that a host can check first).
 pub fn encode(header: &Header, knots: &[Knot], out: &mut [u8]) -> Option<usize> {
     let joints = usize::from(header.joints);
     let count = u16::try_from(knots.len()).ok()?;
@@ -234,7 +234,7 @@ pub fn decode(
         header.events = PlanEvents::release((release_us != NO_RELEASE).then_some(release_us));
         Extras::NONE
     } else {
-        // A new end state would leave the path that the segments go on with.
+        // Not both an envelope and segments: a new end state would leave the path that the segments continue.
         if usize::from(r0) > EVENTS_MAX || r1 > HAS_NEXT {
             return Err(Refusal::of(Cause::FileEvent));
         }
@@ -293,7 +293,7 @@ pub fn decode(
     }
     let mut trailer = [0; TRAILER_LEN];
     read(len - TRAILER_LEN, &mut trailer)?;
-    // Judged last of all: a wrong version or count says more than a wrong checksum.
+    // Checked last: a wrong version or count says more than a wrong checksum.
     if u32::from_le_bytes(trailer) != crc.get() {
         return Err(Refusal::of(Cause::FileChecksum));
     }
@@ -322,7 +322,7 @@ pub(crate) fn knot_of(bytes: &[u8]) -> Knot {
     knot
 }
 
-/// The numbers of a knot are finite.
+/// Checks that the numbers of a knot are finite.
 pub(crate) fn check_numbers(knot: &Knot, joints: usize, index: usize) -> Result<(), Refusal> {
     let is_lost = |joint: &JointIndex| {
         let (q_rad, qd_rad_s) = *knot.state.at(*joint);
@@ -334,7 +334,7 @@ pub(crate) fn check_numbers(knot: &Knot, joints: usize, index: usize) -> Result<
     }
 }
 
-/// The plan may end with this knot.
+/// Checks that the plan may end with this knot.
 pub(crate) fn check_rest(knot: &Knot, joints: usize, index: usize) -> Result<(), Refusal> {
     let moves = |joint: &JointIndex| knot.state.at(*joint).1.abs() > REST_RAD_S;
     match JointIndex::first(joints).find(moves) {
@@ -397,13 +397,13 @@ pub fn check(header: &Header, spline: &Spline, settings: &Settings) -> Result<()
     Ok(())
 }
 
-/// How long a plan that goes on must last ahead of the path time, µs: a stop along the path then ends on the knots that are
-/// there.
+/// How long a plan that goes on must last beyond the path time, µs: so that a stop along the path ends on knots
+/// that the controller already has.
 pub(crate) fn ahead_us(settings: &Settings) -> i64 {
     i64::from(settings.stop_path_max_us) + i64::from(AHEAD_MARGIN_US)
 }
 
-/// The exact extremes of a joint on a segment are within its limits.
+/// Checks that the exact extremes of a joint on a segment are within its limits.
 pub(crate) fn check_cubic(
     cubic: &Cubic,
     settings: &Settings,
@@ -427,7 +427,7 @@ pub(crate) fn check_cubic(
     }
 }
 
-/// Knots of a plan whose joints rest at `q_rad` for `duration_us`: for tests and for holding.
+/// Knots of a plan whose joints rest at `q_rad` for `duration_us`.
 pub const fn rest(q_rad: PerJoint<f32>, duration_us: u32) -> [Knot; 2] {
     let PerJoint([a, b, c, d, e, f, g, h]) = q_rad;
     let state = PerJoint([(a, 0.0), (b, 0.0), (c, 0.0), (d, 0.0), (e, 0.0), (f, 0.0), (g, 0.0), (h, 0.0)]);

@@ -81,7 +81,7 @@ fn events_and_envelope_round_trip_in_version_2_and_pass_every_check() {
     let (got, spline) = read(&bytes).unwrap();
     assert_eq!((got, spline.knot(1).map(|knot| knot.t_us)), (header, Some(560_000)));
     assert_eq!(check(&got, &spline, &settings), Ok(()));
-    // Each alone, too.
+    // Each one alone, too.
     header.envelope = None;
     assert_eq!(read(&file(&header, &knots)).unwrap().0, header);
     header.events = PlanEvents::NONE;
@@ -176,7 +176,7 @@ fn file_shorter_than_its_head_is_incomplete_and_a_head_alone_has_no_knots() {
 
 #[test]
 fn position_between_knots_is_checked_too() {
-    // Ends well inside, the bow in between outside.
+    // The ends are well inside the limits, the curve between them outside.
     let at_first = |q_rad: f32, qd_rad_s: f32| {
         let mut state = PerJoint::default();
         state.0[0] = (q_rad, qd_rad_s);

@@ -1,4 +1,4 @@
-//! What a commit and an arming are about: the content of the file, and the settings that it runs with.
+//! What a commit and an arming refer to: the content of the file, and the settings that it runs with.
 
 use super::keyed::{KEY, Keyed};
 use super::*;
@@ -11,7 +11,7 @@ const fn at(knot: usize, joint: usize, field: usize) -> usize {
     24 + 52 * knot + 4 + 8 * joint + 4 * field
 }
 
-/// The file with the checksum at its end made right.
+/// The file with a correct checksum at its end.
 fn ended(mut file: Vec<u8>) -> Vec<u8> {
     let body = file.len() - 4;
     let crc = firmware::crc::Crc32::of(&file[..body]);
@@ -27,7 +27,7 @@ fn forged(file: &[u8], wanted: u64) -> Vec<u8> {
         .collect();
     let crc = |file: Vec<u8>| Crc64::of(&ended(file));
     let now = crc(file.to_vec());
-    // Rows in echelon form: what a set of bits changes in the checksum, and which bits they are.
+    // Rows in echelon form: the change of the checksum by a set of bits, and these bits.
     let mut rows: Vec<(u64, Vec<bool>)> = Vec::new();
     let reduce = |rows: &[(u64, Vec<bool>)], mut row: (u64, Vec<bool>)| {
         for (value, set) in rows {
@@ -89,7 +89,7 @@ fn a_file_of_equal_length_and_checksum_put_in_place_of_the_signed_one_is_refused
     let (file, name) = (keyed.file.clone(), keyed.name);
     let other = impostor(&file);
     send(&mut keyed.bench, FIRST, &file).unwrap();
-    // Sent with the node-ID of the host, by somebody without the key.
+    // Sent with the node-ID of the host, by a node without the key.
     send(&mut keyed.bench, FIRST, &other).unwrap();
     assert_eq!(keyed.bench.controller.uploaded(), Some(name));
     assert_eq!(cause(keyed.order(FIRST, Order::Commit(name))), Cause::CodeWrong);
@@ -103,18 +103,18 @@ fn an_upload_that_another_node_writes_to_is_void() {
     let file = throw_file(3_000, false);
     let name = FileName { crc64: Crc64::of(&file), len: file.len() as u32 };
     send(&mut bench, FIRST, &file).unwrap();
-    // The same bytes too: nobody has to compare.
+    // The same bytes are refused too: bytes are not compared across nodes.
     assert_eq!(cause(send(&mut bench, SECOND, &file[..8])), Cause::UploadOfOther);
     assert!(bench.controller.trace().iter().any(|(_, event)| event == TraceEvent::UploadVoided(SECOND)));
     assert_eq!(bench.controller.uploaded(), None);
     assert_eq!(cause(bench.order_of(FIRST, Order::Commit(name))), Cause::FileIncomplete);
-    // Either may begin anew; the upload is committed by its node only.
+    // Either node may begin anew; only the node of the upload can commit it.
     send(&mut bench, SECOND, &file).unwrap();
     assert_eq!(cause(bench.order_of(FIRST, Order::Commit(name))), Cause::UploadOfOther);
     bench.order_of(SECOND, Order::Commit(name)).unwrap();
 }
 
-/// Whatever the host has read, its code is about that: other settings are refused.
+/// The code of the host covers the settings that it has read: other settings are refused.
 #[test]
 fn the_code_of_an_arming_covers_the_settings_that_run_with_the_file() {
     let mut keyed = Keyed::new();
@@ -125,7 +125,7 @@ fn the_code_of_an_arming_covers_the_settings_that_run_with_the_file() {
     let content = b"gripper.opening_us";
     let nonce = keyed.challenge(SECOND);
     let code = code_of(&Key::new(KEY), &nonce, SECOND, content);
-    // The first offer holds the session: it ends, then another holder of the key writes, and the first one asks again.
+    // The first offer holds the session: it ends, then another holder of the key writes, and the first node asks again.
     keyed.bench.order_of(FIRST, Order::Disarm).unwrap();
     keyed.authorize(SECOND, nonce, code).unwrap();
     let source = Source { peer: SECOND, content };

@@ -1,4 +1,4 @@
-//! Sessions and unlocks at the edges of their times, and what a started-again host must do first.
+//! Sessions and unlocks at the edges of their times, and what a restarted host must do first.
 
 use super::*;
 

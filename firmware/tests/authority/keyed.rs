@@ -1,4 +1,4 @@
-//! With a key: which orders need an authentication code, and what a code is good for.
+//! With a key: which orders need an authentication code, and for which order a code counts.
 
 use firmware::authority::{Code, Key, Nonce, Source, code_of};
 use sha2::{Digest as _, Sha256};
@@ -7,14 +7,14 @@ use super::*;
 
 pub(super) const KEY: [u8; 32] = *b"a key of thirty two bytes:secret";
 
-/// A node with the key, in a test's hands.
+/// A node with the key, controlled by a test.
 pub(super) struct Keyed {
     pub(super) bench: Bench,
     pub(super) name: FileName,
     pub(super) file: Vec<u8>,
 }
 
-/// What the link would hand over for an order.
+/// The bytes that the link would pass on for an order.
 fn content(order: Order) -> Vec<u8> {
     format!("{order:?}").into_bytes()
 }
@@ -43,7 +43,7 @@ impl Keyed {
         self.bench.order_of(peer, Order::Authorize { nonce, code })
     }
 
-    /// What a code covers: the order, and the digest of what it is about.
+    /// The bytes that a code covers: the order, and the digest of what it refers to.
     pub(super) fn covered(&self, order: Order) -> Vec<u8> {
         let controller = &self.bench.controller;
         let sha256: [u8; 32] = Sha256::digest(&self.file).into();
@@ -136,18 +136,18 @@ fn a_code_does_not_work_for_another_node_another_order_or_a_second_time() {
     let mut keyed = Keyed::new();
     let name = keyed.name;
     let confirm = keyed.confirmation();
-    // Overheard by the second node, which cannot use it under its own number.
+    // The second node has overheard the code, but cannot use it under its own number.
     let nonce = keyed.challenge(FIRST);
     let code = code_of(&Key::new(KEY), &nonce, FIRST, &keyed.covered(confirm));
     assert_eq!(cause(keyed.authorize(SECOND, nonce, code)), Cause::CodeWrong, "a challenge of another node");
     let own = keyed.challenge(SECOND);
     keyed.authorize(SECOND, own, code).unwrap();
     assert_eq!(cause(keyed.give(SECOND, confirm)), Cause::OtherHost);
-    // Another order than the one it was made for.
+    // An order other than the one that the code was made for.
     keyed.authorize(FIRST, nonce, code).unwrap();
     let longer = Order::ArmConfirm { token: 1, valid: VALID };
     assert_eq!(cause(keyed.give(FIRST, longer)), Cause::CodeWrong);
-    // In its time, then replayed: whole, and step by step.
+    // In time; then replayed, as a whole and step by step.
     keyed.order(FIRST, confirm).unwrap();
     keyed.bench.order_of(FIRST, Order::Disarm).unwrap();
     assert_eq!(keyed.give(FIRST, confirm), Ok(Done::Taken), "the answer again");
@@ -219,7 +219,7 @@ fn the_key_changes_and_goes_only_with_a_code_of_the_old_one_and_survives_a_resta
     );
 }
 
-/// Its first order carried a code; what else moves needs one of its own.
+/// Its first order had a code; other motions need their own.
 #[test]
 fn jog_goes_on_without_a_code_and_opens_no_way_for_other_orders() {
     let mut keyed = Keyed::new();

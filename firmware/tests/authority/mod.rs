@@ -1,5 +1,5 @@
-//! Who may order what: sessions of nodes, gains and limits, certificates, and keyed orders. Repeats of what was
-//! found by abuse, each as a test, in the core and over the wire.
+//! Who may give which order: sessions of nodes, gains and limits, certificates, and keyed orders. Each defect that
+//! was found by misuse is a test here, in the core and over the wire.
 
 mod content;
 mod edges;
@@ -73,7 +73,7 @@ fn a_second_node_can_neither_confirm_the_offer_of_the_first_nor_take_its_place()
     let now = bench.instant();
     assert_eq!(cause(bench.controller.upload(now, SECOND, 0, &[1; 8])), Cause::BankBusy);
     assert_eq!(bench.kind(), StateKind::Ready);
-    // The first one goes on as if nothing had happened, and only it.
+    // The first node continues as if nothing had happened; no other node can.
     bench.run_for(60_000);
     bench.order_of(FIRST, Order::ArmConfirm { token, valid: VALID }).unwrap();
     assert_eq!(cause(bench.order_of(SECOND, Order::Run(name))), Cause::OtherHost);
@@ -93,7 +93,7 @@ fn the_first_node_can_always_disarm_and_so_can_any_other() {
         let _ = bench.order_of(SECOND, Order::ArmPrepare { crc64: name.crc64, valid: VALID });
         bench.order_of(by, Order::Disarm).unwrap();
         assert_eq!(bench.kind(), StateKind::Ready);
-        // An offer too.
+        // The same holds for an offer.
         let token = offer(&mut bench, FIRST, name);
         bench.order_of(by, Order::Disarm).unwrap();
         assert_eq!(
@@ -127,7 +127,7 @@ fn only_heartbeats_of_the_node_that_armed_keep_a_motion_alive() {
 }
 
 #[test]
-fn nobody_writes_gains_limits_or_periods_while_armed_or_running() {
+fn gains_limits_and_periods_cannot_be_written_while_armed_or_running() {
     let (mut bench, name) = committed();
     bench.arm(name);
     for kind in [StateKind::Armed, StateKind::Running] {
@@ -216,7 +216,7 @@ fn limits_beyond_those_of_the_robot_need_an_unlock_that_names_it_and_ends() {
     }
     assert!(!traced(&bench, TraceEvent::LimitsPutBack));
     bench.run_for(2_100_000);
-    // The accelerations were other ones for a while: the certificate has to be written again.
+    // The accelerations were changed for a while: the certificate has to be written again.
     let before = Settings { gains_certificate_crc32: 0, ..before };
     assert_eq!(*bench.controller.settings(), before, "the limits of the robot hold again");
     assert!(traced(&bench, TraceEvent::LimitsPutBack));
@@ -265,7 +265,7 @@ fn limits_saved_while_unlocked_do_not_survive_a_restart() {
     assert!(!again.is_unlocked());
 }
 
-/// Writes the certificate of what is in force.
+/// Writes the certificate of the present settings.
 fn certify(bench: &mut Bench) {
     let crc32 = registers::certificate_crc32(bench.controller.settings());
     write(bench, FIRST, "gains.certificate_crc32", &[Number::Natural32(crc32)]).unwrap();
@@ -289,7 +289,7 @@ fn gains_without_a_certificate_or_of_another_robot_are_not_armed() {
         write(bench, FIRST, "gains.certificate_crc32", &[Number::Natural32(certificate)]).unwrap();
     };
     let rates: Vec<Number> = settings.joint.0[..6].iter().map(|j| Number::Real32(j.k_rate_1_s)).collect();
-    // A gain by hand: the certificate is not its certificate, and its number, written back, proves nothing.
+    // A gain set by hand: the old certificate does not cover it, and writing the old number back proves nothing.
     write(&mut bench, FIRST, "joint.k_rate_1_s", &[Number::Real32(-30.0); 6]).unwrap();
     assert_eq!(bench.controller.settings().gains_certificate_crc32, 0);
     assert_eq!(cause(confirm(&mut bench)), Cause::GainsUncertified);
@@ -359,7 +359,7 @@ fn a_restarted_controller_knows_no_session_and_a_restarted_host_loses_its_own() 
     assert_eq!(cause(bench.order_of(FIRST, Order::Run(name))), Cause::OrderNotNow);
 }
 
-/// Any order of a stranger but those that end a motion, with numbers that may mean something.
+/// Any order of another node except those that end a motion, with plausible numbers.
 fn strange(kind: u8, x: u64, name: FileName) -> Order {
     let valid = Duration::from_micros(x % 40_000_000);
     match kind {
@@ -381,8 +381,8 @@ fn strange(kind: u8, x: u64, name: FileName) -> Order {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
 
-    /// What strangers order, write and upload between the steps of the first node changes neither its settings nor its
-    /// throw.
+    /// Orders, writes and uploads of other nodes between the steps of the first node change neither its settings
+    /// nor its throw.
     #[test]
     fn strangers_change_nothing_between_the_offer_and_the_end_of_a_throw(
         acts in proptest::collection::vec((0u8..14, 43u8..46, any::<u64>()), 0..60),

@@ -1,4 +1,4 @@
-//! What widens what the arm may do: needs the unlock, voids the commit, and is in what an arming names.
+//! Registers that let the arm do more: a write needs the unlock, voids the commit, and changes the digest of an arming.
 
 use super::*;
 use firmware::joints::PerJoint;
@@ -8,7 +8,7 @@ fn joints(settings: &Settings, of: impl Fn(&firmware::settings::JointSettings) -
     settings.joint.0[..6].iter().map(of).collect()
 }
 
-/// One write of each register of supervision that lets more pass than the controller was started with.
+/// For each register of supervision, a value that is more permissive than the value the controller was started with.
 const WIDER: [(&str, Number); 9] = [
     ("watchdog.enable", Number::Bit(false)),
     ("watchdog.prove", Number::Bit(false)),
@@ -58,13 +58,13 @@ fn supervision_is_widened_only_while_unlocked_voids_the_commit_and_is_put_back()
     }
 }
 
-/// The group looks for its drives again after some writes.
+/// The group searches its drives again after some writes.
 fn runnable_at_rest(bench: &mut Bench, name: FileName) -> Result<Done, Refusal> {
     bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Ready);
     runnable(bench, name)
 }
 
-/// An offset of 1 rad moves every soft limit by 1 rad in the room.
+/// An offset of 1 rad moves every soft limit by 1 rad in space.
 #[test]
 fn an_offset_or_an_inversion_changes_only_while_unlocked_and_voids_the_commit() {
     for (register, of) in [

@@ -1,4 +1,4 @@
-//! A drive that is as simple as it can be.
+//! A drive, as simple as possible.
 
 use protocol::ModuleId;
 use protocol::powercube::{
@@ -7,18 +7,18 @@ use protocol::powercube::{
 };
 use protocol::units::Radians;
 
-/// What is wrong with the positions of a drive, or with the drive.
+/// Fault of the positions of a drive, or of the drive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Wrong {
-    /// Answers stand still at this position.
+    /// Reported positions stay at this position.
     Frozen(f64),
-    /// Answers run the other way from this position on.
+    /// Reported positions move in the opposite direction from this position on.
     Reversed(f64),
-    /// Answers move with this share of the speed from this position on.
+    /// Reported positions move with this share of the speed from this position on.
     Creeping(f64, f64),
-    /// Answers are off by this much.
+    /// Reported positions have this error.
     Offset(f64),
-    /// Motions are answered and not done: the joint brakes and stays.
+    /// Motions are acknowledged and not executed: the joint brakes and stays.
     Deaf,
 }
 
@@ -39,28 +39,28 @@ pub(crate) struct BenchDrive {
     pub config: Config,
     pub dio: u8,
     pub current_a: f32,
-    /// Answers nothing and does nothing new.
+    /// Answers nothing and starts nothing new.
     pub silent: bool,
     /// Replies to drop, counted down.
     pub drop_replies: u32,
     pub watchdog_seen: Option<u64>,
     pub watchdog_us: u64,
-    /// Every frame to the drive keeps its watchdog quiet, not only the sign of life.
+    /// Every frame to the drive refreshes its watchdog, not only the sign of life.
     pub any_frame_is_life: bool,
-    /// A watchdog that runs goes on after a reset. Otherwise the next sign of life starts it.
+    /// A watchdog that runs continues after a reset. Otherwise the next sign of life starts it.
     pub reset_keeps_watchdog: bool,
     /// What the drive shows once its watchdog has expired.
     pub watchdog_shows: CubeState,
     pub wrong: Option<Wrong>,
-    /// Speed of a motion nobody ordered, rad/s; a halt ends it.
+    /// Speed of a motion without an order, rad/s; a halt ends it.
     pub creep_rad_s: f64,
     /// Speed of a motion from outside, which the drive does not report, rad/s: a hand, or a brake that slips.
     pub slips_rad_s: f64,
     /// Halts that have no effect, counted down.
     pub deaf_to_halts: u32,
-    /// Stays halted whatever is sent.
+    /// Stays halted whatever order comes.
     pub stays_halted: bool,
-    /// Homing ends then.
+    /// Time at which homing ends.
     homing_until: Option<u64>,
     pub home_takes_us: u64,
     pub max_cur: f32,
@@ -156,7 +156,7 @@ impl BenchDrive {
                 (self.q, self.v) = (self.q_gen, self.v_gen);
             } else {
                 let (wn, zeta) = (320.0, 0.8);
-                // Damping on the speed itself: the position runs 2 zeta / wn behind, as `drive_lag_us` says.
+                // Damping on the speed itself: the position is 2 zeta / wn behind, as in `drive_lag_us`.
                 let a = wn * wn * (self.q_gen - self.q) - 2.0 * zeta * wn * self.v;
                 self.v += dt * a;
                 self.q += dt * self.v;
@@ -194,7 +194,7 @@ impl BenchDrive {
         ((q / step).round() * step) as f32
     }
 
-    /// A frame to this drive or to all has come.
+    /// A frame to this drive or to all drives has come.
     pub(super) fn hear(&mut self, now_us: u64) {
         if self.any_frame_is_life && self.watchdog_seen.is_some() {
             self.watchdog_seen = Some(now_us);

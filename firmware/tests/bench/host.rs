@@ -1,4 +1,4 @@
-//! Host with node-ID 42 at the other end of the controller's Cyphal link, in the hands of a test.
+//! Host with node-ID 42 at the other end of the controller's Cyphal link, controlled by a test.
 
 use std::collections::VecDeque;
 
@@ -31,7 +31,7 @@ pub(crate) struct Call {
     pub input: Option<Frame>,
 }
 
-/// A node that writes down what it is called with and what it sends.
+/// A node that records its calls and what it sends.
 pub(crate) struct Recorder {
     pub node: ControllerNode<RamStorage, Spline, PowerCubes>,
     pub calls: Vec<Call>,
@@ -63,11 +63,11 @@ impl Controlled for Recorder {
         self.node.controller()
     }
     fn core_mut(&mut self) -> &mut Controller<RamStorage, Spline, PowerCubes> {
-        panic!("the host link is the only door here")
+        panic!("only the host link gives orders here")
     }
 }
 
-/// Host with node-ID 42, in the test's hands.
+/// Host with node-ID 42, controlled by the test.
 pub(crate) struct Host<C = Recorder> {
     pub bench: Bench<C>,
     pub rx: Receiver<8, 4, 600>,
@@ -80,14 +80,14 @@ pub(crate) struct Host<C = Recorder> {
     pub beat_due: u64,
     /// Time between two heartbeats, µs.
     pub beat_us: u64,
-    /// Lines of text for people.
+    /// Texts of the diagnostic records that the controller sent.
     pub records: Vec<String>,
     pub beating: bool,
     /// Time between two frames of a transfer of the lowest priority, µs.
     pub gap_us: u64,
     slow: VecDeque<Frame>,
     slow_due: u64,
-    /// In the heartbeats, s.
+    /// Uptime in the heartbeats, s.
     pub uptime_s: u32,
 }
 
@@ -118,7 +118,7 @@ impl Host {
         Self::over(Recorder { node, calls: Vec::new(), frames: Vec::new() }, options)
     }
 
-    /// A stop by whoever runs the node, not over the link.
+    /// A stop by the program that runs the node, not over the link.
     pub(crate) fn stop_node(&mut self) {
         let at = self.bench.instant();
         self.bench.controller.node.stop_now(at);
@@ -159,7 +159,7 @@ impl<C: Controlled> Host<C> {
         self.transfer = self.transfer.next();
         self.tx.push(&TxMeta { route, priority, transfer_id: self.transfer, deadline }, message).unwrap();
         while let Some(frame) = self.tx.pop() {
-            // Those of the long transfers wait; others go at once.
+            // Only frames of the long transfers wait; others go at once.
             if self.gap_us > 0 && priority == Priority::Optional {
                 self.slow.push_back(frame);
             } else {

@@ -1,6 +1,6 @@
-//! Bench of the controller's tests: a CAN bus with bit times and arbitration, and drives that are as simple as
-//! they can be and still ramp, lag, quantise, answer late and stop by their watchdog. Written from the drive's
-//! protocol. The simulator of the project is `hil-sim`; this one only serves the tests of this package.
+//! Bench of the controller's tests: a CAN bus with bit times and arbitration, and drives. The drives are as simple
+//! as possible, but they ramp, lag, quantise, answer late and stop by their watchdog. Written from the drive's
+//! protocol. The simulator of the project is `hil-sim`; this bench only serves the tests of this package.
 
 mod drive;
 pub(crate) mod host;
@@ -40,7 +40,7 @@ impl Rng {
     }
 }
 
-/// Half a step of the encoder: a joint that stands outside of its limits is held where it was measured.
+/// Half a step of the encoder: a joint that stands outside its limits is held where it was measured.
 const OUTSIDE_RAD: f32 = 2e-4;
 
 /// Frame with the time of its end on the bus.
@@ -66,7 +66,7 @@ impl Default for Options {
     }
 }
 
-/// What the bench drives: the controller alone, or with its host link.
+/// What is tested: the controller alone, or with its host link.
 pub(crate) trait Controlled: Node {
     fn core(&self) -> &Controller<RamStorage, Spline, PowerCubes>;
     fn core_mut(&mut self) -> &mut Controller<RamStorage, Spline, PowerCubes>;
@@ -98,7 +98,7 @@ pub(crate) struct Bench<C = Controller<RamStorage, Spline, PowerCubes>> {
     /// Frames of another node.
     strangers: VecDeque<Frame>,
     on_bus: Option<(u64, Frame, Sender)>,
-    /// The controller's processor does something else until then; what comes meanwhile waits.
+    /// Until then the controller's processor is busy with something else; frames and deadlines wait.
     held_until: u64,
     waiting: VecDeque<Frame>,
 }
@@ -165,7 +165,7 @@ impl<C: Controlled> Bench<C> {
         }
     }
 
-    /// The controller is not called for so long. Then it gets the frames that have come, and after them its deadlines.
+    /// The controller is not called for `us`. Then it gets the frames that have come, and after them its deadlines.
     pub(crate) fn hold_up(&mut self, us: u64) {
         self.held_until = self.now + us;
     }
@@ -197,7 +197,7 @@ impl<C: Controlled> Bench<C> {
         self.start_frame();
     }
 
-    /// What must hold for every frame the controller ever sends, in every test.
+    /// Conditions on every frame that the controller sends, in every test.
     fn check_invariants(&self, frame: &Frame) {
         if frame.is_extended() {
             return;
@@ -216,7 +216,7 @@ impl<C: Controlled> Bench<C> {
                 let MotionCommand::Ramp { target } = motion.command() else { panic!("only ramps: {frame}") };
                 let q = limits.to_joint_rad(target.get());
                 let drive = self.drives.iter().find(|drive| drive.module == module).unwrap();
-                // Outside of its limits a joint is led no further out, but for the way in which it brakes. Without a zero it
+                // Outside its limits a joint moves no further out, except for its braking way. Without a zero it
                 // has no limits.
                 let rests = (drive.q_gen + 0.5 * drive.v_gen * drive.v_gen.abs() / drive.a_ramp) as f32;
                 let low = limits.q_min_rad.min(drive.q_gen as f32).min(rests) - OUTSIDE_RAD;
@@ -409,11 +409,11 @@ impl<C: Controlled> Bench<C> {
     }
 
     fn take_level(&mut self) -> Option<bool> {
-        // With a host link the board's output is not looked at.
+        // With a host link the board's output is not read.
         if self.heartbeat { self.controller.core_mut().take_gripper_level() } else { None }
     }
 
-    /// A frame of another node wants to the bus.
+    /// Another node sends a frame to the bus.
     pub(crate) fn foreign(&mut self, frame: Frame) {
         self.strangers.push_back(frame);
         self.start_frame();
@@ -426,7 +426,7 @@ impl<C: Controlled> Bench<C> {
         self.drain();
     }
 
-    /// When the trace says that a state was left after `at`.
+    /// Time at which a state was left after `at`, from the trace.
     pub(crate) fn left(&self, state: StateKind, after: u64) -> Option<u64> {
         let mut entries = self.controller.core().trace().iter().filter_map(|(at, event)| match event {
             firmware::trace::TraceEvent::State { from, .. } if from == state => Some(at.as_micros()),

@@ -7,7 +7,7 @@ pub enum Recovery {
     /// The controller counts 128 sequences of eleven recessive bits at once.
     #[default]
     Automatic,
-    /// It begins to count when its software asks ([`Bus::request_recovery`](super::Bus::request_recovery)).
+    /// It begins to count when its software requests it ([`Bus::request_recovery`](super::Bus::request_recovery)).
     OnRequest,
 }
 

@@ -66,7 +66,7 @@ impl Controller {
         }
     }
 
-    /// Puts the node into bus-off, whatever its counter was.
+    /// Puts the node into bus-off, from any value of its counter.
     pub fn enter_bus_off(&mut self) {
         self.counters.force_bus_off();
         self.presence = if self.automatic_recovery {
@@ -76,7 +76,7 @@ impl Controller {
         };
     }
 
-    /// Permits recovery of a node that does not recover by itself; false if there is nothing to permit.
+    /// Permits recovery of a node that does not recover by itself; false if the node does not wait for it.
     pub fn request_recovery(&mut self) -> bool {
         let held = self.presence == Presence::HeldOff;
         if held {

@@ -10,10 +10,10 @@ pub const BUS_OFF_LIMIT: u16 = 256;
 pub const RECOVERY_SEQUENCES: u16 = 128;
 /// Recessive bits of one such sequence.
 pub const SEQUENCE_BITS: u8 = 11;
-/// What rule 8 makes of a receive counter above 127: "a value between 119 and 127". The choice of 127
-/// keeps the node closest to the state it was in.
+/// New value of a receive counter above 127 after rule 8: "a value between 119 and 127". 127 keeps the node closest
+/// to its present state.
 pub const REC_AFTER_SUCCESS: u16 = 127;
-/// A receive counter beyond passive says nothing more; it stops here as in an 8-bit register.
+/// Above passive, larger receive counters make no difference; the counter stops here, as an 8-bit register does.
 const REC_MAX: u16 = 255;
 
 /// Fault confinement state of a node.

@@ -1,4 +1,4 @@
-//! What a bus tells its owner, and what disturbs it.
+//! Events that a bus reports to its owner, and disturbances of the bus.
 
 use protocol::Frame;
 
@@ -9,7 +9,7 @@ use super::stats::ErrorKind;
 pub struct Disturbance {
     /// Counted from start of frame (0), stuff bits included.
     pub bit: u32,
-    /// Ports that read the inverted level; all ones: everybody, the sender too.
+    /// Ports that read the inverted level; all ones: all nodes, also the sender.
     pub seen_by: u64,
 }
 

@@ -1,4 +1,4 @@
-//! The bus itself: its stages, what its owner asks and orders, events in order of time.
+//! The bus itself: its stages, calls of its owner, events in order of time.
 
 mod attempt;
 mod errors;
@@ -185,8 +185,8 @@ impl Bus {
         self.ports[port].queue.set_depth(depth);
     }
 
-    /// A time up to which [`Bus::run_until`] has nothing to tell but errors, unless something is sent; `None` while
-    /// nothing is under way. For runners that sleep in between: one awakening per frame.
+    /// A time up to which [`Bus::run_until`] reports only errors, unless something is sent; `None` while no frame
+    /// is on the bus. For runners that sleep in between: one wake-up per frame.
     pub fn quiet_until_ns(&self) -> Option<u64> {
         match self.stage {
             Stage::Attempt(attempt) => {
@@ -235,8 +235,8 @@ impl Bus {
         taken
     }
 
-    /// Connects or disconnects a node at `now_ns`. A disconnected node loses what waits in its queue; a
-    /// frame it was sending is finished by nobody and ends in a stuff error for the others.
+    /// Connects or disconnects a node at `now_ns`. A disconnected node loses the frames in its queue; a frame that
+    /// it was sending breaks off and ends in a stuff error for the others.
     pub fn set_attached(&mut self, port: usize, attached: bool, now_ns: u64) {
         if attached == (self.attached >> port & 1 == 1) {
             return;

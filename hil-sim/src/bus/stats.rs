@@ -15,7 +15,7 @@ pub enum ErrorKind {
     Crc,
     /// Dominant bit where the form demands recessive.
     Form,
-    /// Nobody acknowledged the own frame.
+    /// No node acknowledged the own frame.
     Ack,
 }
 
@@ -64,7 +64,7 @@ pub struct IdStats {
     pub wait_max_ns: u64,
     /// Largest time from queueing to the end of the frame: the response time of the literature.
     pub response_max_ns: u64,
-    /// Error flags begun by anybody while a frame of this id was on the bus.
+    /// Error flags begun by any node while a frame of this id was on the bus.
     pub errors: ErrorCounts,
 }
 

@@ -15,7 +15,7 @@ use crate::mechanics::{
     SupplyOptions,
 };
 
-/// Everything about a cell that is no robot file.
+/// Options of a cell that are not in a robot file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CellOptions {
     /// The same for all drives; a scatter varies the delay.
@@ -25,7 +25,7 @@ pub struct CellOptions {
     /// The same for all supplies.
     pub supply: SupplyOptions,
     pub gripper: GripperOptions,
-    /// The ball leaves between fingers that open, as `[fingers]` of the robot file says, instead of at one instant.
+    /// The ball leaves between fingers that open, as described by `[fingers]` of the robot file, instead of at one instant.
     pub finger_release: bool,
     /// Deviations from the model.
     pub scatter: Scatter,
@@ -40,7 +40,7 @@ pub struct CellOptions {
     pub bit_rate: BaudRate,
     /// At time 0 the drives are switched on; otherwise they have been up for a while.
     pub cold_start: bool,
-    /// The electronics hang on the motor supply: a cut-out restarts the drives. Off: a logic supply of their own.
+    /// The motor supply feeds the electronics too: a cut-out restarts the drives. Off: they have a logic supply of their own.
     pub logic_on_motor_supply: bool,
 }
 
@@ -80,7 +80,7 @@ pub enum CellError {
         /// Name of the robot.
         robot: String,
     },
-    /// The release between fingers was asked for and the robot file does not say how they open.
+    /// The release between fingers was requested, but the robot file does not describe the fingers.
     #[error(
         "robot {robot} says nothing about its fingers: give its file a [fingers] table, or leave the finger release out"
     )]
@@ -101,7 +101,7 @@ pub enum CellError {
         /// Its type.
         motor: String,
     },
-    /// The start pose has another number of joints, or is no number.
+    /// The start pose has another number of joints, or a value is not a number.
     #[error("the start pose has {found} usable angles, the robot {expected} joints")]
     StartPose {
         found: usize,
@@ -161,8 +161,9 @@ impl Cell {
         Self::assemble(drives, Box::new(plant), supplies, supply_of, throw, options)
     }
 
-    /// So many modules on a bench, at most [`robot_model::JOINTS_MAX`], addresses from 1: each turns a wheel of half the inertia its loop is tuned for, without
-    /// gravity, on a supply of its own that never sags; friction as in an arm.
+    /// A bench with `modules` modules, at most [`robot_model::JOINTS_MAX`], addresses from 1. Each turns a wheel of
+    /// half the inertia its loop is tuned for, without gravity, on a supply of its own with constant voltage;
+    /// friction as in an arm.
     ///
     /// # Errors
     /// [`CellError::Step`], [`CellError::StartPose`].

@@ -1,4 +1,4 @@
-//! What turns the joints and opens the hand: PowerCubes, motors with MIT frames, CANopen servos, or ODrives.
+//! Drives of the joints and of the gripper: PowerCubes, motors with MIT frames, CANopen servos, or ODrives.
 
 use std::borrow::Cow;
 
@@ -89,7 +89,8 @@ impl Fingers {
     }
 }
 
-/// The servos of `[joint.cia402]`, whose loops are tuned for the nominal arm: as stiff as the drive loop of the robot file says.
+/// The servos of `[joint.cia402]`, whose loops are tuned for the nominal arm: with the stiffness of the drive loop in the robot
+/// file.
 pub(super) fn servos(
     model: &RobotModel,
     options: &CellOptions,
@@ -104,7 +105,7 @@ pub(super) fn servos(
     let servo = |joint: usize| {
         let (described, limits) = (&described[joint], &model.joints()[joint].limits);
         let options_of = ServoOptions {
-            // A motor encoder behind a gear of 1: the product is what a host must know.
+            // A motor encoder with a ratio of 1: a host needs only the product.
             encoder_counts: described.counts_per_turn,
             gear: 1,
             rated_nm: described.rated_nm,
@@ -215,7 +216,7 @@ impl Drives {
         }
     }
 
-    /// A CANopen node has a mailbox for each kind of frame: a heartbeat that waits holds up no process data.
+    /// A CANopen node has a mailbox for each kind of frame: a heartbeat that waits does not delay process data.
     pub(super) fn tx_order(&self) -> Option<TxOrder> {
         matches!(self, Self::Cia402(_)).then_some(TxOrder::Priority)
     }

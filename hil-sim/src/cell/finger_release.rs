@@ -39,8 +39,9 @@ impl FingerRelease {
         self.opening.as_ref().map(|opening| point(&opening.held.ball()))
     }
 
-    /// Moves the ball on over the step of the plant that went from `before` to `now`, in an opening that frees a ball that
-    /// nothing pushes at `free_at`. The instant at which the ball left the fingers, and its place and velocity then.
+    /// Moves the ball over the step of the plant from `before` to `now`. `free_at` is the time at which this
+    /// opening frees a ball on which no other force acts. Returns the instant at which the ball left the fingers,
+    /// and its place and velocity at that time.
     pub(super) fn step(
         &mut self,
         plant: &dyn Plant,

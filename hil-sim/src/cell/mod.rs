@@ -3,16 +3,17 @@
 //! # One step of the time grid
 //!
 //! ```text
-//! 1. every drive says what its power stage does            input, set-points in the middle of the step
-//! 2. the mechanics take the step                           Plant::step
+//! 1. every drive states the output of its power stage     input, set-points in the middle of the step
+//! 2. the mechanics make the step                           Plant::step
 //! 3. the supplies carry the currents                       Supply::step
-//! 4. every drive takes its axis and supply voltage back    tick
-//! 5. gripper and ball move on                              Throw::step
+//! 4. every drive gets its axis state and supply voltage    tick
+//! 5. gripper and ball move                                 Throw::step
 //! ```
 //!
-//! The grid is the cell's own ([`CellOptions::step`], 1 ms): [`Cell::advance`](Participants::advance) takes every whole step up
-//! to the time given and leaves the rest. What happens between two grid points is a matter of closed forms: ramps start
-//! at their own microsecond, answers extrapolate with the axis's velocity, the ball leaves at the gripper's instant.
+//! The grid is the cell's own ([`CellOptions::step`], 1 ms): [`Cell::advance`](Participants::advance) makes every
+//! whole step up to the given time and leaves the rest. Between two grid points closed forms are used: ramps start
+//! at their own microsecond, answers extrapolate with the axis's velocity, the ball leaves at the gripper's
+//! instant.
 
 mod build;
 mod drives;
@@ -43,7 +44,7 @@ use crate::witness::Trace;
 use drives::Drives;
 use throw::Throw;
 
-/// Below this share of the nominal voltage the electronics of a drive that hang on the motor supply are off.
+/// Below this share of the nominal voltage the electronics fed by the motor supply are off.
 const LOGIC_SHARE_MIN: f64 = 0.4;
 
 /// Drives with everything behind them.
@@ -53,7 +54,7 @@ pub struct Cell {
     mounting: Vec<Mounting>,
     plant: Box<dyn Plant>,
     supplies: Vec<Supply>,
-    /// Supply of each drive; `None` for a drive with a supply of its own that never sags.
+    /// Supply of each drive; `None` for a drive with a supply of its own with constant voltage.
     supply_of: Vec<Option<usize>>,
     throw: Throw,
     bit_rate: BaudRate,
@@ -66,7 +67,7 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// The PowerCubes, in joint order; none in an arm of other motors.
+    /// The PowerCubes, in joint order; empty for an arm with other motors.
     pub fn drives(&self) -> &[PowerCubeDrive] {
         self.drives.powercubes()
     }
@@ -76,13 +77,13 @@ impl Cell {
         self.drives.powercubes_mut().get_mut(index)
     }
 
-    /// The motors with MIT frames, in joint order, the one of the gripper last; none in an arm of other drives.
+    /// The motors with MIT frames, in joint order, the one of the gripper last; empty for an arm with other drives.
     pub fn mit_motors_mut(&mut self) -> impl Iterator<Item = &mut MitMotor> {
         let arm = if let Drives::Mit(arm) = &mut self.drives { Some(arm) } else { None };
         arm.into_iter().flat_map(|arm| arm.motors_mut())
     }
 
-    /// The CANopen servos, in joint order; none in an arm of other drives.
+    /// The CANopen servos, in joint order; empty for an arm with other drives.
     pub fn servos_mut(&mut self) -> &mut [CanopenServo] {
         if let Drives::Cia402(servos) = &mut self.drives { servos } else { &mut [] }
     }
@@ -184,7 +185,7 @@ impl Cell {
             for axis in 0..self.plant.axes() {
                 trace.push([self.plant.link_q_rad(axis), self.plant.axis(axis).v_rad_s]);
             }
-            trace.note_gripper(end, self.throw.is_told_to_open());
+            trace.note_gripper(end, self.throw.is_ordered_open());
         }
     }
 

@@ -7,7 +7,7 @@ use super::drives::Drives;
 use super::finger_release::FingerRelease;
 use crate::mechanics::{Flight, Gripper, HandPoint, Landing, Plant, Touch};
 
-/// From this time after the release on, the ball is tested against hand and arm: it starts between the fingers.
+/// Time after the release from which the ball is tested against hand and arm, s: it starts between the fingers.
 const TOUCH_FROM_S: f64 = 0.020;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,7 +76,7 @@ impl Throw {
         self.gripper.order(at, open);
     }
 
-    pub(super) fn is_told_to_open(&self) -> bool {
+    pub(super) fn is_ordered_open(&self) -> bool {
         self.gripper.is_ordered_open()
     }
 
@@ -110,9 +110,9 @@ impl Throw {
         self.report.released_at.map(|at| now.saturating_since(at).as_secs_f64())
     }
 
-    /// Looks at what the drives do with the gripper and moves the ball on to `now`, the end of a step.
+    /// Reads the gripper state of the drives and moves the ball to `now`, the end of a step.
     pub(super) fn step(&mut self, drives: &Drives, plant: &dyn Plant, now: Instant) {
-        // Orders from outside stand as long as the output, or the motor of the fingers, does not change.
+        // Orders from outside stay in force until the output, or the motor of the fingers, changes.
         if let Some((open, changed)) = drives.gripper(self.gripper.options().output)
             && open != self.output_seen
         {

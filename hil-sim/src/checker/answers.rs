@@ -67,8 +67,8 @@ impl Checker for Answers {
         };
         let Some(open) = self.open(module) else { return };
         match open.iter().position(|(_, request)| reply.answers(request)) {
-            // Answers in another order than asked mean that one before was lost or overtaken; it
-            // stays open until its time is over.
+            // An answer out of order means that an earlier one was lost or overtaken; the earlier request stays
+            // open until its time is over.
             Some(index) => {
                 open.remove(index);
             }

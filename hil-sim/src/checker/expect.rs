@@ -33,7 +33,7 @@ impl Check {
     }
 }
 
-/// What must hold. A checker that is not asked for does not run.
+/// Conditions to check. A checker that is not listed does not run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Expect {
     /// Every request is answered in this time, and every answer belongs to a request.

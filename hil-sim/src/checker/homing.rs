@@ -7,9 +7,9 @@ use protocol::{Frame, Instant, ModuleId};
 
 use super::{Checker, Findings};
 
-/// Checker that nobody moves a module whose reference is unknown.
+/// Checks that no module with an unknown reference is moved.
 ///
-/// The reference counts as known once the module has said so: HOME_OK in its state word, or a short state
+/// The reference counts as known when the module has reported it: HOME_OK in its state word, or a short state
 /// without NOT_OK (which includes the home bit). HOME makes it unknown again.
 #[derive(Clone, Debug, Default)]
 pub struct Homing {

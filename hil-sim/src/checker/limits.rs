@@ -27,7 +27,7 @@ pub struct ModuleLimits {
 
 /// Checker of commanded targets, velocities, accelerations and currents.
 ///
-/// Values that are not finite break every limit. Motions in ticks are not judged: the ratio is the drive's own.
+/// Values that are not finite violate every limit. Motions in ticks are not checked: the ratio is the drive's own.
 #[derive(Clone, Debug)]
 pub struct Limits {
     limits: Vec<ModuleLimits>,

@@ -1,8 +1,8 @@
-//! Invariants seen from the bus: checkers know frames and limits, never a node.
+//! Invariants seen from the bus: checkers know frames and limits, but no node.
 //!
-//! | file | demands |
+//! | file | requires |
 //! |---|---|
-//! | [`mod@expect`] | names of the checkers; what a run asks for |
+//! | [`mod@expect`] | names of the checkers; which of them a run uses |
 //! | [`answers`] | every request is answered in time, every answer belongs to a request |
 //! | [`limits`] | targets, velocities, accelerations and currents stay within the robot's limits |
 //! | [`homing`] | no motion before the module has reported its reference |
@@ -27,7 +27,7 @@ use crate::world::Observer;
 pub use expect::{Check, Expect};
 pub use limits::ModuleLimits;
 
-/// Violations kept per checker; what comes after is counted only.
+/// Violations kept per checker; later ones are only counted.
 const KEPT_MAX: usize = 100;
 
 /// An invariant that did not hold.
@@ -96,21 +96,21 @@ pub struct Checkers {
 pub struct CheckResult {
     pub check: Check,
     pub violations: u64,
-    /// True if the scenario says that it must break.
+    /// True if the scenario expects a violation.
     pub expected_to_trip: bool,
     /// The first of them.
     pub first: Vec<Violation>,
 }
 
 impl CheckResult {
-    /// True if the checker ended as the scenario says.
+    /// True if the result is the one that the scenario expects.
     pub fn as_expected(&self) -> bool {
         (self.violations > 0) == self.expected_to_trip
     }
 }
 
 impl Checkers {
-    /// The checkers that a scenario asks for. `limits` names the modules of the robot.
+    /// The checkers that a scenario lists. `limits` names the modules of the robot.
     pub fn new(expect: &Expect, limits: &[ModuleLimits], bit_rate_bit_s: u32) -> Self {
         let mut checkers = Self::default();
         if let Some(within) = expect.answers_within {
@@ -137,7 +137,7 @@ impl Checkers {
         self.entries.push((Box::new(checker), Findings::new(check)));
     }
 
-    /// Ends the run and says what was found; `expect` tells what had to break.
+    /// Ends the run and returns the results; `expect` lists the checkers that must find a violation.
     pub fn finish(&mut self, end: Instant, expect: &Expect) -> Vec<CheckResult> {
         if !self.finished {
             self.finished = true;

@@ -1,4 +1,4 @@
-//! Motors on one bus, each with an inertia of its own at its shaft: what clients of such motors are tried with.
+//! Motors on one bus, each with its own inertia at its shaft, to test clients of such motors.
 
 use std::borrow::Cow;
 

@@ -6,7 +6,7 @@ use super::state::PowerCubeDrive;
 use crate::fault::PhysicalFault;
 
 impl PowerCubeDrive {
-    /// Starts a fault; false for faults that are not a module's own (the axis held from outside, supply, gripper).
+    /// Starts a fault; false for faults that are not inside a module (the axis held from outside, supply, gripper).
     pub fn begin(&mut self, now: Instant, fault: &PhysicalFault) -> bool {
         match fault {
             PhysicalFault::Frozen => self.afflictions.frozen = Some(self.snapshot(now)),
@@ -43,8 +43,8 @@ impl PowerCubeDrive {
         }
     }
 
-    /// Latches error causes as the module's own monitoring would: for situations no other fault leads to (processor
-    /// overload, set-up error).
+    /// Latches error causes as the module's own monitoring would: for situations that no other fault causes
+    /// (processor overload, set-up error).
     pub fn inject(&mut self, now: Instant, causes: CubeState) {
         let known = CubeState::from_bits(causes.bits() & CubeState::CAUSES.bits());
         if known != CubeState::EMPTY {

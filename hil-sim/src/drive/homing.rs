@@ -7,12 +7,12 @@
 //!              limit switch: once ────┘──┘  twice: failed
 //! ```
 //!
-//! A limit switch in Search means that the joint started beyond the home switch: the drive goes back across the switch
-//! (Leave) and searches again. So it takes the same edge from wherever it starts.
+//! A limit switch in Search means that the joint started beyond the home switch: the drive moves back across the
+//! switch (Leave) and searches again. So it uses the same edge from every start position.
 //!
-//! The direction is the sign of HomeVel. The counter is latched by the switch itself, so the result does not depend on
-//! the speed. What the module reads at the edge is HomeOffset (not stated by any source; it makes the factory offset
-//! the place of the edge in joint coordinates).
+//! The direction is the sign of HomeVel. The switch itself latches the counter, so the result does not depend on
+//! the speed. The reading at the edge is HomeOffset (not stated by any source; it makes the factory offset the
+//! place of the edge in joint coordinates).
 
 use protocol::powercube::Config;
 
@@ -41,7 +41,7 @@ pub(super) struct Homing {
 /// What the module has to do next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum HomingEvent {
-    /// Go on as before.
+    /// No change of stage.
     Continue,
     /// Drive in the direction of `travel` from now on.
     Turn,
@@ -64,7 +64,7 @@ impl Homing {
         if self.phase == HomingPhase::Leave { -self.direction } else { self.direction }
     }
 
-    /// Looks at the switches: home switch, and the limit switch that lies in the direction of travel.
+    /// Reads the switches: home switch, and the limit switch in the direction of travel.
     pub(super) fn read_switch(&mut self, active: bool, limit_ahead: bool) -> HomingEvent {
         let rising = active && !self.was_active;
         let falling = !active && self.was_active;

@@ -1,4 +1,4 @@
-//! What a module shows: state word, digital lines, and every parameter that is measured or computed.
+//! Readings of a module: state word, digital lines, and every parameter that is measured or computed.
 
 use protocol::Instant;
 use protocol::powercube::{
@@ -164,7 +164,7 @@ impl PowerCubeDrive {
         self.shown_state(now)
     }
 
-    /// Number that a parameter holds now, 0 for one that is not stored as a number; for reports and checks.
+    /// Present number of a parameter, 0 if it is not stored as a number; for reports and checks.
     pub fn held(&self, parameter: Parameter) -> f64 {
         self.store.number(parameter)
     }
@@ -190,7 +190,7 @@ impl PowerCubeDrive {
     }
 }
 
-/// Number of the motion mode as parameter 0x3A shows it: the simple motion byte of what runs (not stated by any source).
+/// Number of the motion mode in parameter 0x3A: the simple motion byte of the running motion (not stated by any source).
 fn mode_number(program: &Program) -> u8 {
     let kind = match program {
         Program::Open => return 0,

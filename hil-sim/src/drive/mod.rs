@@ -1,21 +1,21 @@
 //! One PowerCube behind the wire: the M5 protocol as a module, its motion generator, its position loop.
 //!
-//! Written from the protocol reference. Where that is silent, the choice is an option with a default ([`options`]).
+//! Written from the protocol reference. Where the reference has a gap, the choice is an option with a default ([`options`]).
 //!
 //! # Map
 //!
 //! | file | holds |
 //! |---|---|
-//! | `state` | [`PowerCubeDrive`]: all that a module knows |
+//! | `state` | [`PowerCubeDrive`]: the whole state of a module |
 //! | `module` | power, request queue, answers in order, timers; the [`protocol::Node`] |
-//! | `obey` | what each request and broadcast does |
-//! | `measure` | what answers show: state word, measured and computed parameters |
+//! | `obey` | effect of each request and broadcast |
+//! | `measure` | content of answers: state word, measured and computed parameters |
 //! | `store` | stored parameters: types, limits, defaults, permanent copy |
-//! | `supervise` | what a module does unasked: stops, brake, limits, following error, overload, homing |
+//! | `supervise` | actions of a module without an order: stops, brake, limits, following error, overload, homing |
 //! | `homing` | the search for the zero position |
 //! | `program`, [`ramp`] | set-point as a closed-form function of time |
-//! | `servo` | position loop and torque left of the current limit |
-//! | `faults` | what is broken in it |
+//! | `servo` | position loop and the torque that the current limit allows |
+//! | `faults` | its faults |
 //! | [`mit`], [`odrive`], [`cia402`] | a Damiao motor, an axis of an ODrive, a CANopen servo instead of a PowerCube |
 //! | [`mod@bench`] | such motors with an inertia each, as participants of a bus |
 //!
@@ -29,7 +29,7 @@
 //!                                        halted (braking, then brake) ◄───────────────────────────
 //! ```
 //!
-//! Choices that are no options, because no host depends on them:
+//! Choices that are not options, because no host depends on them:
 //!
 //! * Position in an incremental module is zero at power-on and means nothing until homed; soft limits act only when
 //!   homed. Limit switches act always.
@@ -39,7 +39,7 @@
 //!   motion inwards lead out again.
 //! * Running into both limit switches without an edge ends homing in HALTED without an error bit.
 //! * A ramp's phase bits follow the set-point; MOTION falls and RAMP_END rises when the axis stands, too.
-//! * The watchdog disarms when it has struck; the next refresh arms it again.
+//! * The watchdog disarms when it has expired; the next refresh arms it again.
 //! * The baud broadcast changes the working copy of the bit rate; after power-off without SAVE the old one is back.
 //! * A new address acts from the next power-on, after SAVE.
 //! * Bits of Config and Setup without a line in `supervise` or `obey` are stored and read back, and do nothing: they

@@ -34,7 +34,7 @@ impl PowerCubeDrive {
         self.come_up(now);
     }
 
-    /// Off and on again at once: saved parameters are loaded, home is lost, answers come after the boot time.
+    /// Switches off and on at once: saved parameters are loaded, home is lost, answers come after the boot time.
     pub fn restart(&mut self, now: Instant) {
         self.power_down();
         self.boot(now);
@@ -213,7 +213,7 @@ impl Node for PowerCubeDrive {
         if self.power != Power::Up {
             return;
         }
-        // A refresh that is due to be processed before the deadline counts, so requests come first.
+        // A refresh that is due before the deadline counts, so requests are processed first.
         self.process_due_requests(now);
         if let Some(deadline) = self.watchdog.filter(|&deadline| deadline <= now) {
             self.watchdog = None;

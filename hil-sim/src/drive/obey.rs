@@ -15,17 +15,17 @@ use super::ramp::Ramp;
 use super::state::PowerCubeDrive;
 use super::store::SetOutcome;
 
-/// Whether a motion was taken. A motion that the state forbids is taken and not executed: the answer says accepted, and
-/// hosts see NOT_OK in its short state.
+/// Result of a motion request. A motion that the state forbids is accepted and not executed: the answer says
+/// accepted, and hosts see NOT_OK in its short state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Taken {
     Yes,
-    /// The numbers are not allowed and the options say to refuse them.
+    /// The numbers are not allowed, and the options require to refuse them.
     No,
 }
 
 impl PowerCubeDrive {
-    /// Executes one request at `now`; `None` stays silent.
+    /// Executes one request at `now`; `None`: no answer.
     pub(super) fn obey(&mut self, now: Instant, request: Request) -> Option<Reply> {
         let reply = match request {
             Request::Get(parameter) => return self.get(now, parameter),
@@ -42,7 +42,7 @@ impl PowerCubeDrive {
                 InternalCommand::Silence => None,
             },
         };
-        // Asked after the request acted: the SET that switches answers off is not answered either.
+        // Checked after the request has acted: the SET that switches answers off is not answered either.
         reply.filter(|_| !self.store.config().contains(Config::DISABLE_ACK))
     }
 
@@ -75,7 +75,8 @@ impl PowerCubeDrive {
             SimpleCommand::SaveParameters => self.store.save(),
             // The clock it resets is visible nowhere.
             SimpleCommand::ResetClock => {}
-            // Sent to single modules by one host, which reads no answer: an answer would be taken for the next one's.
+            // One host sends this to single modules and reads no answer: it would take an answer as the answer to its next
+            // request.
             SimpleCommand::Watchdog => {
                 self.refresh_watchdog(now);
                 return None;
@@ -114,7 +115,7 @@ impl PowerCubeDrive {
         Some(Reply::Value(parameter, value))
     }
 
-    /// Normal noise; draws nothing where there is none, so that such runs stay what they were.
+    /// Normal noise; draws no random number if there is no noise, so that such runs do not change.
     fn current_noise_a(&mut self) -> f64 {
         if self.options.current_noise_a <= 0.0 {
             return 0.0;
@@ -148,7 +149,7 @@ impl PowerCubeDrive {
                 self.set_outputs(now, (bits >> 4 & 0x0F) as u8);
                 SetOutcome::Taken
             }
-            // Sets the target that is read back; no source says that it moves anything.
+            // Sets the target that is read back; no source states that it moves anything.
             (Parameter::TargetPosInc, Value::I32(ticks)) => {
                 self.target_rad = f64::from(ticks) / self.plate.ticks_per_rad();
                 SetOutcome::Taken
@@ -224,7 +225,7 @@ impl PowerCubeDrive {
             && !matches!(self.generator.program(), Program::Open)
     }
 
-    /// Numbers beyond limits, where the options say to refuse.
+    /// True if numbers are beyond limits and the options require to refuse them.
     fn refuses(&self, command: MotionCommand) -> bool {
         let ticks = self.plate.ticks_per_rad();
         let n = |p| self.store.number(p);

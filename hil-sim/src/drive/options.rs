@@ -1,19 +1,19 @@
-//! What a module does where its sources are silent, and how fast it does everything: options with defaults.
+//! Behaviour of a module where its sources have gaps, and its speeds: options with defaults.
 //!
-//! No manufacturer's manual and no real module was at hand (`powercube-protocol` section 10). Each enum here is
-//! one open question; its default is the choice that keeps every known host content.
+//! No manufacturer's manual and no real module was at hand (`powercube-protocol` section 10). Each enum here is one
+//! open question; its default is the choice that works with every known host.
 
 use protocol::{Duration, ModuleId};
 use robot_model as robot;
 
-/// What becomes of a number beyond its limit: SET of a parameter, velocity or current of a motion.
+/// Treatment of a number beyond its limit: SET of a parameter, velocity or current of a motion.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BeyondMaximum {
-    /// The nearest allowed number acts, and the answer says accepted. (Hosts write round numbers above the maximum and
-    /// expect the module to go on.)
+    /// The nearest allowed number acts, and the answer says accepted. (Hosts write round numbers above the maximum
+    /// and expect the module to continue.)
     #[default]
     Clip,
-    /// Nothing changes, answered as [`RefusedReply`] says.
+    /// Nothing changes; the answer is that of [`RefusedReply`].
     Refuse,
 }
 
@@ -31,7 +31,7 @@ pub enum BeyondSoftLimit {
     Refuse,
 }
 
-/// How a request that is understood but not obeyed is answered: gate closed, read-only, value refused.
+/// Answer to a request that is understood but not executed: gate closed, read-only, value refused.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum RefusedReply {
     /// Not at all; hosts take silence for a time-out.
@@ -41,8 +41,8 @@ pub enum RefusedReply {
     Code(u8),
 }
 
-/// What a frame to this module gets that is no request it knows: unknown command, parameter or motion, wrong length, and
-/// TOGGLEHOME, which is known by name only.
+/// Answer to a frame for this module that is not a known request: unknown command, parameter or motion, wrong
+/// length, and TOGGLEHOME, of which only the name is known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum UnknownRequest {
     /// Nothing; hosts take it for a time-out.
@@ -74,7 +74,7 @@ pub enum InternalCommand {
 /// What HOME does in the state HALTED.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum HomeWhenHalted {
-    /// HALTED is cleared and homing starts: a widespread driver sends HALT and then HOME, and it works in the field.
+    /// HALTED is cleared and homing starts: a widespread driver sends HALT and then HOME, and this works with real modules.
     #[default]
     Accept,
     /// Acknowledged, not executed.
@@ -97,9 +97,9 @@ pub enum StateFrames {
     /// Never: the library listens for it and no host needs it.
     #[default]
     Never,
-    /// When the state word differs from the one sent last, looked at in this interval (at least 100 µs).
+    /// When the state word differs from the one sent last, checked in this interval (at least 100 µs).
     OnChange { every: Duration },
-    /// In a fixed interval while the config bit SYNC_TRANSMIT is set (firmware 36xx; a guess at its meaning).
+    /// In a fixed interval while the config bit SYNC_TRANSMIT is set (firmware 36xx; the meaning of the bit is a guess).
     SyncTransmit {
         /// Interval (at least 100 µs).
         every: Duration,
@@ -146,8 +146,8 @@ pub struct DriveOptions {
     pub processing_delay: Duration,
     /// The delay varies evenly by up to this much to both sides.
     pub processing_jitter: Duration,
-    /// Requests that wait while one is processed; what comes when all places are taken is lost without an answer and
-    /// counted.
+    /// Requests that wait while one is processed; a request that finds all places taken is lost without an answer,
+    /// and counted.
     pub queue_depth: usize,
     /// Time from power-on to the first answer.
     pub boot_time: Duration,
@@ -157,7 +157,7 @@ pub struct DriveOptions {
     pub current_noise_a: f64,
     /// Standard deviation of the home switch's edge, rad; homing to the encoder index (the default) is free of it.
     pub home_switch_noise_rad: f64,
-    /// Known position at power-on, as absolute encoders have it; otherwise the module wants homing.
+    /// Known position at power-on, as with absolute encoders; otherwise the module must be homed.
     pub absolute_encoder: bool,
     /// The first power-on finds the axis homed already, as if the module had been left on.
     pub starts_homed: bool,
@@ -199,7 +199,7 @@ impl Default for DriveOptions {
     }
 }
 
-/// What is engraved on a module or follows from the machine it is built into. Joint side of the gear throughout.
+/// Data engraved on a module, or given by its machine. All at the joint.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Nameplate {
     /// Address on the bus.
@@ -244,7 +244,7 @@ pub struct Nameplate {
     pub home_edge_rad: f64,
     /// Width of the cam below that edge, rad.
     pub home_cam_rad: f64,
-    /// Where the edge really is minus where the module believes it is, rad: what a calibration error does.
+    /// True position of the edge minus the position that the module assumes, rad: effect of a calibration error.
     pub home_error_rad: f64,
 }
 

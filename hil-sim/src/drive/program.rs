@@ -1,7 +1,7 @@
-//! What a module is moving: the set-point as a function of time.
+//! Present motion of a module: the set-point as a function of time.
 //!
-//! A program starts at an instant and answers for any later one in closed form; [`SetpointGenerator::roll`] moves on to the
-//! buffered step. All positions are the module's own (measured) coordinates.
+//! A program starts at an instant and is evaluated for any later one in closed form; [`SetpointGenerator::roll`]
+//! continues with the buffered step. All positions are the module's own (measured) coordinates.
 
 use protocol::{Duration, Instant};
 
@@ -87,7 +87,7 @@ pub(super) enum Program {
     /// Ramp to a position or velocity.
     Ramp(Ramp),
     Step(Step),
-    /// Back and forth between two positions for ever.
+    /// Back and forth between two positions without end.
     Loop {
         shape: LoopShape,
         center_rad: f64,
@@ -117,7 +117,7 @@ impl SetpointGenerator {
         &self.program
     }
 
-    /// Replaces whatever runs; `start` may lie in the future.
+    /// Replaces the running program; `start` may be in the future.
     pub(super) fn start(&mut self, start: Instant, program: Program) {
         self.program = program;
         self.started = start;
@@ -161,7 +161,7 @@ impl SetpointGenerator {
         self.buffered.is_some()
     }
 
-    /// Set-point at `at`; an open loop and a current have none of their own and give zeros.
+    /// Set-point at `at`; an open loop and a current program have none and give zeros.
     pub(super) fn at(&self, at: Instant) -> Setpoint {
         let t_s = seconds(self.started, at);
         match &self.program {
@@ -175,7 +175,7 @@ impl SetpointGenerator {
         }
     }
 
-    /// Phase of a ramp; `None` for programs that are no ramps.
+    /// Phase of a ramp; `None` for other programs.
     pub(super) fn ramp_phase(&self, at: Instant) -> Option<RampPhase> {
         match &self.program {
             Program::Ramp(ramp) => Some(ramp.phase(seconds(self.started, at))),

@@ -1,8 +1,8 @@
 //! Ramp profiles in closed form: position or velocity as target, velocity and acceleration as maxima.
 //!
-//! A ramp is at most three stretches of constant acceleration (to the cruising velocity, cruise, to the end).
-//! Everything about it is fixed when it is made, and evaluated exactly at any time: nothing is integrated, so a
-//! ramp does not depend on how often anybody looks at it.
+//! A ramp has at most three parts of constant acceleration (to the cruising velocity, cruise, to the end). All of
+//! them are computed when it is made, and evaluated exactly at any time: nothing is integrated, so a ramp does not
+//! depend on how often it is evaluated.
 //!
 //! ```text
 //! s     direction of travel, +1 or -1: sign of (target - position reached by braking at once)
@@ -12,14 +12,14 @@
 //! w     V, reached by braking          when V was lowered below the present velocity         (u > V)
 //! ```
 
-/// What the position loop is asked to follow at one instant.
+/// Input of the position loop at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Setpoint {
     /// Position, rad.
     pub q_rad: f64,
     /// Velocity, rad/s.
     pub v_rad_s: f64,
-    /// Acceleration, rad/s²; the one that follows at a corner.
+    /// Acceleration, rad/s²; at a corner the one after it.
     pub a_rad_s2: f64,
 }
 

@@ -6,9 +6,9 @@
 //! |τ| <= (I_max - K_B |q̇|) / K_M    what is left of the current limit, A (eq. (9) of the throwing paper), N·m
 //! ```
 //!
-//! C0, Damp and A0 are named by all sources and explained by none. Here C0 is ωn, Damp is ζ and A0 the gain A, scaled such
-//! that the default is 32, 4 and 10; RECALC takes changed numbers over. With the defaults the loop has the 320 rad/s,
-//! ζ = 0.8 and therefore the 5 ms lag of the throwing arm.
+//! All sources name C0, Damp and A0, and none explains them. Here C0 is ωn, Damp is ζ and A0 the gain A, scaled so
+//! that the default is 32, 4 and 10; RECALC applies changed numbers. With the defaults the loop has 320 rad/s, ζ =
+//! 0.8 and therefore the 5 ms lag of the throwing arm.
 
 use super::options::Nameplate;
 
@@ -16,7 +16,7 @@ const C0_DEFAULT: i16 = 32;
 const DAMP_DEFAULT: i16 = 4;
 const A0_DEFAULT: i16 = 10;
 
-/// C0, Damp, A0 as the module leaves the factory; the same for all modules, the nameplate sets what they mean.
+/// C0, Damp, A0 as delivered; the same for all modules, the nameplate gives their scale.
 pub(super) fn default_gains(_plate: &Nameplate) -> (i16, i16, i16) {
     (C0_DEFAULT, DAMP_DEFAULT, A0_DEFAULT)
 }
@@ -63,7 +63,7 @@ mod tests {
     #[test]
     fn current_limit_leaves_less_torque_the_faster_it_turns() {
         let plate = Nameplate::bench(ModuleId::MIN, 0x4614);
-        // 30 A / 0.1419 A/Nm = 211 Nm is above the gear's 206 Nm; at 2.6 rad/s 7.57 A are gone.
+        // 30 A / 0.1419 A/Nm = 211 Nm is above the gear's 206 Nm; at 2.6 rad/s the losses take 7.57 A.
         assert_eq!(torque_max_nm(&plate, 30.0, 0.0, 1.0), 206.0);
         assert!((torque_max_nm(&plate, 30.0, -2.6, 1.0) - 158.0675).abs() < 1e-3);
         assert!((torque_max_nm(&plate, 30.0, 0.0, 0.5) - 103.0).abs() < 1e-12);

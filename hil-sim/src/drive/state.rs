@@ -1,4 +1,4 @@
-//! All that a module knows: the one struct that the other files of this folder read and write.
+//! The whole state of a module: the one struct that the other files of this folder read and write.
 
 use std::collections::VecDeque;
 
@@ -94,7 +94,7 @@ pub(super) struct Afflictions {
 /// # Contract
 ///
 /// * As a [`Node`](protocol::Node) it takes requests and broadcasts and gives answers and, if wanted, STATE frames.
-/// * Physics crosses in three calls, all in joint coordinates (the arm's truth, not what the module believes):
+/// * Physics crosses in three calls, all in joint coordinates (the true ones of the arm, not those that the module assumes):
 ///   [`PowerCubeDrive::input`] before each step of the mechanics, [`PowerCubeDrive::tick`] after it, and [`PowerCubeDrive::power`].
 /// * A request acts and is answered after the processing delay; broadcasts act on reception, so that "start motion"
 ///   starts all modules at once.
@@ -156,7 +156,7 @@ pub struct PowerCubeDrive {
 }
 
 impl PowerCubeDrive {
-    /// A module without power, standing at `q_rad` (joint coordinates); its chances come from `seed`.
+    /// A module without power, standing at `q_rad` (joint coordinates); `seed` feeds its random numbers.
     pub fn new(plate: Nameplate, options: DriveOptions, seed: u64, q_rad: f64) -> Self {
         let store = Store::factory(&plate, &options);
         let address = plate.address;

@@ -1,9 +1,9 @@
 //! The parameters of a module: working copy and permanent storage.
 //!
-//! One table of typed values, indexed by the parameter's number; what is measured or computed is not in here
-//! (`measure`). The "Inc" twin of a parameter is the same value seen in ticks and has no place of its own.
+//! One table of typed values, indexed by the parameter's number; measured or computed values are in `measure`. The
+//! "Inc" twin of a parameter is the same value in ticks and is not stored separately.
 //!
-//! Choices where the sources are silent: a write acts on the working copy and is lost at power-off unless SAVE
+//! Choices where the sources have gaps: a write acts on the working copy and is lost at power-off unless SAVE
 //! PARAMETERS was sent; writes of defaults (firmware 4601 on) act at the next power-on after SAVE.
 
 use protocol::powercube::{BaudRate, Config, Parameter, Setup, Value};
@@ -58,7 +58,7 @@ impl Store {
         self.burn_count
     }
 
-    /// The stored value, or the value in ticks of an "Inc" twin; `None` for what is not stored.
+    /// The stored value, or the value in ticks of an "Inc" twin; `None` if the parameter is not stored.
     pub(super) fn get(&self, parameter: Parameter) -> Option<Value> {
         match ticks_twin(parameter) {
             Some(of) => Some(Value::I32((self.number(of) * self.ticks_per_rad).round() as i32)),
@@ -66,7 +66,7 @@ impl Store {
         }
     }
 
-    /// A stored number as double; zero for what is not stored (a defect, caught in debug builds).
+    /// A stored number as double; zero if the parameter is not stored (a defect, caught in debug builds).
     pub(super) fn number(&self, parameter: Parameter) -> f64 {
         let value = self.working.0[usize::from(parameter.code())].and_then(Value::as_f64);
         debug_assert!(value.is_some(), "{parameter} is not a stored number");
@@ -87,7 +87,7 @@ impl Store {
         }
     }
 
-    /// Writes a stored parameter or its "Inc" twin; values that are not numbers are refused always.
+    /// Writes a stored parameter or its "Inc" twin; values that are not numbers are always refused.
     pub(super) fn set(&mut self, parameter: Parameter, value: Value, beyond: BeyondMaximum) -> SetOutcome {
         let Some(asked) = value.as_f64().filter(|v| v.is_finite()) else { return SetOutcome::Refused };
         let (parameter, asked) = match ticks_twin(parameter) {
@@ -237,7 +237,7 @@ fn factory_table(plate: &Nameplate, options: &DriveOptions) -> Table {
         (P::DefCanBaud, None, Value::U8(BaudRate::Kbit1000.code())),
         (P::DefRsBaud, None, Value::U8(3)),
         (P::DefSetup, None, Value::U32(setup.bits())),
-        // Ramps start at half of what the module can do until a host says otherwise.
+        // Ramps start at half of the module's maxima until a host writes others.
         (P::TargetVel, None, f(0.5 * plate.v_max_rad_s)),
         (P::TargetAcc, None, f(0.5 * plate.a_max_rad_s2)),
         (P::SyncTime, None, Value::I16(0)),

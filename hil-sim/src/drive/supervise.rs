@@ -1,4 +1,4 @@
-//! What a module looks after by itself, step by step: brake, limits, following error, overload, supply, homing.
+//! Supervision by the module itself, step by step: brake, limits, following error, overload, supply, homing.
 
 use protocol::powercube::{Config, CubeState, Parameter};
 use protocol::{Duration, Instant};
@@ -30,7 +30,7 @@ impl PowerCubeDrive {
         self.store.number(Parameter::MaxCur).min(self.store.number(Parameter::CurrentLimit))
     }
 
-    /// What the power stage does in the step whose middle is `middle`.
+    /// Output of the power stage in the step whose middle is `middle`.
     pub fn input(&self, middle: Instant) -> AxisInput {
         let brake = self.has_brake_fitted() && !matches!(self.brake, Brake::Open);
         if self.power != Power::Up || self.is_stage_off() {
@@ -60,7 +60,8 @@ impl PowerCubeDrive {
         }
     }
 
-    /// Takes the axis after a step that ended at `now`, and the supply voltages; does all that a module does unasked.
+    /// Takes the axis after a step that ended at `now`, and the supply voltages; does everything that a module does without an
+    /// order.
     pub fn tick(&mut self, now: Instant, axis: AxisState, motor_v: f64, logic_v: f64) {
         let dt_s = now.saturating_since(self.axis_at).as_secs_f64();
         self.previous_rad = self.axis.q_rad + self.shift();
@@ -188,18 +189,18 @@ impl PowerCubeDrive {
         self.generator.start(at, Program::Ramp(Ramp::to_velocity(from.q_rad, from.v_rad_s, v, acc)));
     }
 
-    // ---- One look each ----
+    // ---- Single checks ----
 
     fn measure_current(&mut self, dt_s: f64) {
         let driving = !self.is_stage_off() && !matches!(self.generator.program(), Program::Open);
         let braked = self.has_brake_fitted() && !matches!(self.brake, Brake::Open);
         self.current_a = match self.generator.program() {
             _ if !driving || braked => 0.0,
-            // What is controlled is what is measured.
+            // The controlled value is the measured one.
             Program::Current(current_a) => current_a.abs(),
             _ => {
                 let (v, torque) = (self.axis.v_rad_s.abs(), self.axis.output_torque_nm.abs());
-                // A blow from outside goes into gear and rotor; the stage gives no more than its limit.
+                // A blow from outside is taken by gear and rotor; the stage gives no more than its limit.
                 (self.plate.k_b_a_s_rad * v + self.plate.k_m_a_nm * torque).min(self.current_limit_a())
             }
         };
@@ -399,7 +400,7 @@ impl PowerCubeDrive {
         Setpoint { q_rad: self.measured_rad(now), v_rad_s: self.measured_rad_s(), a_rad_s2: 0.0 }
     }
 
-    /// From where the next motion starts: the set-point, or the axis where there is none.
+    /// Start of the next motion: the set-point, or the axis if there is no set-point.
     pub(super) fn start_point(&self, now: Instant) -> Setpoint {
         match self.generator.program() {
             Program::Open | Program::Current(_) => self.axis_setpoint(now),
@@ -420,7 +421,7 @@ impl PowerCubeDrive {
         self.axis.v_rad_s + self.afflictions.count_loss_rad_s
     }
 
-    /// The set-point has ended and the axis follows no more, as far as the module can tell.
+    /// The set-point has ended and the axis no longer follows, as far as the module can measure.
     pub(super) fn is_standing(&self, now: Instant) -> bool {
         !self.generator.is_active(now) && self.measured_rad_s().abs() < STANDING_RAD_S
     }

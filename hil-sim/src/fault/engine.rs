@@ -1,4 +1,4 @@
-//! Carries out a plan: starts and ends faults, and answers for each frame what becomes of it.
+//! Executes a plan: starts and ends faults, and decides for each frame whether it is changed, lost or delayed.
 
 use std::mem::discriminant;
 
@@ -10,7 +10,7 @@ use super::plan::{Fault, FaultKind, Target, WireFault, WrongPart};
 use crate::bus::{Disturbance, Wire};
 use crate::rng::Rng;
 
-/// Shortest dwell of an intermittent contact: below this the plug would flicker within a bit.
+/// Shortest time of an intermittent contact in one position: below this it would change within a bit.
 const DWELL_MIN: Duration = Duration::from_micros(10);
 
 /// What the world has to do because a fault started or ended.
@@ -105,7 +105,7 @@ impl Engine {
         });
     }
 
-    /// Adds a fault while the run goes on. A start in the past is now.
+    /// Adds a fault during the run. A start in the past becomes now.
     pub fn add(&mut self, mut fault: Fault, now: Instant, port: Option<usize>) {
         fault.start = fault.start.max(now);
         self.push(fault);
@@ -131,7 +131,7 @@ impl Engine {
         }
     }
 
-    /// Tells each fault its port: `of(fault)` for the target module or the babbler.
+    /// Sets the port of each fault: `of(fault)` for the target module or the babbler.
     pub fn bind(&mut self, mut of: impl FnMut(&Fault) -> Option<usize>) {
         for entry in &mut self.entries {
             entry.port = of(&entry.fault);
@@ -191,7 +191,7 @@ impl Engine {
         }
         match self.begun.iter_mut().find(|(p, f, _)| *p == place && discriminant(f) == discriminant(&fault)) {
             Some((_, parameters, count)) => {
-                // The contract wants begin and end to alternate: end the earlier one first.
+                // The contract requires begin and end to alternate: end the earlier one first.
                 let earlier = std::mem::replace(parameters, fault);
                 *count += 1;
                 actions.insert(actions.len() - 1, Action::End(place, earlier));
@@ -212,7 +212,7 @@ impl Engine {
         }
     }
 
-    /// What becomes of a frame that the node at `port` wants to send: changed, or `None` if thrown away.
+    /// The frame that the node at `port` wants to send: unchanged, changed, or `None` if it is lost.
     pub fn outgoing(&mut self, port: usize, frame: Frame) -> Option<Frame> {
         if !self.on_send {
             return Some(frame);
@@ -234,14 +234,14 @@ impl Engine {
         Some(frame)
     }
 
-    /// True if [`Engine::deliveries`] has to be asked for each frame on the bus.
+    /// True if [`Engine::deliveries`] is needed for each frame on the bus.
     pub fn acts_on_delivery(&self) -> bool {
         self.on_delivery
     }
 
     /// Draws what becomes of a frame at each of `receivers` (a set of ports).
     pub fn deliveries(&mut self, frame: &Frame, receivers: u64, mut each: impl FnMut(usize, Delivery)) {
-        // On the bus one draw decides for everybody.
+        // On the bus one draw counts for all nodes.
         let mut common = Delivery::Now;
         let mut own = [Delivery::Now; crate::bus::medium::PORTS_MAX];
         for entry in &mut self.entries {
@@ -435,7 +435,7 @@ impl Entry {
         None
     }
 
-    /// Plans the next occurrence, or none.
+    /// Plans the next occurrence, if there is one.
     fn repeat(&mut self) {
         self.next = match self.fault.every {
             Some(every) if !every.is_zero() => {
@@ -461,7 +461,7 @@ impl Wire for Engine {
             }
             match wire {
                 WireFault::Corrupt if entry.hit() => {
-                    // The start of frame itself is left alone: a dominant bit missed by all is no frame.
+                    // The start of frame itself is not changed: if all nodes missed a dominant bit, there would be no frame.
                     let bit = 1 + entry.rng.below(u64::from(bits) - 1) as u32;
                     let seen_by = match (entry.fault.target, entry.port) {
                         (Target::Module(_), Some(port)) => 1 << port,

@@ -1,4 +1,4 @@
-//! What can go wrong: on the wire, in a drive, at a supply, in the gripper.
+//! Possible faults: on the wire, in a drive, at a supply, in the gripper.
 //!
 //! | file | holds |
 //! |---|---|
@@ -6,8 +6,8 @@
 //! | [`engine`] | carries a plan out, one random stream per entry |
 //! | [`physical`] | faults behind the wire, and the contract of a cell that can have them |
 //!
-//! Wire faults act between the nodes and the bus and need nothing from a node. Physical faults are
-//! handed to the cell, which knows what they mean for drive and arm.
+//! Wire faults act between the nodes and the bus and need nothing from a node. Physical faults are passed to the
+//! cell, which applies them to drive and arm.
 
 pub mod engine;
 pub mod physical;

@@ -1,4 +1,4 @@
-//! Faults that happen behind the wire, and the contract of whoever can have them.
+//! Faults behind the wire, and the contract of a cell that can have them.
 
 use std::fmt;
 
@@ -25,26 +25,26 @@ impl fmt::Display for Place {
     }
 }
 
-/// What happens there. Each variant says what a client on the bus can observe.
+/// Kind of fault. Each variant describes what a client on the bus can observe.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PhysicalFault {
-    /// Module: measured values stop changing; position, velocity, current and state in every answer keep
-    /// what they were at the start, while the motion itself goes on. (A hung measurement task.)
+    /// Module: measured values stop changing. Position, velocity, current and state in every answer stay as at the
+    /// start, while the motion itself continues. (A hung measurement task.)
     Frozen,
     /// Module: every answer comes later by this much, on top of the usual processing delay.
     Slow(Duration),
     /// Module: the electronics restart once, at the start: parameters not saved are lost, home is
     /// lost on modules with incremental encoder, no frame is answered until the module is up again.
     Restart,
-    /// Module: power stage sees too much current: POWERFAULT with SHORTCUR (state bits 3 and 21), motor off.
+    /// Module: the power stage measures too much current: POWERFAULT with SHORTCUR (state bits 3 and 21), motor off.
     OverCurrent,
-    /// Module: the axis is held from outside, so the following error grows as soon as a motion is
-    /// commanded; the drive finds out by its own rule (TOW_ERROR, bit 4).
+    /// Module: the axis is held from outside, so the following error grows as soon as a motion is commanded; the
+    /// drive detects it by its own rule (TOW_ERROR, bit 4).
     Blocked,
     /// Module: POWERFAULT with HALLERR (state bits 3 and 22), motor off.
     HallError,
-    /// Module: lost encoder counts: from the start on, the measured position is off by this angle; no
-    /// status bit tells.
+    /// Module: lost encoder counts: from the start on, the measured position is wrong by this angle; no status bit
+    /// shows it.
     EncoderOffset {
         /// Measured minus true position, rad.
         offset_rad: f64,
@@ -60,7 +60,7 @@ pub enum PhysicalFault {
     LateRelease(Duration),
 }
 
-/// The fault means nothing at that place: no such module, no such supply, or a module fault on a supply.
+/// The fault is not possible at that place: no such module, no such supply, or a module fault on a supply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{what} does not apply to {place}: {why}")]
 pub struct NotApplicable {
@@ -68,7 +68,7 @@ pub struct NotApplicable {
     pub what: &'static str,
     /// Where it was sent.
     pub place: Place,
-    /// Why the place refuses it, as a person would say it.
+    /// Why the fault is not possible there, for a message.
     pub why: &'static str,
 }
 
@@ -101,7 +101,7 @@ impl PhysicalFault {
 /// * Ending a fault removes its cause. What the drive latched because of it stays until the
 ///   protocol clears it (RESET, or a power cycle where the reference says so).
 pub trait FaultTarget {
-    /// Why there is no such place, whatever the time; `None` if there is one.
+    /// Why the place does not exist at any time; `None` if it exists.
     fn lacks(&self, place: Place) -> Option<&'static str> {
         let _ = place;
         None

@@ -61,14 +61,14 @@ pub enum WrongPart {
 /// What goes wrong on the way between node and bus.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum WireFault {
-    /// A frame does not reach the software of the target, although it was acknowledged (receive
-    /// buffer overrun). On the bus: nobody gets it.
+    /// A frame does not reach the software of the target, although it was acknowledged (receive buffer overrun). On
+    /// the bus: no node gets it.
     Drop,
     /// A frame reaches the target later by this much. Later frames may overtake it.
     Delay(Duration),
     /// The sender misses the last bit of end of frame and repeats a frame that all others have accepted.
     Duplicate,
-    /// One bit of a frame is read wrongly, by the target or (on the bus) by everybody.
+    /// One bit of a frame is read wrongly, by the target or (on the bus) by all nodes.
     Corrupt,
     /// An answer of the target leaves it with a valid checksum and wrong content.
     WrongAnswer(WrongPart),
@@ -135,13 +135,13 @@ pub struct Fault {
     pub label: String,
     pub kind: FaultKind,
     pub target: Target,
-    /// Which frames, for faults that act on frames; `None`: all.
+    /// Frames concerned, for faults that act on frames; `None`: all frames.
     pub filter: Option<IdFilter>,
     /// From when on.
     pub start: Instant,
     /// Begin of the fault, counted from the throw. In a run with a throw it replaces `start`.
     pub at: Option<ThrowTime>,
-    /// For how long; `None`: until the end of the run.
+    /// Duration; `None`: until the end of the run.
     pub length: Option<Duration>,
     /// Period of repetition, counted from start to start; `None`: once.
     pub every: Option<Duration>,

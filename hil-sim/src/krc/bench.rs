@@ -123,7 +123,7 @@ impl<C: Client> Bench<C> {
     pub fn run(&mut self, until: Instant) {
         while let Some(due) = self.next().filter(|due| *due <= until) {
             self.now = due;
-            // What arrives is handled before the controller's own deadlines of the same time.
+            // Arrived telegrams are handled before the controller's own deadlines of the same time.
             self.exchange();
             if self.faults.poll_timeout().is_some_and(|at| at <= due)
                 && self.faults.strike(due, &mut self.krc)

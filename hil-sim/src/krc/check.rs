@@ -18,7 +18,7 @@ fn range_deg(model: &RobotModel) -> [(f64, f64); 6] {
     std::array::from_fn(|i| (low[i].to_degrees(), high[i].to_degrees()))
 }
 
-/// Number and type of the object input of the finger sensor; `None`: none is wired.
+/// Number and type of the object input of the finger sensor; `None`: no sensor is wired.
 pub(super) fn sensor(config: &Config, options: &KrcOptions) -> Result<Option<(u8, ValueType)>, String> {
     let Some(name) = &options.sensor_name else { return Ok(None) };
     let entry = config.send.iter().find(|entry| entry.tag.to_string() == *name);
@@ -28,7 +28,7 @@ pub(super) fn sensor(config: &Config, options: &KrcOptions) -> Result<Option<(u8
     }
 }
 
-/// Whether the controller can serve this; gives the places of the correction in the configuration file.
+/// Checks whether the controller can serve this; returns the places of the correction in the configuration file.
 pub(super) fn servable(
     config: &Config,
     options: &KrcOptions,

@@ -21,7 +21,7 @@ use super::state::{KrcError, State};
 use crate::mechanics::{HandPoint, Landing};
 use crate::rng::Rng;
 
-/// Cycles go on for so long after the drives have settled: a gripper may still be opening.
+/// Time for which cycles continue after the drives have settled: a gripper may still be opening.
 const QUIET_AFTER: Duration = Duration::from_secs(1);
 
 /// Most events that wait to be fetched; older ones are dropped and counted.
@@ -72,7 +72,7 @@ pub struct Krc {
     sensor: Option<(u8, ValueType)>,
     state: State,
     next_cycle: Option<Instant>,
-    /// Without an exchange: cycles go on until then, so that braking and gripper come to their ends.
+    /// Without an exchange: cycles continue until this time, so that braking and gripper come to their ends.
     quiet_at: Instant,
     exchange: Option<Exchange>,
     braking: Option<Braking>,
@@ -91,10 +91,10 @@ pub struct Krc {
 }
 
 impl Krc {
-    /// At rest in its start pose, no program running.
+    /// At rest in its start pose, without a running program.
     ///
     /// # Errors
-    /// The options or the configuration file cannot be served.
+    /// The options or the configuration file are not possible.
     pub fn new(model: RobotModel, config: Config, options: KrcOptions, seed: u64) -> Result<Self, KrcError> {
         let axis_places = check::servable(&config, &options, &model).map_err(KrcError::Options)?;
         let start = options.start_deg;
@@ -124,7 +124,7 @@ impl Krc {
         })
     }
 
-    /// Starts the program: `Off` or `Fault` to `Open`. Its start pose is where the set points stand.
+    /// Starts the program: `Off` or `Fault` to `Open`. The start pose is the present pose of the set points.
     ///
     /// # Errors
     /// A program runs, or the arm still brakes.
@@ -151,7 +151,7 @@ impl Krc {
             return;
         }
         self.state = State::Run;
-        self.tell(KrcEvent::Started { at: now });
+        self.report(KrcEvent::Started { at: now });
         self.exchange = Some(Exchange {
             sent: Sent::Nothing,
             empty_ipoc: None,
@@ -164,7 +164,7 @@ impl Krc {
         self.handle_timeout(now);
     }
 
-    /// Nobody listens: `Open` back to `Off`.
+    /// No client listens: `Open` back to `Off`.
     pub fn refused(&mut self) {
         if self.state == State::Open {
             self.state = State::Off;
@@ -182,7 +182,7 @@ impl Krc {
     pub fn stop(&mut self, now: Instant) {
         if matches!(self.state, State::Open | State::Run) {
             self.leave(now, State::Off);
-            self.tell(KrcEvent::Stopped { at: now });
+            self.report(KrcEvent::Stopped { at: now });
         }
     }
 
@@ -242,7 +242,7 @@ impl Krc {
         self.events.pop_front()
     }
 
-    /// Events that nobody fetched in time.
+    /// Events that were not fetched in time.
     pub fn events_lost(&self) -> u64 {
         self.events_lost
     }
@@ -294,7 +294,7 @@ impl Krc {
         &self.model
     }
 
-    /// A KR C2 counts from the start of the program; the number of a KR C4 is a time and goes on.
+    /// A KR C2 counts from the start of the program; the number of a KR C4 is a time and continues.
     fn first_ipoc(&self, now: Instant) -> u64 {
         let step = self.ipoc_step();
         match self.options.generation {
@@ -379,10 +379,10 @@ impl Krc {
         }
         let verdict = self.late.count(late);
         if late {
-            self.tell(KrcEvent::Late { at, total: self.late.total() });
+            self.report(KrcEvent::Late { at, total: self.late.total() });
         }
         if verdict.over_percent {
-            self.tell(KrcEvent::LateWarning { at });
+            self.report(KrcEvent::LateWarning { at });
         }
         if verdict.over_limit {
             self.fault(at, FaultCause::LateLimit { late: self.late.value() });
@@ -418,12 +418,12 @@ impl Krc {
         // Each text is shown once.
         let text = text_place.and_then(|place| exchange.values.get_mut(place)).map(take_text);
         if let Some(text) = text.filter(|text| !text.is_empty()) {
-            self.tell(KrcEvent::Text { at, text });
+            self.report(KrcEvent::Text { at, text });
         }
         self.hand.set_outputs(at, outputs);
         if stop {
             self.leave(at, State::Off);
-            self.tell(KrcEvent::Stopped { at });
+            self.report(KrcEvent::Stopped { at });
             return;
         }
         let wanted = self
@@ -445,7 +445,7 @@ impl Krc {
         self.last_set_at = at;
         self.drives.set_point(at, self.options.cycle, &q_deg);
         if let Some((at, hand)) = self.hand.check(at, &self.drives, &self.model) {
-            self.tell(KrcEvent::Released { at, hand });
+            self.report(KrcEvent::Released { at, hand });
         }
         self.drives.advance(at);
     }
@@ -495,7 +495,7 @@ impl Krc {
         }
         self.out.push_back(bytes);
         let (late, outputs) = (self.late.total(), self.hand.outputs());
-        self.tell(KrcEvent::Cycle(CycleRecord {
+        self.report(KrcEvent::Cycle(CycleRecord {
             at,
             ipoc,
             set_deg: self.set_deg,
@@ -523,7 +523,7 @@ impl Krc {
             if stands {
                 self.braking = None;
                 self.quiet_at = at + self.drives.settling_time() + QUIET_AFTER;
-                self.tell(KrcEvent::Standing { at });
+                self.report(KrcEvent::Standing { at });
             }
         }
         self.give(at, q_deg);
@@ -533,7 +533,7 @@ impl Krc {
 
     fn fault(&mut self, at: Instant, cause: FaultCause) {
         self.leave(at, State::Fault);
-        self.tell(KrcEvent::Fault { at, cause });
+        self.report(KrcEvent::Fault { at, cause });
     }
 
     /// Ends the exchange; the arm brakes from the velocity of its last set points.
@@ -552,10 +552,10 @@ impl Krc {
     }
 
     fn refuse(&mut self, at: Instant, why: Refused) {
-        self.tell(KrcEvent::Refused { at, why });
+        self.report(KrcEvent::Refused { at, why });
     }
 
-    fn tell(&mut self, event: KrcEvent) {
+    fn report(&mut self, event: KrcEvent) {
         if self.events.len() == MAX_EVENTS {
             self.events.pop_front();
             self.events_lost += 1;

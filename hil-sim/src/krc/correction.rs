@@ -32,7 +32,7 @@ impl Correction {
         self.offset
     }
 
-    /// Takes the values of one cycle and gives the set point of the axes.
+    /// Takes the values of one cycle and returns the set point of the axes.
     ///
     /// # Errors
     /// The overall limit is exceeded, or no axis position reaches the pose.

@@ -7,7 +7,7 @@
 //! T dy/dt = u(t) - y            on a piece u = a + b t:  y = a - b T + b t + c exp(-t / T)
 //! ```
 //!
-//! Each piece is solved exactly, so the time at which one looks changes nothing. On a ramp the actual axes lag the set
+//! Each piece is solved exactly, so the times of the calls do not matter. On a ramp the actual axes lag the set
 //! points by the dead time plus T.
 
 use std::collections::VecDeque;
@@ -44,7 +44,7 @@ impl Drives {
         Self { options, recent, corners: VecDeque::from([(now, q_deg)]), at: now, q_deg }
     }
 
-    /// Takes the set point of the cycle that begins at `at`; `cycle` before it the set point was the last one given.
+    /// Takes the set point of the cycle that begins at `at`; up to `cycle` before it the last set point was in force.
     pub fn set_point(&mut self, at: Instant, cycle: Duration, q_deg: &[f64; 6]) {
         self.recent.pop_front();
         self.recent.push_back(*q_deg);

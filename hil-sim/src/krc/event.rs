@@ -1,4 +1,4 @@
-//! What the simulated controller tells.
+//! Events that the simulated controller reports.
 
 use std::fmt;
 
@@ -20,7 +20,7 @@ pub enum FaultCause {
         /// Degrees or mm.
         offset: f64,
     },
-    /// A set point lies outside the range of its axis.
+    /// A set point is outside the range of its axis.
     AxisRange {
         /// Axis, from 0.
         axis: usize,
@@ -111,7 +111,7 @@ pub enum Refused {
         /// The number of the last telegram.
         expected: u64,
     },
-    /// Its `Type` is not that of the configuration file.
+    /// Its `Type` differs from the one in the configuration file.
     WrongType,
     /// An answer was already taken in this cycle.
     Second,

@@ -40,7 +40,7 @@ impl Hand {
         }
     }
 
-    /// Looks whether the ball left the hand up to `now`; `drives` must not have advanced beyond the last look.
+    /// Checks whether the ball left the hand up to `now`; `drives` must not have advanced beyond the last check.
     pub fn check(
         &mut self,
         now: Instant,
@@ -60,7 +60,7 @@ impl Hand {
         self.released
     }
 
-    /// Where the ball meets the landing plane (the floor unless the options say otherwise).
+    /// Where the ball meets the landing plane (the floor unless the options set another).
     pub fn landing(&self, model: &RobotModel) -> Option<Landing> {
         let (_, from) = self.released?;
         let gripper = &self.options.gripper;

@@ -1,4 +1,4 @@
-//! What the network does to telegrams: delay, jitter, and faults. Sans-IO: a runner sends and fetches bytes.
+//! Effect of the network on telegrams: delay, jitter, and faults. Sans-IO: a runner sends and fetches bytes.
 
 use protocol::{Duration, Instant};
 
@@ -174,7 +174,7 @@ impl DatagramLink {
     }
 }
 
-/// The document with another IPOC; unchanged if it has none.
+/// The document with another IPOC; unchanged if it has no IPOC.
 fn with_other_ipoc(bytes: &[u8], by: i64) -> Vec<u8> {
     let changed = std::str::from_utf8(bytes).ok().and_then(|text| {
         let (before, rest) = text.split_once("<IPOC>")?;
@@ -185,7 +185,7 @@ fn with_other_ipoc(bytes: &[u8], by: i64) -> Vec<u8> {
     changed.unwrap_or_else(|| bytes.to_vec())
 }
 
-/// The document without its element `AIPos`; unchanged if it has none.
+/// The document without its element `AIPos`; unchanged if it has no such element.
 fn without_axes(bytes: Vec<u8>) -> Vec<u8> {
     let changed = std::str::from_utf8(&bytes).ok().and_then(|text| {
         let (before, rest) = text.split_once("<AIPos")?;

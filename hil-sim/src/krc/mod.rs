@@ -1,7 +1,7 @@
 //! A simulated robot controller (KR C) behind KUKA.Ethernet RSI XML: it sends one telegram per cycle and follows the
 //! corrections of the answers.
 //!
-//! Written from the description of the interface and from what others measured, never from our own client.
+//! Written from the description of the interface and from published measurements, never from the client of this project.
 //!
 //! # One cycle
 //!
@@ -11,7 +11,7 @@
 //! (3) the actual axes follow with dead time and a first-order lag
 //! (4) send <Rob>
 //! (5) until the window ends: take the first answer with the right Type and IPOC, drop all others
-//! (6) none: count it as late, hold or zero each value; over the limit  -> FAULT
+//! (6) no answer: count it as late, hold or zero each value; over the limit  -> FAULT
 //! ```
 //!
 //! # States
@@ -22,8 +22,8 @@
 //!  |<--refused----+                   +--step 2 or 6, connection lost--> Fault --start--> Open
 //! ```
 //!
-//! In `Fault` the arm brakes and nothing more is sent: the client is not told why. A new start takes the pose where the
-//! arm stands as its start pose.
+//! In `Fault` the arm brakes and nothing more is sent: the client gets no reason. A new start takes the present
+//! pose of the arm as its start pose.
 //!
 //! # Map
 //!
@@ -34,7 +34,7 @@
 //! | [`controller`] | [`Krc`]: the state machine, sans-IO, time as an argument |
 //! | `check` | whether options, configuration file and robot fit together |
 //! | [`correction`] | values of an answer to a set point |
-//! | [`monitor`] | what stops the robot |
+//! | [`monitor`] | limits that stop the robot |
 //! | [`late`] | the counter of late answers |
 //! | [`drives`] | from set points to actual axes: dead time, lag, smoothing |
 //! | [`hand`] | gripper and ball at the actual tool |

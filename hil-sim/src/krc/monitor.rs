@@ -53,10 +53,10 @@ impl Monitor {
         std::array::from_fn(|axis| (last[axis] - before[axis]) / self.cycle_s)
     }
 
-    /// Takes the set point of the next cycle, or says why the robot stops. A refused set point is not taken.
+    /// Takes the set point of the next cycle, or returns why the robot stops. A refused set point is not taken.
     ///
     /// # Errors
-    /// The first limit that it breaks: range, velocity, acceleration, jerk, each over all axes.
+    /// The first limit that is exceeded: range, velocity, acceleration, jerk, each over all axes.
     pub fn check(&mut self, q_deg: &[f64; 6]) -> Result<(), FaultCause> {
         for (axis, (q, (low, high))) in q_deg.iter().zip(self.range_deg).enumerate() {
             if !(low..=high).contains(q) {

@@ -129,7 +129,7 @@ pub struct KrcOptions {
 }
 
 impl KrcOptions {
-    /// Defaults of a generation. Numbers that nobody publishes are chosen; each can be set in a scenario.
+    /// Defaults of a generation. Unpublished numbers are chosen; each can be set in a scenario.
     #[must_use]
     pub fn new(generation: Generation) -> Self {
         let kr_c2 = generation == Generation::KrC2;

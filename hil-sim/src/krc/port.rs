@@ -20,12 +20,12 @@ enum Socket {
     Tcp(TcpStream),
 }
 
-/// What a look at the socket gave.
+/// Result of one read of the socket.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Received {
     /// Nothing waits.
     Nothing,
-    /// Whole documents, and how much belongs to none; empty for a piece of a document.
+    /// Whole documents, and the number of bytes outside of documents; empty for a piece of a document.
     Items(Vec<StreamItem>),
     /// The client closed the connection.
     Closed,
@@ -61,7 +61,7 @@ impl Port {
         Ok(Self { socket, framer: Framer::new(), buffer: vec![0; MAX_BYTES] })
     }
 
-    /// Sends a telegram; `false` if the connection is gone. Datagrams are lost silently, as on a wire.
+    /// Sends a telegram; `false` if the connection has failed. Datagrams are lost silently, as on a wire.
     pub(super) fn send(&mut self, bytes: &[u8]) -> bool {
         match &mut self.socket {
             Socket::Udp(socket) => {
@@ -94,7 +94,7 @@ impl Port {
             (Err(error), _) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
                 Received::Nothing
             }
-            // Nobody listens on that port (yet).
+            // No client listens on that port (yet).
             (Err(_), Socket::Udp(_)) => Received::Nothing,
             (Err(_), Socket::Tcp(_)) => Received::Closed,
         }
@@ -109,7 +109,7 @@ impl Port {
         let mut set = [PollFd::from_borrowed_fd(self.fd(), PollFlags::IN)];
         match poll(&mut set, Some(&timeout)) {
             Ok(_) | Err(Errno::INTR) => {}
-            // No memory for a poll: look again a little later.
+            // No memory for a poll: try again a little later.
             Err(_) => std::thread::sleep(Duration::from_micros(100)),
         }
     }
@@ -122,7 +122,7 @@ impl Port {
     }
 }
 
-/// Number of the answer; `None` for a document that is no answer.
+/// Number of the answer; `None` for a document that is not an answer.
 pub(super) fn number_of(document: &[u8]) -> Option<u64> {
     Telegram::parse(document, Root::Sen).ok().map(|answer| answer.ipoc.value())
 }

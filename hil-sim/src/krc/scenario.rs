@@ -24,7 +24,7 @@
 //! probability = 0.2
 //! ```
 //!
-//! `[gripper] sensor` names an element of the configuration file that says whether the fingers are open.
+//! `[gripper] sensor` names an element of the configuration file that shows whether the fingers are open.
 //!
 //! Every key but `schema_version`, `generation` and `rsi_config` is optional. Units are in the keys, unknown keys are
 //! refused, and every refusal names file, line and key.
@@ -78,7 +78,7 @@ impl KrcScenario {
     /// Reads a file and the configuration file that it names.
     ///
     /// # Errors
-    /// A file cannot be read, or says something that no scenario can.
+    /// A file cannot be read, or its content is not a possible scenario.
     pub fn load(path: &Path) -> Result<Self, KrcScenarioError> {
         let file = path.display().to_string();
         let text = read(path)?;
@@ -88,9 +88,9 @@ impl KrcScenario {
         })
     }
 
-    /// A controller that comes with this program, with the program of `robots/kr16_2`: `kr-c2` (UDP), `kr-c2-tcp`, `kr-c4`
-    /// (4 ms) or `kr-c4-12ms`. Each has 120 ms of lag, some noise, and a gripper whose delay varies by 10 ms. Any other name
-    /// is the path of a file.
+    /// A controller that comes with this program, with the program of `robots/kr16_2`: `kr-c2` (UDP), `kr-c2-tcp`,
+    /// `kr-c4` (4 ms) or `kr-c4-12ms`. Each has 120 ms of lag, some noise, and a gripper whose delay varies by 10
+    /// ms. Any other name is the path of a file.
     ///
     /// # Errors
     /// As [`KrcScenario::load`].
@@ -107,10 +107,10 @@ impl KrcScenario {
         Self::from_toml(source, text, |_| Ok(config.to_owned()))
     }
 
-    /// Reads a text; `file` is what errors call it, `read_config` gives the text of the configuration file.
+    /// Reads a text; `file` is its name in errors, `read_config` returns the text of the configuration file.
     ///
     /// # Errors
-    /// The text says something that no scenario can.
+    /// The content is not a possible scenario.
     pub fn from_toml(
         file: &str,
         text: &str,

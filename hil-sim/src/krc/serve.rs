@@ -1,11 +1,11 @@
 //! The controller behind a socket.
 //!
-//! * **Real time**: a cycle lasts as long as on the robot. If this program itself is held up, its time stands still for
-//!   that long, and answers that wait in the socket count as in time, so that a client is not blamed for it; how often
-//!   is reported.
-//! * **Lock step**: the time of the robot is its cycle count. After each telegram the controller waits for the answer,
-//!   however long the client takes. An answer with a smaller IPOC is handed over (and refused) and the wait goes on;
-//!   anything else ends the wait.
+//! * **Real time**: a cycle lasts as long as on the robot. If this program itself is delayed, its time stands still for
+//!   that long, and answers that wait in the socket count as in time: the delay is not the client's fault. The number of
+//!   delays is reported.
+//! * **Lock step**: the time of the robot is its cycle count. After each telegram the controller waits for the answer
+//!   without limit. An answer with a smaller IPOC is passed on (and refused), and the wait continues; anything else ends
+//!   the wait.
 
 use std::net::SocketAddr;
 
@@ -58,7 +58,7 @@ pub enum ServeError {
     Unreachable {
         /// Address of the client.
         pc: SocketAddr,
-        /// What the system says.
+        /// Error of the system.
         error: std::io::Error,
     },
     /// The program cannot start.
@@ -115,8 +115,8 @@ impl Served {
     }
 }
 
-/// Runs the program of `krc` against the client at `options.pc` until its end: the number of cycles, a stop or fault
-/// after which nothing more is due, or `goes_on` saying no. `observe` gets every event.
+/// Runs the program of `krc` against the client at `options.pc` until its end: the number of cycles, a stop or
+/// fault after which nothing more is due, or `goes_on` returning false. `observe` gets every event.
 ///
 /// # Errors
 /// The client cannot be reached, or does not answer in lock step.
@@ -165,7 +165,7 @@ pub fn serve(
         session.exchange()?;
     }
     session.krc.stop(session.now);
-    session.tell();
+    session.take_events();
     session.served.events_lost = session.krc.events_lost();
     Ok(session.served)
 }
@@ -211,7 +211,7 @@ impl Session<'_> {
             self.served.held_up += 1;
             now = due;
         }
-        // What waits in the socket came before `due`, although this program looks only now.
+        // Bytes that wait in the socket came before `due`, although this program reads them only now.
         self.now = self.now.max(now.min(due.saturating_sub(Duration::from_micros(1))));
         let something = self.poll_once();
         if now >= due {
@@ -232,7 +232,7 @@ impl Session<'_> {
             Received::Nothing => false,
             Received::Closed => {
                 self.krc.connection_lost(self.now);
-                // A closed stream is readable for ever.
+                // A closed stream always counts as readable.
                 self.port.wait(std::time::Duration::ZERO);
                 std::thread::sleep(std::time::Duration::from_millis(1));
                 false
@@ -257,8 +257,8 @@ impl Session<'_> {
         }
     }
 
-    /// Whether an answer is to a copy of a telegram that is answered: the robot sent that telegram once, so it takes one
-    /// answer.
+    /// True if the answer is to a copy of an answered telegram: the robot sent that telegram once, so it accepts
+    /// one answer.
     fn answers_a_copy(&mut self, number: Option<u64>) -> bool {
         match &mut self.repeated {
             Some((ipoc, copies)) if self.answered.is_some() && number == Some(*ipoc) && *copies > 0 => {
@@ -288,7 +288,7 @@ impl Session<'_> {
             while let Some(bytes) = self.krc.poll_packet() {
                 self.link.send(self.now, Direction::ToClient, bytes);
             }
-            self.tell();
+            self.take_events();
             let Some((direction, bytes)) = self.link.poll(self.now) else { return Ok(()) };
             match direction {
                 Direction::ToRobot => self.krc.handle_bytes(self.now, &bytes),
@@ -316,8 +316,8 @@ impl Session<'_> {
         }
     }
 
-    /// Lock step: waits by the clock until the answer is there. Until a client has answered for the first time the telegram is
-    /// repeated: over datagrams nobody tells when the client begins to listen.
+    /// Lock step: waits by the clock until the answer is there. Until the first answer of a client the telegram is
+    /// repeated: with datagrams the start of the client is not visible.
     fn await_answer(&mut self, ipoc: u64, telegram: &[u8]) -> Result<(), ServeError> {
         let first = self.answered.is_none();
         // A client that has not begun may never come; the caller decides whether to start the program again.
@@ -346,7 +346,7 @@ impl Session<'_> {
         Ok(())
     }
 
-    fn tell(&mut self) {
+    fn take_events(&mut self) {
         while let Some(event) = self.krc.poll_event() {
             match &event {
                 KrcEvent::Cycle(_) => self.served.telegrams += 1,

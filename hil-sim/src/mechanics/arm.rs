@@ -12,7 +12,7 @@ use super::solver::{Solution, Start, solve};
 /// Beyond these a state is a fault; no arm of this kind comes near.
 const Q_MAX_RAD: f64 = 1e3;
 const V_MAX_RAD_S: f64 = 1e3;
-/// Longest step: beyond, a servo loop of 50 Hz is no longer resolved.
+/// Longest step: with a longer one a servo loop of 50 Hz is no longer resolved.
 const DT_MAX_S: f64 = 0.01;
 
 /// What the joints move.
@@ -37,15 +37,15 @@ impl Body {
 #[derive(Clone, Debug)]
 pub struct Mechanism {
     body: Body,
-    /// The arm with the ball in its hand; `None` without a ball that weighs something.
+    /// The arm with the ball in its hand; `None` for a ball without mass.
     holding: Option<Box<RobotModel>>,
     ball_held: bool,
     joints: Vec<JointMechanics>,
     blocked: PerJoint<bool>,
-    // Rotor side, seen through the gear.
+    // Rotor side, at the joint.
     q: JointVec,
     v: JointVec,
-    // Link side; equal to the rotor side where the gear is stiff.
+    // Link side; equal to the rotor side if the gear is stiff.
     link_q: JointVec,
     link_v: JointVec,
     link_a: JointVec,
@@ -105,8 +105,8 @@ impl Mechanism {
         &self.body
     }
 
-    /// What left the gear of joint `i`, N·m: the links' torque, and of the rest (friction, brake, stop, obstacle) what is
-    /// more than the gear's own Coulomb friction.
+    /// Torque behind the gear of joint `i`, N·m: the links' torque, and of the rest (friction, brake, stop,
+    /// obstacle) the part above the gear's own Coulomb friction.
     fn output_torque(&self, i: usize, solution: &Solution, h: f64) -> f64 {
         let (joint, a) = (&self.joints[i], solution.rotor_a[i]);
         let v_mid = self.v[i] + 0.5 * h * a;
@@ -115,7 +115,7 @@ impl Mechanism {
         self.link_nm[i] + rest - rest.clamp(-joint.coulomb_nm, joint.coulomb_nm)
     }
 
-    /// The axis whose new state is no number or out of range.
+    /// The axis whose new state is not a number or out of range.
     fn bad_axis(&self, q: &JointVec, v: &JointVec) -> Option<PlantFault> {
         (0..q.len()).find_map(|axis| {
             let good = q[axis].abs() <= Q_MAX_RAD && v[axis].abs() <= V_MAX_RAD_S;
@@ -213,7 +213,7 @@ impl Plant for Mechanism {
             };
             let local = x_wb.rot.tr_mul(&(center_m - x_wb.pos));
             let outside = local.abs() - part.half_m;
-            // Signed distance of a point to a box: outside the corner's distance, inside the nearest face.
+            // Signed distance of a point to a box: outside to the nearest point, inside to the nearest face.
             let distance = outside.sup(&Vector3::zeros()).norm() + outside.max().min(0.0);
             let depth_m = radius_m - distance;
             if depth_m > deepest.as_ref().map_or(0.0, |touch| touch.depth_m) {

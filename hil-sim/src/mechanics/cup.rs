@@ -1,4 +1,4 @@
-//! Shape of an open cup, and where a ball touches it.
+//! Shape of an open cup, and its contacts with a ball.
 //!
 //! ```text
 //!  z ^        mouth plane z = 0; frame C: origin in the middle of the mouth, z outwards

@@ -9,14 +9,14 @@ use crate::rng::Rng;
 /// Timing of the gripper and what drives it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GripperOptions {
-    /// Digital output that opens it while high: axis (from 0; the last one if none is named) and line (0..3); `None` for orders
-    /// from outside only.
+    /// Digital output that opens it while high: axis (from 0; the last one if no axis is named) and line (0..3);
+    /// `None`: only orders from outside.
     pub output: Option<(Option<usize>, u8)>,
     /// From the order to the free ball.
     pub delay: Duration,
     /// The delay varies evenly by up to this much to both sides, drawn again for each opening.
     pub jitter: Duration,
-    /// Drag of the ball κ = ρ c_d A / (2 m), 1/m; zero flies the parabola of the papers. `None`: nobody said, zero.
+    /// Drag of the ball κ = ρ c_d A / (2 m), 1/m; zero flies the parabola of the papers. `None`: not given, zero is used.
     pub drag_1_m: Option<f64>,
     /// Spin of the ball times its lift constant, 1/s: the acceleration is its cross product with the velocity.
     pub magnus_rad_s: Vector3<f64>,
@@ -27,8 +27,8 @@ pub struct GripperOptions {
 }
 
 impl Default for GripperOptions {
-    /// Output 0 of the last drive, 20 ms ± 1 ms, no drag, the floor. The papers give no delay; 20 ms is what small
-    /// pneumatic grippers take.
+    /// Output 0 of the last drive, 20 ms ± 1 ms, no drag, the floor. The papers give no delay; 20 ms is typical for
+    /// small pneumatic grippers.
     fn default() -> Self {
         Self {
             output: Some((None, 0)),
@@ -73,7 +73,8 @@ impl Gripper {
         }
     }
 
-    /// Order to open or close, given at `at`. The same order again changes nothing; closing in time keeps the ball.
+    /// Order to open or close, given at `at`. The same order again changes nothing; an order to close before the ball is free
+    /// keeps it.
     pub fn order(&mut self, at: Instant, open: bool) {
         if open == self.ordered_open {
             return;
@@ -103,7 +104,7 @@ impl Gripper {
         }
     }
 
-    /// When a ball that nothing pushes is or was free: known from the order to open on, `None` while closed.
+    /// When a ball on which no other force acts is or was free: known from the order to open on, `None` while closed.
     pub fn free_at(&self) -> Option<Instant> {
         match self.fingers {
             Fingers::Closed => None,

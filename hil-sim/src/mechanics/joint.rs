@@ -1,4 +1,4 @@
-//! Everything at one joint besides the rigid body: rotor, friction, brake, end stops, elastic gear.
+//! Parts of one joint besides the rigid body: rotor, friction, brake, end stops, elastic gear.
 
 /// Torsion between gear and link.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -9,10 +9,10 @@ pub struct Elasticity {
     pub damping_nms_rad: f64,
 }
 
-/// One joint, joint side of the gear.
+/// One joint; all values at the joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointMechanics {
-    /// Inertia of rotor and gear seen through the gear, kg·m²; positive.
+    /// Inertia of rotor and gear at the joint, kg·m²; positive.
     pub rotor_kg_m2: f64,
     /// Coulomb friction, N·m.
     pub coulomb_nm: f64,
@@ -28,7 +28,7 @@ pub struct JointMechanics {
     pub stop_stiffness_nm_rad: f64,
     /// Damping of the end stops, N·m·s/rad.
     pub stop_damping_nms_rad: f64,
-    /// Gear elasticity; `None` for a stiff gear.
+    /// Elasticity of the gear; `None` for a stiff one.
     pub elasticity: Option<Elasticity>,
 }
 

@@ -89,7 +89,8 @@ impl LooseBall {
         self.v_m_s += (a1 + (a2 + a3) * 2.0 + a4) * (h_s / 6.0);
     }
 
-    /// Takes a contact: out of the material, and an impulse if the ball approaches. Gives the approach speed, m/s.
+    /// Handles a contact: moves the ball out of the material, and gives it an impulse if it approaches. Returns the approach
+    /// speed, m/s.
     pub fn hit(&mut self, ball: &BallOptions, hit: &Hit) -> f64 {
         self.p_m += hit.normal * hit.depth_m;
         let arm = -hit.normal * ball.radius_m;

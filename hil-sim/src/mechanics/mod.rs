@@ -1,4 +1,4 @@
-//! Physics: what the drives move, what feeds them, what the hand throws. Knows no bus.
+//! Physics: mechanics, supplies, flight of the ball. Knows no bus.
 //!
 //! # The model
 //!

@@ -1,4 +1,4 @@
-//! From a robot file to a mechanism: what the file does not say.
+//! From a robot file to a mechanism: values that the file does not have.
 
 use nalgebra::{Matrix3, Vector3};
 use robot_model::{JointVec, LinkInertia, RobotModel};
@@ -7,7 +7,7 @@ use super::arm::{Body, Mechanism};
 use super::joint::{Elasticity, JointMechanics};
 use super::perturb::JointDeviation;
 
-/// Properties of joints that no robot file gives; the table at the top of `mechanics` says why these defaults.
+/// Properties of joints that are not in a robot file; the table at the top of `mechanics` has the reasons for the defaults.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MechanicsOptions {
     /// Share of the largest torque that accelerates the rotor alone at the control acceleration limit.
@@ -22,7 +22,7 @@ pub struct MechanicsOptions {
     pub stop_margin_rad: f64,
     /// Stiffness of the end stops, N·m/rad.
     pub stop_stiffness_nm_rad: f64,
-    /// Gear elasticity, the same for all joints; `None` for stiff gears.
+    /// Elasticity of the gears, the same for all joints; `None` for stiff ones.
     pub elasticity: Option<Elasticity>,
 }
 
@@ -40,7 +40,7 @@ impl Default for MechanicsOptions {
     }
 }
 
-/// Torque limit where a robot file gives none, N·m: what a joint of its inertia needs, with room.
+/// Torque limit if a robot file gives none, N·m: enough for the inertia of a joint, with a margin.
 const TORQUE_UNKNOWN_NM: f64 = 100.0;
 
 impl MechanicsOptions {
@@ -90,7 +90,7 @@ impl MechanicsOptions {
     }
 }
 
-/// A link with its mass scaled and its centre of mass shifted; the nominal one if that were no body.
+/// A link with its mass scaled and its centre of mass shifted; the nominal one if the result is not a possible body.
 fn deviated(link: &LinkInertia, deviation: &JointDeviation) -> LinkInertia {
     let tensor: Matrix3<f64> = link.about_com_kg_m2() * deviation.mass;
     LinkInertia::new(link.mass_kg() * deviation.mass, link.com_m() + Vector3::from(deviation.com_m), tensor)

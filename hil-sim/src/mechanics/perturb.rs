@@ -4,7 +4,7 @@ use protocol::Duration;
 
 use crate::rng::Rng;
 
-/// Half widths of what is drawn evenly around the nominal value. All zero by default.
+/// Half widths of the uniform distributions around the nominal values. All zero by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Scatter {
     /// Mass and inertia of each link, share of the nominal value (0.1 is ± 10 %).

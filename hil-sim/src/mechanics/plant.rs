@@ -1,9 +1,9 @@
-//! What drives and mechanics say to each other, once per step and axis.
+//! Data between drives and mechanics, once per step and axis.
 
 use nalgebra::Vector3;
 use robot_model::release::HandMotion;
 
-/// What the power stage of one drive does during one step. Joint side of the gear.
+/// Output of the power stage of one drive during one step. All values at the joint.
 ///
 /// Torque: `τ = clamp(torque + stiffness (reference - q) - damping q̇, ± torque_max)`; the plant solves for it
 /// together with the motion, so a stiff loop needs no small steps.
@@ -22,7 +22,7 @@ pub struct AxisInput {
     pub brake: bool,
 }
 
-/// One axis after a step. Motor side, seen through the gear: without elasticity this is the joint itself.
+/// One axis after a step. Motor side, at the joint: without elasticity this is the joint itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AxisState {
     /// True position, rad.
@@ -33,8 +33,8 @@ pub struct AxisState {
     pub drive_torque_nm: f64,
     /// Torque that arrived at the links, `M q̈ + C q̇ + g`, N·m.
     pub link_torque_nm: f64,
-    /// Torque that left the gear: that of the links and what brake, end stop or an obstacle took, N·m. Gear friction
-    /// and rotor are not in it.
+    /// Torque behind the gear: that of the links and that taken by brake, end stop or an obstacle, N·m.
+    /// Without the friction of the gear and the rotor.
     pub output_torque_nm: f64,
     /// The drive wanted more torque than it had.
     pub saturated: bool,
@@ -74,7 +74,7 @@ pub struct Touch {
     pub depth_m: f64,
 }
 
-/// The state left what numbers can hold; the plant stands still at its last good state from then on.
+/// The state left the range of numbers; the plant stands still at its last good state from then on.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("the simulated mechanics left their range at axis {axis}: q = {q_rad} rad, v = {v_rad_s} rad/s")]
 pub struct PlantFault {
@@ -90,7 +90,7 @@ pub struct PlantFault {
 ///
 /// # Contract
 ///
-/// * [`Plant::step`] takes one input per axis and moves everything on by the same time.
+/// * [`Plant::step`] takes one input per axis and moves everything by the same time.
 /// * Nothing here knows the bus or wall time; equal calls give equal bits.
 /// * After a [`PlantFault`] all numbers stay finite and the state stays as it was.
 pub trait Plant {

@@ -16,10 +16,10 @@
 //! τ      clamp(τ0 + k_s (r - q½) - d_s v½, ± τ_max)
 //! ```
 //!
-//! * The servo is in the implicit midpoint rule: second order, stable at any stiffness, right about its 5 ms lag with
-//!   steps of 1 ms already. Friction and stops are in backward Euler: they must not ring. `v½ f(v⁺) >= 0` in sliding
-//!   and in coming to rest, so friction never feeds energy.
-//! * Which friction branch and which side of the clamp hold is found by trying: solve, look, correct, at most
+//! * The servo is in the implicit midpoint rule: second order, stable at any stiffness; its 5 ms lag is right already
+//!   with steps of 1 ms. Friction and stops are in backward Euler: they must not ring. `v½ f(v⁺) >= 0` in sliding
+//!   and in coming to rest, so friction never adds energy.
+//! * The friction branch and the side of the clamp are found by trying: solve, check, correct, at most
 //!   [`PASSES`] times. The matrix stays positive definite in all of them.
 
 use robot_model::linalg::{Cholesky, SquareMatrix};
@@ -28,7 +28,7 @@ use robot_model::{JointVec, PerJoint};
 use super::joint::JointMechanics;
 use super::plant::AxisInput;
 
-/// Most attempts at finding the branches; one is the rule, two when a joint starts, stops or saturates.
+/// Most attempts to find the branches; usually one, two when a joint starts, stops or saturates.
 const PASSES: usize = 5;
 /// Speed below which a joint sticks, rad/s.
 const STICK_RAD_S: f64 = 1e-6;
@@ -116,7 +116,7 @@ pub(super) fn solve(
     }
     let zero = JointVec::zeros(n);
     let (rotor_a, link_a, drive_nm) = last.unwrap_or((zero, zero, zero));
-    // A stage that is off asks for nothing and is not at its limit.
+    // A stage that is off orders no torque and is not at its limit.
     let saturated = PerJoint::from_fn(n, |i| torque[i] != Torque::Loop && inputs[i].torque_max_nm > 0.0);
     Solution { rotor_a, link_a, drive_nm, saturated }
 }

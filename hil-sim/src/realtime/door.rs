@@ -10,16 +10,17 @@ use protocol::{Duration, Frame, Instant, ModuleId, Node};
 /// A request without answer is forgotten after this.
 const REQUEST_AGE_MAX: Duration = Duration::from_secs(1);
 
-/// Frames of one client that can wait in the gateway; beyond it nothing more is taken from the client.
+/// Frames of one client that can wait in the gateway; beyond that nothing more is read from the client.
 pub(super) const CLIENT_BACKLOG_MAX: usize = 64;
-/// Frames of the gateway at the simulated bus: the one that is sent, or waits for its arbitration. The next one is chosen when it is
-/// through, and follows without a gap.
+/// Frames of the gateway at the simulated bus: the one that is sent, or waits for its arbitration. The next one is
+/// chosen when it has been sent, and follows without a gap.
 pub(super) const AT_BUS_MAX: usize = 1;
 
-/// The node that stands for everybody behind one door.
+/// The node for all clients of one door (the port of a link).
 ///
-/// Each client has a queue of its own, as if it had an adapter of its own: the first frames of all queues arbitrate, and those of
-/// one id go in rotation. A client that floods delays frames of higher priority by the one that is on its way, and no more.
+/// Each client has a queue of its own, as with an adapter of its own: the first frames of all queues arbitrate, and
+/// those of one id are sent in rotation. A client that floods delays frames of higher priority by at most the frame
+/// that is being sent.
 #[derive(Clone, Debug, Default)]
 pub struct Gateway {
     lanes: Vec<Lane>,
@@ -29,7 +30,7 @@ pub struct Gateway {
     pub(super) received: Vec<(Instant, Frame)>,
 }
 
-/// Frames of one client; `None` stands for everybody on a bus that was joined.
+/// Frames of one client; `None`: all nodes of a bus that was joined.
 #[derive(Clone, Debug)]
 struct Lane {
     client: Option<ClientId>,
@@ -105,7 +106,7 @@ impl Door {
     ///
     /// # Errors
     ///
-    /// The interface or the place cannot be had.
+    /// The interface or the place is not available.
     pub fn open(spec: &BusSpec, clock: Clock) -> Result<Self, OpenError> {
         match spec {
             BusSpec::SocketCan { .. } => can_link::open(spec, clock).map(Self::Member),
@@ -137,7 +138,7 @@ impl Door {
     }
 }
 
-/// What comes in through a door.
+/// Input of a door.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Visit {
     /// A client came.
@@ -169,7 +170,7 @@ impl Room {
     }
 }
 
-/// A door with what is under way through it.
+/// A door (the port of a link) with its frames in progress.
 pub(super) struct Port {
     pub(super) door: Door,
     /// Frames of this door's clients that were on the bus, for its other clients.
@@ -178,7 +179,7 @@ pub(super) struct Port {
     pub(super) unasked: Vec<(ClientId, Frame)>,
     /// A bus that was joined brings more than the simulated one carries.
     pub(super) is_full: bool,
-    /// When each module was asked through this door, by address.
+    /// When each module got its requests through this door, by address.
     requests: Vec<VecDeque<Instant>>,
     pub(super) visits: Vec<Visit>,
     /// Frames that the link did not take.
@@ -198,7 +199,7 @@ impl Port {
         }
     }
 
-    /// Next frame of a client that has room for it in the gateway; comings and goings are kept as visits.
+    /// Next frame of a client that has room for it in the gateway; joins and leaves are kept as visits.
     pub(super) fn next_frame(&mut self, room: &Room) -> Result<Option<(Option<ClientId>, Frame)>, LinkError> {
         loop {
             match &mut self.door {
@@ -221,8 +222,8 @@ impl Port {
         }
     }
 
-    /// The link, if something that arrives there now can be taken: waiting for anything else would only end the sleep
-    /// again and again. A server keeps its clients apart by itself.
+    /// The link, if something that arrives there now can be accepted: waiting for other input would only end the
+    /// sleep again and again. A server separates its clients by itself.
     pub(super) fn waits_for(&self) -> Option<&dyn CanLink> {
         match &self.door {
             Door::Member(_) if self.is_full => None,

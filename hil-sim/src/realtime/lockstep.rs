@@ -1,16 +1,16 @@
-//! Virtual time that programs share over sockets: it passes only while each of them has said when it wants to go on.
+//! Virtual time that programs share over sockets: it passes only when each of them has stated when it needs its next turn.
 //!
 //! ```text
 //!   client ── send… wait T ──▶ gateway ──▶ world ── runs to the next frame or the earliest T
 //!          ◀── frames, time T ──
 //! ```
 //!
-//! What the clients send during their turns reaches the simulated bus in the order in which they joined, whoever was
-//! faster. A machine that holds a program up, however long, changes nothing: a run depends on the programs and on the
-//! seed alone. The messages are described at [`protocol::text::socketcand`].
+//! Frames that the clients send during their turns reach the simulated bus in the order in which the clients
+//! joined, whichever was faster. A delay of a program by the machine changes nothing: a run depends only on the
+//! programs and on the seed. The messages are described at [`protocol::text::socketcand`].
 //!
-//! A client that did not ask for lock step gets the frames at once and is not waited for; what it sends comes when it comes,
-//! and a run with it repeats only if it stays silent.
+//! A client that did not request lock step gets the frames at once, and time does not wait for it. Its own frames
+//! come at arbitrary times, so a run with it repeats only if it stays silent.
 
 use can_link::{BusSpec, CanLink, ClientId, Clock, ServerEvent};
 use protocol::{Duration, Frame, Instant};
@@ -51,7 +51,7 @@ impl MixedTime {
     }
 }
 
-/// Drives answer within a few milliseconds, and the queue of a gateway is empty after as many.
+/// Drives answer within a few milliseconds, and the queue of a gateway is empty after that time too.
 const QUIET: Duration = Duration::from_millis(20);
 
 /// Clients in lock step.
@@ -61,7 +61,7 @@ pub(super) struct LockStep {
     /// In the order in which they joined.
     members: Vec<Member>,
     others: Vec<(usize, ClientId)>,
-    /// The last member has left: time passes until then, so that the next one does not hear the answers to its questions.
+    /// The last member has left: time passes until then, so that the next member does not get the answers to its requests.
     quiet_until: Option<Instant>,
 }
 
@@ -70,7 +70,7 @@ struct Member {
     client: ClientId,
     /// What it sent during its turn.
     said: Vec<Frame>,
-    /// Frames that it has not heard.
+    /// Frames that it has not received.
     unheard: Vec<(Instant, Frame)>,
     /// `None` during its turn.
     waits: Option<Wait>,
@@ -102,15 +102,15 @@ impl LockStep {
         self.members.iter_mut().find(|member| (member.port, member.client) == (port, client))
     }
 
-    /// Someone must speak before time may pass.
+    /// A client must send before time may pass.
     fn waits_for_clients(&self) -> bool {
         self.members.len() < self.clients_min || self.members.iter().any(|member| member.waits.is_none())
     }
 }
 
 impl<A: Participants> Realtime<A> {
-    /// Takes in who joins a lock step, before its time begins: true once as many take part as it waits for. From then on it does not
-    /// wait for those who leave.
+    /// Accepts the members of a lock step, before its time begins: true when as many have joined as it waits for.
+    /// From then on it does not wait for members that leave.
     pub fn is_gathered(&mut self) -> bool {
         let Some(mut step) = self.lock_step.take() else { return true };
         self.hear(&mut step);
@@ -125,7 +125,7 @@ impl<A: Participants> Realtime<A> {
         self.lock_step.as_ref().map_or(0, |step| step.members.len())
     }
 
-    /// In lock step: it is `time` or later, and nobody has a turn before the time goes on.
+    /// In lock step: it is `time` or later, and no client has a turn before the time continues.
     pub fn has_reached(&self, time: Instant) -> bool {
         let now = self.world.now();
         let mut members = self.lock_step.iter().flat_map(|step| &step.members);
@@ -174,7 +174,7 @@ impl<A: Participants> Realtime<A> {
         }
     }
 
-    /// Takes in what the clients have said, up to the leave of the last member.
+    /// Reads the messages of the clients, up to the leave of the last member.
     fn hear(&mut self, step: &mut LockStep) {
         let now = self.world.now();
         for (index, port) in self.ports.iter_mut().enumerate() {
@@ -216,7 +216,7 @@ impl<A: Participants> Realtime<A> {
         }
     }
 
-    /// Puts what was said during the turns into the gateways, in the order of the clients.
+    /// Puts the frames of the turns into the gateways, in the order of the clients.
     fn send_said(&mut self, step: &mut LockStep) -> Result<(), RealtimeError> {
         let mut said: Vec<(usize, ClientId, Frame)> = Vec::new();
         for member in &mut step.members {
@@ -235,7 +235,7 @@ impl<A: Participants> Realtime<A> {
         Ok(())
     }
 
-    /// The member hears its frames, and may speak.
+    /// The member gets its frames, and may send.
     fn give_turn(&mut self, member: &mut Member, now: Instant) {
         if let Door::Server(server) = &mut self.ports[member.port].door {
             for (at, frame) in member.unheard.drain(..) {
@@ -251,7 +251,7 @@ impl<A: Participants> Realtime<A> {
     fn hand_to(&mut self, step: &mut LockStep) -> Result<(), RealtimeError> {
         let own = &mut self.seen.own;
         let ports = self.ports.len();
-        // For each door: when, which frame, and which client sent it.
+        // For each door: time, frame, and the client that sent it.
         let heard = self.world.with_participants(|participants, _| {
             let mut heard = vec![Vec::new(); ports];
             for (port, at, frame) in own.drain(..) {

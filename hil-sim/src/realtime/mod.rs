@@ -7,11 +7,11 @@
 //!
 //! The world's clock follows the machine's: each turn runs it up to the present. A frame of a client is queued at
 //! the simulated bus when it arrives, wins its arbitration, takes its bits, and is then seen by the drives and by
-//! all other clients; answers come back the same way, after the drive's processing time. Every door is a node of
-//! its own, as an adapter on a real bus is: doors arbitrate
-//! against each other, and so do the clients of one door. Each can have 64 frames queued, so a client that floods delays frames
-//! of higher priority by one frame at most. Two delays of the machine are measured: how late frames leave
-//! ([`Realtime::lateness`]), and how long clients wait for answers.
+//! all other clients; answers come back the same way, after the drive's processing time. Every door (the port of a
+//! link) is a node of its own, as an adapter on a real bus is. Doors arbitrate against each other, and so do the
+//! clients of one door. Each can have 64 frames queued, so a client that floods delays frames of higher priority by
+//! one frame at most. Two delays of the machine are measured: how late frames leave ([`Realtime::lateness`]), and
+//! how long clients wait for answers.
 
 mod door;
 mod lockstep;
@@ -30,7 +30,7 @@ use crate::participants::{Participants, Solo};
 use crate::world::{BuildError, Observer, RunError, World};
 use door::{AT_BUS_MAX, Port, Room};
 
-/// Longest sleep, so that the owner looks at its own business now and then.
+/// Longest sleep, so that the owner can do its own work in between.
 const NAP_MAX: Duration = Duration::from_millis(50);
 /// A turn that begins this long after its time is counted as late: drives answer a third of that earlier or later anyway.
 const LATE: Duration = Duration::from_millis(1);
@@ -45,7 +45,7 @@ pub enum RealtimeError {
     /// A node broke its contract.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// A bus that was joined is gone.
+    /// The link of a joined bus has failed.
     #[error(transparent)]
     Link(#[from] LinkError),
     /// Waiting failed.
@@ -64,7 +64,7 @@ impl RealtimeError {
     }
 }
 
-/// What the doors must be told: frames of gateways, for the other clients of the same door; errors, for all.
+/// Data for the doors: frames of gateways, for the other clients of the same door; errors, for all.
 #[derive(Debug, Default)]
 struct Seen {
     /// Node of the first gateway; all further ones follow.
@@ -143,8 +143,8 @@ impl std::fmt::Display for Lag {
 }
 
 impl<A: Participants> Realtime<A> {
-    /// Puts `participants` on a bus whose time 0 is that of `clock`, with a gateway behind each of `doors`. `seed` feeds the
-    /// faults' random streams.
+    /// Connects `participants` to a bus whose time 0 is that of `clock`, with a gateway behind each of `doors`.
+    /// `seed` feeds the faults' random streams.
     ///
     /// # Errors
     ///
@@ -178,8 +178,8 @@ impl<A: Participants> Realtime<A> {
         })
     }
 
-    /// The same in virtual time that all clients share; it stands while fewer than `clients_min` take part. The clock is
-    /// manual, and clients are at servers only.
+    /// The same in virtual time that all clients share; it stands while fewer than `clients_min` are connected. The
+    /// clock is manual, and clients are at servers only.
     #[must_use]
     pub fn in_lock_step(self, clients_min: usize) -> Self {
         Self { lock_step: Some(lockstep::LockStep::new(clients_min)), ..self }
@@ -206,23 +206,23 @@ impl<A: Participants> Realtime<A> {
         self.ports.iter().map(|port| &port.door)
     }
 
-    /// Time from a client's request to the answer's leaving through its door. Where two doors ask the same module
-    /// at once, each may count the other's answer.
+    /// Time from a client's request until the answer leaves through its door. If two doors send a request to the
+    /// same module at once, each may count the other's answer.
     pub fn latency(&self) -> &Lateness {
         &self.latency
     }
 
-    /// How late frames leave, against the time they had on the simulated bus: what the machine adds.
+    /// How late frames leave, compared with their time on the simulated bus: the delay of the machine.
     pub fn lateness(&self) -> &Lateness {
         &self.lateness
     }
 
-    /// How far the simulation fell behind the clock. Whoever misses an answer of a drive can see here who was late.
+    /// How far the simulation fell behind the clock. It shows whether a missed answer of a drive was caused by the machine.
     pub const fn lag(&self) -> &Lag {
         &self.lag
     }
 
-    /// Turns so far: how often the system was asked to wait, or a client in lock step was given its turn.
+    /// Turns so far: how often the system was called to wait, or a client in lock step got its turn.
     pub const fn turns(&self) -> u64 {
         self.turns
     }
@@ -237,17 +237,17 @@ impl<A: Participants> Realtime<A> {
         self.ports.iter().map(|port| port.lost).sum()
     }
 
-    /// Clients that came and went since the last call, door by door.
+    /// Clients that joined and left since the last call, door by door.
     pub fn visits(&mut self) -> Vec<Visit> {
         self.ports.iter_mut().flat_map(|port| std::mem::take(&mut port.visits)).collect()
     }
 
-    /// One turn: take what came in, run up to the present, hand out, then sleep until something is due, `until` or
-    /// 50 ms.
+    /// One turn: read the input, run up to the present, send the output, then sleep until something is due, `until`
+    /// or 50 ms.
     ///
     /// # Errors
     ///
-    /// A node broke its contract, or a joined bus is gone. Clients that leave are no error.
+    /// A node broke its contract, or the link of a joined bus has failed. A client that leaves is not an error.
     pub fn turn(&mut self, until: Instant, observer: &mut impl Observer) -> Result<(), RealtimeError> {
         if let Some(mut step) = self.lock_step.take() {
             let result = self.take_turns(&mut step, until.min(self.end), observer);
@@ -282,7 +282,7 @@ impl<A: Participants> Realtime<A> {
         Ok(now)
     }
 
-    /// Takes what the clients of a door have sent, as far as each has room in the gateway.
+    /// Takes the frames that the clients of a door have sent, as far as each has room in the gateway.
     fn take_in(&mut self, index: usize, observer: &mut impl Observer) -> Result<(), RealtimeError> {
         let gateway = |participants: &(A, Vec<Solo<Gateway>>)| participants.1[index].node.waiting();
         let mut room = Room::beside(gateway(self.world.participants()));
@@ -334,7 +334,7 @@ impl<A: Participants> Realtime<A> {
         self.forget_lost()
     }
 
-    /// On an idle bus, what a gateway still believes to be waiting there was thrown away by a fault.
+    /// If the bus is idle, a frame that a gateway still counts as waiting was removed by a fault.
     fn forget_lost(&mut self) -> Result<(), RealtimeError> {
         let first = self.seen.first_gateway;
         let bus = self.world.bus();

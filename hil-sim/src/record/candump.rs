@@ -11,7 +11,7 @@ use crate::world::Observer;
 /// Writes one line per good frame. Times are those of the run, from zero.
 ///
 /// A write error is kept and returned by [`CandumpLog::finish`]; later frames are then left out, so that a full
-/// disk does not stop a run that people want to see the end of.
+/// disk does not stop a run whose end is of interest.
 #[derive(Debug)]
 pub struct CandumpLog<'a, W: Write> {
     out: W,

@@ -1,4 +1,4 @@
-//! What happened on the bus, kept.
+//! Record of the events on the bus.
 //!
 //! | file | holds |
 //! |---|---|

@@ -13,7 +13,7 @@ pub struct TraceEntry {
     pub frame: Frame,
 }
 
-/// Frames in order, up to a bound; what comes after is counted only.
+/// Frames in order, up to a limit; later ones are only counted.
 #[derive(Clone, Debug, Default)]
 pub struct Trace {
     entries: Vec<TraceEntry>,

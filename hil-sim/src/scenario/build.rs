@@ -56,7 +56,7 @@ impl Scenario {
         self.world_with(Solo::new("host", ScriptedHost::new(&self.actions)))
     }
 
-    /// The checkers that the scenario asks for.
+    /// The checkers that the scenario lists.
     pub fn checkers(&self, cell: &Cell) -> Checkers {
         Checkers::new(&self.expect, &limits_of(cell), self.bus.bit_rate_bit_s)
     }

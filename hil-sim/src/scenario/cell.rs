@@ -1,7 +1,7 @@
 //! `[cell]`, `[drive]`, `[mechanics]`, `[supply]`, `[gripper]`, `[scatter]`: options of the simulated cell.
 //!
-//! Every key is optional; what is left out keeps the default that its type documents. Options are built as whole
-//! structs, so that a field nobody can write in a file does not compile.
+//! Every key is optional; a missing key keeps the default that its type documents. Options are built as whole
+//! structs, so that a field without a key in the file does not compile.
 
 use protocol::Duration;
 use protocol::powercube::{BaudRate, Config};

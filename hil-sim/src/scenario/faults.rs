@@ -11,7 +11,7 @@ use crate::fault::{
 
 /// Longest time a scenario can name: eleven days.
 const MAX_S: f64 = 1e6;
-/// A babbling node cannot be asked for more than one frame per this.
+/// Shortest period of a babbling node, s.
 const BABBLE_PERIOD_MIN_S: f64 = 20e-6;
 
 const KINDS: [(&str, Kind); 19] = [
@@ -89,7 +89,7 @@ stuck-gripper  gripper           does not open
 late-release   gripper           opens later                                          by_s
 ";
 
-/// Reads one `[[fault]]` table; `index` makes the label if none is given.
+/// Reads one `[[fault]]` table; without a label, `index` makes one.
 pub fn fault(table: &Section<'_>, index: usize) -> Result<Fault, ScenarioError> {
     let kind = table.required("kind", |v| v.word(&KINDS))?;
     let target = target(table, kind)?;

@@ -1,4 +1,4 @@
-//! A host that does what the scenario says and nothing else.
+//! A host that only does what the scenario lists.
 
 use std::collections::VecDeque;
 
@@ -6,7 +6,7 @@ use protocol::{Frame, Instant, Node};
 
 use super::Action;
 
-/// Sends scripted frames at scripted times and ignores what it hears.
+/// Sends scripted frames at scripted times and ignores received frames.
 #[derive(Clone, Debug)]
 pub struct ScriptedHost {
     /// Next time of each action, with what is left of it.

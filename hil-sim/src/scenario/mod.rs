@@ -127,7 +127,7 @@ impl Scenario {
     /// Reads a file.
     ///
     /// # Errors
-    /// The file cannot be read, or says something that no scenario can.
+    /// The file cannot be read, or its content is not a possible scenario.
     pub fn load(path: &Path) -> Result<Self, ScenarioError> {
         let file = path.display().to_string();
         match toml_reader::read_text(path, toml_reader::DESCRIPTION_MAX_BYTES) {
@@ -136,10 +136,10 @@ impl Scenario {
         }
     }
 
-    /// Reads a text; `file` is what errors call it.
+    /// Reads a text; `file` is its name in errors.
     ///
     /// # Errors
-    /// The text says something that no scenario can.
+    /// The content is not a possible scenario.
     pub fn from_toml(file: &str, text: &str) -> Result<Self, ScenarioError> {
         let source = Source { file, text };
         let document = source.parse()?;

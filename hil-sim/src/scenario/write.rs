@@ -1,6 +1,6 @@
-//! Scenarios as text, so that a run that was found can be repeated from a file.
+//! Scenarios as text, so that a run with a finding can be repeated from a file.
 //!
-//! Written are faults, actions, and the options of the cell that a swarm varies. Other options must be the default.
+//! Faults, actions and the varied options of the cell are written. Other options must be the default.
 
 use std::fmt::Write as _;
 
@@ -21,7 +21,7 @@ fn real(value: f64) -> String {
     format!("{value:?}")
 }
 
-/// Rounded to ten digits behind the point, so that the angle that is read back is written as the same text.
+/// Rounded to ten decimals, so that the angle that is read back is written as the same text.
 fn degrees(angle_rad: f64) -> f64 {
     (1e10 * angle_rad.to_degrees()).round() / 1e10
 }

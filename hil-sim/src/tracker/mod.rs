@@ -3,7 +3,7 @@
 //! | module | holds |
 //! |---|---|
 //! | [`options`] | rate, latency, noise, bodies and how they move, faults |
-//! | [`scene`] | true poses, and what the cameras make of them |
+//! | [`scene`] | true poses, and their measurement by the cameras |
 //! | [`server`] | [`Tracker`]: measurement, outputs and command channel; sans-IO, time as an argument |
 //! | [`scenario`] | TOML to options |
 //! | [`serve`] | the same tracker behind sockets, in real time |

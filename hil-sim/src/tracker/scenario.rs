@@ -54,7 +54,7 @@ impl TrackerScenario {
     /// Reads a file.
     ///
     /// # Errors
-    /// The file cannot be read, or says something that no scenario can.
+    /// The file cannot be read, or its content is not a possible scenario.
     pub fn load(path: &Path) -> Result<Self, TrackerScenarioError> {
         let file = path.display().to_string();
         match read_text(path, DESCRIPTION_MAX_BYTES) {
@@ -63,10 +63,10 @@ impl TrackerScenario {
         }
     }
 
-    /// Reads a text; `file` is what errors call it.
+    /// Reads a text; `file` is its name in errors.
     ///
     /// # Errors
-    /// The text says something that no scenario can.
+    /// The content is not a possible scenario.
     pub fn from_toml(file: &str, text: &str) -> Result<Self, TrackerScenarioError> {
         let source = Source { file, text };
         let document = source.parse()?;

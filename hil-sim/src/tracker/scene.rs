@@ -10,7 +10,7 @@ use crate::rng::Rng;
 /// Spheres of a body, in its frame, mm.
 const SPHERES_MM: [[f64; 3]; 5] =
     [[0.0, 0.0, 0.0], [60.0, 0.0, 0.0], [0.0, 90.0, 0.0], [0.0, 0.0, 75.0], [40.0, 45.0, 30.0]];
-/// False markers lie within this distance from the origin, mm.
+/// False markers are within this distance from the origin, mm.
 const ROOM_MM: f64 = 3000.0;
 
 /// What one flash shows.
@@ -69,7 +69,7 @@ impl Scene {
         self.loose_mm.extend_from_slice(at_mm);
     }
 
-    /// True position (mm) and rotation of a body at `at`; `None` if there is none.
+    /// True position (mm) and rotation of a body at `at`; `None` if the body does not exist.
     pub fn truth(&self, body: u32, at: Instant) -> Option<([f64; 3], [f64; 4])> {
         let motion = self.bodies.iter().find(|options| options.id == body)?.motion;
         let t = at.as_secs_f64();

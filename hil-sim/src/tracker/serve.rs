@@ -19,7 +19,7 @@ const LONGEST_SLEEP: Duration = Duration::from_millis(50);
 pub struct ServeError {
     /// The address that cannot be used.
     pub address: SocketAddr,
-    /// What the system says.
+    /// Error of the system.
     pub error: io::Error,
 }
 
@@ -52,7 +52,7 @@ impl Sockets {
     /// Listens for commands at `command`; data leave from any port.
     ///
     /// # Errors
-    /// The address cannot be had.
+    /// The address is not available.
     pub fn bind(command: SocketAddr) -> Result<Self, ServeError> {
         let bind = || {
             let listener = TcpListener::bind(command)?;
@@ -66,10 +66,10 @@ impl Sockets {
         bind().map_err(|error| ServeError { address: command, error })
     }
 
-    /// Where it listens for commands.
+    /// Address at which it listens for commands.
     ///
     /// # Errors
-    /// The system does not tell.
+    /// The system does not report the address.
     pub fn command_address(&self) -> io::Result<SocketAddr> {
         self.listener.local_addr()
     }
@@ -79,7 +79,7 @@ impl Sockets {
         self.served
     }
 
-    /// Serves in real time until `goes_on` says no or `until` has come.
+    /// Serves in real time until `goes_on` returns false or `until` has come.
     pub fn run(&mut self, tracker: &mut Tracker, until: Instant, goes_on: &dyn Fn() -> bool) {
         let clock = Clock::start();
         while goes_on() && clock.now() < until {
@@ -149,7 +149,7 @@ impl Sockets {
         let mut set = vec![PollFd::from_borrowed_fd(self.listener.as_fd(), PollFlags::IN)];
         set.extend(self.streams.iter().map(|(_, s)| PollFd::from_borrowed_fd(s.as_fd(), PollFlags::IN)));
         let timeout = Timespec { tv_sec: limit.as_secs() as i64, tv_nsec: limit.subsec_nanos().into() };
-        // Interrupted or not: the caller looks at everything anyway.
+        // Interrupted or not: the caller checks everything anyway.
         let _ = poll(&mut set, Some(&timeout));
     }
 }

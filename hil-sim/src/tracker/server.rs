@@ -57,7 +57,7 @@ pub struct Tracker {
 }
 
 impl Tracker {
-    /// At time zero, measuring only if the options say so.
+    /// At time zero, measuring only if the options require it.
     pub fn new(options: TrackerOptions, seed: u64) -> Self {
         let restart = |fault: &super::options::TrackerFault| {
             (fault.kind == TrackerFaultKind::Restart).then_some(fault.from)
@@ -228,7 +228,7 @@ impl Tracker {
         self.next_flash = Some(at + self.options.period);
         while self.restarts.pop_if(|restart| *restart <= at).is_some() {
             self.frame = self.options.first_frame;
-            self.tell("warning", "controller started again");
+            self.report("warning", "controller started again");
         }
         let seen = self.scene.flash(at);
         let jitter = self.jitter.within(0, self.options.jitter.as_micros());
@@ -268,7 +268,7 @@ impl Tracker {
         Some((to, bytes))
     }
 
-    fn tell(&mut self, status: &str, text: &str) {
+    fn report(&mut self, status: &str, text: &str) {
         if self.messages.len() == MAX_MESSAGES {
             self.messages.pop_front();
         }

@@ -107,7 +107,7 @@ impl Node for Stuck {
     }
 }
 
-/// Breaks the contract: so many deadlines have come, and each call serves one.
+/// Breaks the contract: this number of deadlines has come, and each call serves only one.
 #[derive(Clone, Debug)]
 pub(crate) struct TwoAtOnce(pub(crate) u32);
 

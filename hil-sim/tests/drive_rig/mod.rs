@@ -115,7 +115,7 @@ impl Rig {
         self.frames.iter().map(|(_, frame)| *frame).collect()
     }
 
-    /// The one answer to a request, understood; `None` for silence.
+    /// The one answer to a request, decoded; `None` for silence.
     pub(crate) fn ask(&mut self, request: Request) -> Option<Reply> {
         self.ask_module(id(1), request)
     }

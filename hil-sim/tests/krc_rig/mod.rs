@@ -41,7 +41,7 @@ pub(crate) fn config(protocol: &str, space: Space, hold: bool) -> Config {
     Config::parse(&text).expect("valid")
 }
 
-/// Options with everything that limits motion wide open, so that a test turns on what it is about.
+/// Options without narrow limits of motion, so that only the limit under test acts.
 pub(crate) fn wide(generation: Generation) -> KrcOptions {
     let mut options = KrcOptions::new(generation);
     options.correction.lower = [-300.0; 6];
@@ -72,7 +72,7 @@ pub(crate) struct Answer {
     pub(crate) text: Option<&'static str>,
 }
 
-/// Answers each telegram with what `script` gives for the number of full telegrams so far (from 0).
+/// Answers each telegram with the result of `script` for the number of full telegrams so far (from 0).
 pub(crate) struct Scripted<F> {
     pub(crate) element: &'static str,
     pub(crate) names: [&'static str; 6],

@@ -6,9 +6,10 @@
 //!                                      planner::disc::witness ◄── joints as the plant moved them ◄──────┘
 //! ```
 //!
-//! The disc is released at an instant of the session. The run is ordered to begin so that its motion and the flight have the
-//! same time zero; the controller's clock is related to the session by readings. Where plan and joints differ, the drives, the
-//! controller and the clocks are the reason. The witness knows none of them.
+//! The disc is released at an instant of the session. The run is ordered to begin so that its motion and the flight
+//! have the same time zero; readings relate the controller's clock to the session. If plan and joints differ, the
+//! drives, the controller and the clocks are the cause. The observer (`planner::disc::witness`) knows nothing of
+//! them.
 
 use firmware::settings::Settings;
 use hil_sim::drive::PowerCubeDrive;
@@ -100,11 +101,11 @@ pub struct Moved {
 /// A run that has begun.
 #[derive(Debug)]
 pub struct Executed {
-    /// What the controller told at the end.
-    pub told: Result<(), OperatorError>,
+    /// Result that the controller reported at the end.
+    pub reported: Result<(), OperatorError>,
     /// Each millisecond, from the release on.
     pub moved: Vec<Moved>,
-    /// When the gripper was told to close, s after the release: read at the drive.
+    /// When the gripper was ordered to close, s after the release: read at the drive.
     pub closed_s: Option<f64>,
     /// By how much the controller's clock may be off, s.
     pub clock_off_s: f64,
@@ -123,7 +124,7 @@ pub struct Tracking {
     pub tip_m: (f64, f64),
 }
 
-/// A run and what the witness saw of it.
+/// A run and the result of its observer.
 #[derive(Debug)]
 pub struct Judged {
     pub executed: Executed,
@@ -135,10 +136,10 @@ pub struct Judged {
     pub acceleration_rad_s2: Joints,
 }
 
-/// Runs a plan and judges what came of it.
+/// Runs a plan and judges the result.
 ///
 /// # Errors
-/// [`NoRun`]: nothing has moved. A run that fails on its way is told in [`Executed::told`].
+/// [`NoRun`]: nothing has moved. A run that fails on its way has its cause in [`Executed::reported`].
 pub fn run(
     robot: &RobotModel,
     arm: &DiscArm,
@@ -161,8 +162,8 @@ pub fn run(
     Ok(Judged { executed, verdict, tracking, speed_rad_s, acceleration_rad_s2 })
 }
 
-/// When the fingers begin to close, s after the release: by the plan the disc is between them since two milliseconds. What the drives
-/// and the clocks add is less.
+/// When the fingers begin to close, s after the release: by the plan the disc is between them for two milliseconds
+/// then. Drives and clocks add less than that.
 #[must_use]
 pub fn close_s(arm: &DiscArm, path: &Path, plan: &Plan) -> f64 {
     let rule = Rule::default();
@@ -198,13 +199,14 @@ fn execute(
         let recorded = sim.world().with_participants(|participants, _| participants.0.0.0.record_trace());
         recorded.map_err(BusFailure::from)?;
     }
-    let told = session.run_trajectory_at(node, &name, Some(start), RUN_MAX, &[], &mut |_, _| {}).map(drop);
+    let reported =
+        session.run_trajectory_at(node, &name, Some(start), RUN_MAX, &[], &mut |_, _| {}).map(drop);
     let until = release + Duration::from_secs_f64(plan.motion.end_s() + AFTER_S);
     session.halt_if_moving()?;
     session.pass(until.saturating_since(session.now()))?;
     let (moved, closed_s) = recorded(&mut session, release, until);
     let period_s = f64::from(settings.cycle_period_us) * 1e-6;
-    Ok(Executed { told, moved, closed_s, clock_off_s: off.as_secs_f64(), period_s })
+    Ok(Executed { reported, moved, closed_s, clock_off_s: off.as_secs_f64(), period_s })
 }
 
 /// The plan as the file of a controller.
@@ -244,7 +246,7 @@ fn lose(session: &mut Session, release: Instant, lost: DriveLost) -> Result<(), 
     Ok(())
 }
 
-/// What the plant did between two times, and when its gripper was told to close.
+/// Motion of the plant between two times, and when its gripper was ordered to close.
 fn recorded(session: &mut Session, release: Instant, until: Instant) -> (Vec<Moved>, Option<f64>) {
     let Some(trace) = session.sim().and_then(|sim| sim.cell().trace()) else { return (Vec::new(), None) };
     let since_s = |at: Instant| at.as_secs_f64() - release.as_secs_f64();
@@ -261,7 +263,7 @@ fn recorded(session: &mut Session, release: Instant, until: Instant) -> (Vec<Mov
 fn judge(arm: &DiscArm, moments: &[Moment], closed_s: Option<f64>) -> Verdict {
     let gripper = Gripper::default();
     let rule = Rule::default();
-    // No disc is as deep as that: the witness looks for contact only.
+    // No disc is that deep: the observer only searches for contact.
     let never = Rule { depth_min_m: f64::INFINITY, ..rule };
     let close_s = closed_s.unwrap_or(f64::INFINITY);
     let split = moments.partition_point(|moment| moment.t_s < close_s);

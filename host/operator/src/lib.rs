@@ -10,7 +10,7 @@
 //! disc  servo  flight_estimator        a catch of a disc as a run of a controller; a stream of commands; a ball seen by a tracker
 //!   |
 //!   v
-//! job    tracker      identify         the job: go there, upload, run, follow, judge; targets from an optical tracker; measuring a drive
+//! job    tracker      identify         the job: move to the start, upload, run, follow, judge; targets from an optical tracker; measuring a drive
 //!   |   \                 |
 //!   |    port             |            the links of a job: on a bus, in this program
 //!   |     |  \            |
@@ -18,16 +18,16 @@
 //!   |     |     \         |
 //!   |     |         trajectory         motions as files of a controller
 //!   |     v               v
-//!   |     dialogue ------------------  questions to drives, orders to a controller
+//!   |     dialogue ------------------  requests to drives, orders to a controller
 //!   |        |
 //!   v        v
 //! analysis  bus   live                 a run against its plan; sessions in virtual and real time; the live view of a bus
 //!   |       /  \  |
 //!   v      /    \ |
-//! samples /      \|                    what was measured and reported during a run, whatever the link
+//! samples /      \|                    measurements and reports of a run, for every link
 //!      \ /        \
 //!       v          v
-//!       log       node                 recordings, and what their frames say; the host's node, without IO
+//!       log       node                 recordings, and the content of their frames; the host's node, without IO
 //!        |
 //!        v
 //!   tap    machine    interrupt        who sees the frames of a session; the arm as viewers need it; signals

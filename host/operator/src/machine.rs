@@ -1,4 +1,4 @@
-//! The machine behind a bus as viewers need it: names, addresses, bodies, and where they are at given angles.
+//! The machine behind a bus for viewers: names, addresses, bodies, and their places at given angles.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use robot_model::{JointVec, Pose, RobotModel};

@@ -4,12 +4,14 @@
 //! commands ──▶ planner::servo ──▶ state at now + LEAD ──▶ end state, one per tick ──▶ controller: law, limits, braking
 //! ```
 //!
-//! The controller runs a plan that stands still and takes end states in flight ([`crate::dialogue::online`]). It goes to each of
-//! them in time and brakes after it. If the host is late or gone, the arm comes to rest on a way that was proven free.
+//! The controller runs a plan that stands still and accepts end states in flight ([`crate::dialogue::online`]). It
+//! moves to each of them in time and brakes after it. If the host is late or has failed, the arm comes to rest on a
+//! way that was proven free.
 //!
-//! From any state on its way the controller can reach the next end state within the acceleration of the servo, because the way by
-//! the one before is such a way, and its law takes the one of least acceleration. Lost messages change nothing as long as one of
-//! [`LEAD`] comes through. An end state that comes too late is refused; the arm brakes, and the stream begins anew where it rests.
+//! From any state on its way the controller can reach the next end state within the acceleration of the servo: the
+//! way by the end state before is such a way, and its law takes the one of least acceleration. Lost messages change
+//! nothing as long as one of [`LEAD`] arrives. An end state that comes too late is refused; the arm brakes, and the
+//! stream begins anew where it rests.
 
 use std::collections::BTreeMap;
 
@@ -28,8 +30,9 @@ use crate::dialogue::registers::settings_of;
 use crate::port::Interactive;
 use crate::trajectory::standing_within;
 
-/// From a command to the state that takes it into account, on a CAN bus: a message of up to 6 ms, two control periods and the lag of the
-/// drives, the shortest way of the controller, and 40 ms for a host that is late. Of other links: [`Interactive::lead`].
+/// Time from a command to the state that contains it, on a CAN bus: a message of up to 6 ms, two control periods
+/// and the lag of the drives, the shortest way of the controller, and 40 ms for a host that is late. Of other
+/// links: [`Interactive::lead`].
 pub const LEAD: Duration = Duration::from_millis(80);
 /// Between two states.
 const TICK: Duration = Duration::from_millis((TICK_S * 1e3) as u64);
@@ -37,9 +40,9 @@ const TICK: Duration = Duration::from_millis((TICK_S * 1e3) as u64);
 const STANDING_US: u32 = 20_000_000;
 /// A run counts microseconds in 32 bits. After this the arm comes to rest once and a new run begins.
 const RUN_MAX: Duration = Duration::from_secs(3_600);
-/// Time between two looks at the clock of the controller: it drifts 0.2 ms a second at most.
+/// Time between two comparisons with the clock of the controller: it drifts 0.2 ms a second at most.
 const CLOCK_LOOK: Duration = Duration::from_secs(5);
-/// Most that the difference of the two clocks, as it is used, changes in a tick, µs: 0.1 %, more than clocks drift. A leap of half a
+/// Largest change of the used clock difference in a tick, µs: 0.1 %, more than clocks drift. A leap of half a
 /// millisecond would be half a milliradian at 1 rad/s, and an end state beyond the acceleration.
 const SLEW_US: f64 = 20.0;
 /// Longest time that braking takes.
@@ -68,7 +71,7 @@ pub enum Next {
 
 /// Who streams, and who watches.
 pub trait Stream {
-    /// The next command at `t_s`, s after the first run of the controller began; asked until there is nothing.
+    /// The next command at `t_s`, s after the first run of the controller began; called until there is no command.
     fn next(&mut self, t_s: f64) -> Next;
 
     /// A command that was not taken.
@@ -104,12 +107,12 @@ pub struct Streamed {
     pub unsent: u64,
     /// The stream began anew after the arm had come to rest because end states came too late.
     pub restarts: u64,
-    /// Ticks in which the arm was kept from what it was asked for.
+    /// Ticks in which limits kept the arm from its command.
     pub limited: u64,
     /// Where it rests by the stream and as measured, rad.
     pub end_rad: Vec<f64>,
     pub measured_rad: Vec<f64>,
-    /// The program was asked to end.
+    /// The program was ordered to end.
     pub interrupted: bool,
 }
 
@@ -149,7 +152,7 @@ impl Taking {
 /// with one it is halted when the session ends.
 ///
 /// # Errors
-/// [`ServoError`]; a stop or fault of somebody else ends it.
+/// [`ServoError`]; a stop by another node or a person, or a fault, ends it.
 pub fn follow(
     operator: &mut dyn Interactive,
     arm: &Arm,
@@ -203,7 +206,7 @@ pub fn follow(
                 taking.looked = operator.now();
             }
             let until = Instant::from_micros(taking.front.as_micros().saturating_sub(lead.as_micros()));
-            // Who asks the program to end gets an arm that has come to rest.
+            // When the program is ordered to end, the arm has come to rest first.
             if streamed.interrupted {
                 operator.pass(until.saturating_since(operator.now()))?;
             } else if operator.run_until(until)? {
@@ -215,7 +218,7 @@ pub fn follow(
             let group = operator.group();
             match group.state {
                 State::Ready => break,
-                // One end state of rest ends the run; the plan that stands still would go on.
+                // One end state of rest ends the run; the plan that stands still would continue.
                 _ if ends && servo.is_at_rest() => break,
                 State::Running => {}
                 _ => return Err(stopped(&group).into()),
@@ -238,8 +241,9 @@ pub fn follow(
 
 /// Bounds inside the envelope that the controller allows.
 ///
-/// The way that the controller takes from state to state is another one than that of the servo. Two ways with the same ends and at
-/// most the acceleration A are at most A T² / 8 apart after T; by so much the servo stays away from the ends of the joint ranges.
+/// The controller's way from state to state differs from that of the servo. Two ways with the same ends and at most
+/// the acceleration A are at most A T² / 8 apart after T; the servo stays away from the ends of the joint ranges by
+/// this distance.
 fn within(settings: &Settings, lead: Duration, bounds: PerJoint<Bounds>) -> PerJoint<Bounds> {
     let widest = Envelope::widest(settings);
     let mut narrower = bounds;

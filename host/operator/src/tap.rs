@@ -19,7 +19,7 @@ pub trait Tap {
     /// A frame. An error ends the session after the arm was stopped.
     ///
     /// # Errors
-    /// What the medium of the recording says.
+    /// Error of the medium of the recording.
     fn frame(&mut self, at: Instant, way: Way, frame: &Frame) -> io::Result<()>;
 
     /// An error of the bus.
@@ -31,7 +31,7 @@ pub trait Tap {
         Ok(())
     }
 
-    /// Everything up to `now` was seen: what comes later bears this time or a later one.
+    /// All events up to `now` were reported: later ones have this time or a later one.
     ///
     /// # Errors
     /// As [`Tap::frame`].

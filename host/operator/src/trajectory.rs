@@ -15,7 +15,7 @@ pub use crate::bus::settings::robot_crc32;
 use planner::motion::{GripperEvent, Motion};
 use planner::plan::Joints;
 
-/// How long a controller keeps what lies behind, s.
+/// How long a controller keeps knots that are past, s.
 const KEPT_S: f64 = KEPT_US as f64 * 1e-6;
 
 /// Why a motion makes no trajectory file.
@@ -32,7 +32,7 @@ pub enum TrajectoryError {
         "the path has more points up to {t_s:.1} s than the bus carries beside the drives' frames: {carried_per_s:.0} a second"
     )]
     TooDense { t_s: f64, carried_per_s: f64 },
-    /// A check of the controller fails; told before anything is sent.
+    /// A check of the controller fails; reported before anything is sent.
     #[error("{}", refused(*.cause, *.joint, *.place))]
     Refused {
         cause: firmware::fault::Cause,
@@ -103,7 +103,7 @@ pub fn standing_within(
 pub struct Encoded {
     /// The trajectory file.
     pub file: Vec<u8>,
-    /// The segments with which it goes on while it runs; none for a motion that fits a file.
+    /// The segments with which it continues while it runs; empty for a motion that fits a file.
     pub segments: Vec<Segment>,
 }
 
@@ -141,8 +141,8 @@ fn too_long(motion: &Motion) -> TrajectoryError {
     TrajectoryError::TooLong { knots: motion.knots.len(), duration_s: motion.duration_s() }
 }
 
-/// The segments of a motion come in time over a link that takes `segment_s` for each, if the controller wants `ahead_s` of the path
-/// ahead.
+/// Checks that the segments of a motion come in time over a link that takes `segment_s` for each, if the controller
+/// needs `ahead_s` of the path ahead.
 ///
 /// # Errors
 /// [`TrajectoryError::TooDense`] with the time at which the controller would stop.
@@ -163,10 +163,10 @@ pub fn require_supply(motion: &Motion, segment_s: f64, ahead_s: f64) -> Result<(
     Ok(())
 }
 
-/// As [`encode`], of any length: what does not fit the file is in segments.
+/// As [`encode`], of any length: knots that do not fit the file are in segments.
 ///
 /// # Errors
-/// As [`encode`]; [`TrajectoryError::TooLong`] for a time that is no number, or for events after the knots of the file.
+/// As [`encode`]; [`TrajectoryError::TooLong`] for a time that is not a number, or for events after the knots of the file.
 pub fn encode_any(
     motion: &Motion,
     period_us: u32,
@@ -225,7 +225,7 @@ pub fn encode_any(
     Ok(Encoded { file, segments })
 }
 
-/// The motion of a controller's file; `None` if no controller would take it. Events do not matter to who follows it.
+/// The motion of a controller's file; `None` if no controller would accept it. Events are not needed to follow it.
 #[must_use]
 pub fn motion_of(bytes: &[u8]) -> Option<Motion> {
     let (header, spline) = decoded(bytes).ok()?;
@@ -251,7 +251,7 @@ fn decoded(bytes: &[u8]) -> Result<(Header, Box<Spline>), firmware::fault::Refus
     Ok((header, spline))
 }
 
-/// What a controller would refuse in a file, with its own code; without `settings` only what every one refuses.
+/// Reasons for a controller to refuse a file, by its own code; without `settings` only those of every controller.
 fn check(bytes: &[u8], settings: Option<&Settings>) -> Result<(), TrajectoryError> {
     decoded(bytes)
         .and_then(|(header, spline)| match settings {
@@ -345,7 +345,7 @@ mod tests {
         let mut next = header.next;
         let mut k = 101_u64;
         for Segment { bytes, room_us } in &segments {
-            // 256 knots: all but those of the last 256 must lie behind.
+            // 256 knots: all but those of the last 256 must be past.
             let knots = bytes.len() / 52;
             let behind = (k + knots as u64).saturating_sub(256);
             assert_eq!(*room_us, (10_000_000 * behind + 200_000) as u32);

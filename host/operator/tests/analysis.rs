@@ -1,5 +1,5 @@
-//! The analysis against logs whose truth is known: one made by hand from closed forms, and one of the simulated cell
-//! whose own state is written down beside it.
+//! The analysis with logs whose truth is known: one made by hand from closed forms, and one of the simulated cell
+//! with a record of its own state.
 
 use std::path::{Path, PathBuf};
 
@@ -192,7 +192,7 @@ fn a_log_made_from_closed_forms_gives_them_back() {
     let latency = answers.latency_s.unwrap();
     assert!((latency.median - LATENCY_US as f64 * 1e-6).abs() < 1e-9 && latency.max - latency.min < 1e-9);
     assert_eq!((answers.unanswered, answers.by_module.len()), (0, 6));
-    // Nobody asked for the currents of this log, one per cycle; those of the first 20 ms may be answers to before.
+    // No requests for the currents of this log: one answer per cycle; those of the first 20 ms may answer earlier requests.
     let currents = ((plan.end_time_s - 0.02) / 3e-3) as usize;
     assert!((currents - 2..=currents + 2).contains(&answers.unasked), "{}", answers.unasked);
 
@@ -317,7 +317,7 @@ fn a_throw_in_the_cell_is_measured_as_the_cell_itself_has_it() {
     assert!(analysis.completed && analysis.fault.is_none(), "{:#?}", analysis.events);
 
     let (mut q_worst, mut v_worst) = (0.0_f64, 0.0_f64);
-    // The order to run takes some milliseconds, during which nobody looked at the cell.
+    // The order to run takes some milliseconds, during which the cell was not recorded.
     let seen_from_s = truth[0].at.as_secs_f64() - analysis.start_log_s;
     assert!(seen_from_s < 0.1 * plan.end_time_s, "{seen_from_s}");
     for (j, joint) in analysis.joints.iter().enumerate() {

@@ -108,7 +108,7 @@ fn a_controller_that_homes_bears_answers_that_get_lost_now_and_then() {
 }
 
 #[test]
-fn without_a_controller_the_operator_is_told_which_verbs_bring_their_own() {
+fn without_a_controller_the_error_names_the_verbs_that_bring_their_own() {
     let mut session = BusArgs::default().open().unwrap();
     let error = session.find_controller(None).unwrap_err();
     assert!(matches!(error, OperatorError::NoController));
@@ -181,7 +181,7 @@ fn a_controller_with_a_key_runs_for_the_session_with_the_key_and_for_no_other() 
 }
 
 #[test]
-fn the_trace_of_a_stop_is_told_in_words() {
+fn the_trace_of_a_stop_is_shown_in_words() {
     let (mut session, node) = homed();
     assert_eq!(session.freeze_frame(node).unwrap(), None);
     session.order(node, "a stop", STOP, &()).unwrap();

@@ -1,4 +1,4 @@
-//! What sessions promise: a recording that fails stops the arm first, a session that is dropped leaves it standing.
+//! Guarantees of sessions: a recording that fails stops the arm first, a session that is dropped leaves it standing.
 
 use std::cell::RefCell;
 use std::io;
@@ -15,7 +15,7 @@ use protocol::cyphal::id::NodeId;
 use protocol::powercube::{Broadcast, Parameter};
 use protocol::{Duration, Frame, Instant, JointIndex, ModuleId};
 
-/// A disk with room for this many frames; what passes is seen all the same.
+/// A disk with room for this many frames; further frames are seen all the same.
 struct Disk {
     room: usize,
     sent: Rc<RefCell<Vec<Frame>>>,
@@ -39,7 +39,7 @@ fn controlled() -> (Session, NodeId) {
     (session, node)
 }
 
-/// Where the link of joint 3 is: the witness.
+/// Position of the link of joint 3, from the plant.
 fn third_rad(session: &mut Session) -> f64 {
     session.sim().unwrap().cell().plant().link_q_rad(2)
 }
@@ -84,13 +84,13 @@ fn a_recording_that_fails_while_nothing_moves_sends_no_halt() {
     assert!(!sent.borrow().contains(&Broadcast::Halt.encode()));
 }
 
-/// The joint may go on for as long as the last order holds, and then brakes. `dies` is what the session does when the host is
-/// to die.
+/// The joint may continue for as long as the last order is valid, and then brakes. `dies` is the action of the
+/// session when the host is to die.
 fn runs_on_after(dies: impl Fn(&mut Session)) {
     const V_RAD_S: f64 = 0.2;
     let (mut session, node) = controlled();
     let until = session.now() + Duration::from_millis(800);
-    // Dies without a word: nothing is sent after this.
+    // Dies without a message: nothing is sent after this.
     let died = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
         session.jog_joint(node, third(), V_RAD_S, &mut |now| {
             assert!(now < until, "the host dies here");

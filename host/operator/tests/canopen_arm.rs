@@ -40,7 +40,7 @@ fn plant_rad(session: &mut Session) -> Vec<f64> {
 }
 
 #[test]
-fn the_pose_that_is_reported_is_that_of_the_plant_and_the_arm_is_held_at_2_and_at_3_ms() {
+fn the_reported_pose_is_the_pose_of_the_plant_and_the_arm_is_held_at_2_and_at_3_ms() {
     for period_us in [2_000, 3_000] {
         let cell = cell();
         let mut session = ready(&cell, period_us);
@@ -94,7 +94,7 @@ fn a_servo_without_power_is_a_fault_of_its_joint_and_brakes_hold_the_arm() {
     }
 }
 
-/// What the report says of a motion comes from the frames of the servos; the plant says the same.
+/// The report of a motion comes from the frames of the servos; the plant confirms it.
 #[test]
 fn motion_is_judged_by_what_the_servos_measured() {
     let cell = cell();

@@ -49,7 +49,7 @@ fn planned_catches_are_catches_of_the_joints_as_the_drives_move_them() {
         let case = case(&throw, law);
         let judged = executed(&case, None);
         println!("{name}: {:?} {:?}", judged.tracking, judged.verdict.caught);
-        assert!(judged.executed.told.is_ok(), "{name}: {:?}", judged.executed.told);
+        assert!(judged.executed.reported.is_ok(), "{name}: {:?}", judged.executed.reported);
         assert!(judged.verdict.caught.is_some(), "{name}: {:?}", judged.verdict);
         // The drives do not follow exactly, and the disc forgives what they do.
         let worst = judged.tracking.worst_rad.max();
@@ -64,14 +64,18 @@ fn planned_catches_are_catches_of_the_joints_as_the_drives_move_them() {
 }
 
 #[test]
-fn a_drive_lost_in_flight_is_told_and_no_catch() {
+fn a_drive_lost_in_flight_is_reported_and_is_not_a_catch() {
     let case = case(&Throw::flat(), MotionLaw::Acceleration);
     let judged = executed(&case, Some(DriveLost { joint: 1, at_s: 0.2 }));
-    assert!(matches!(judged.executed.told, Err(OperatorError::Stopped { .. })), "{:?}", judged.executed.told);
+    assert!(
+        matches!(judged.executed.reported, Err(OperatorError::Stopped { .. })),
+        "{:?}",
+        judged.executed.reported
+    );
     assert!(judged.verdict.caught.is_none(), "{:?}", judged.verdict);
 }
 
-/// The witness sees the joints and the order to close: without it, or late, nothing is caught.
+/// The observer sees the joints and the order to close: without the order, or with a late one, nothing is caught.
 #[test]
 fn a_disc_that_flies_otherwise_is_no_catch() {
     let mut case = case(&Throw::flat(), MotionLaw::Acceleration);
@@ -81,5 +85,5 @@ fn a_disc_that_flies_otherwise_is_no_catch() {
     let released = DiscState::released(&other, nalgebra::Vector3::z(), 0.0, &body);
     case.path = Path::flown(&body, &Air::vacuum(), &released, 3.0);
     let judged = executed(&case, None);
-    assert!(judged.executed.told.is_ok() && judged.verdict.caught.is_none(), "{:?}", judged.verdict);
+    assert!(judged.executed.reported.is_ok() && judged.verdict.caught.is_none(), "{:?}", judged.verdict);
 }

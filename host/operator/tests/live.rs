@@ -1,4 +1,4 @@
-//! The live view over its port, as a page, a stranger and a robotics viewer see it.
+//! The live view over its port, used by its page, by a foreign page and by a robotics viewer.
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
@@ -33,7 +33,7 @@ fn view() -> View {
 }
 
 impl View {
-    /// Module `module` tells its position.
+    /// Module `module` reports its position.
     fn tell(&mut self, at_us: u64, module: u8, q_rad: f32) {
         let frame = Reply::Value(Parameter::ActPos, Value::F32(q_rad)).encode(ModuleId::new(module).unwrap());
         self.tap.frame(Instant::from_micros(at_us), Way::Received, &frame).unwrap();
@@ -81,7 +81,7 @@ fn json(socket: &mut WebSocket<TcpStream>) -> serde_json::Value {
 }
 
 #[test]
-fn a_page_sees_what_drives_tell_and_where_the_arm_is() {
+fn a_page_sees_what_drives_report_and_where_the_arm_is() {
     let mut view = view();
     let mut socket = view.open("/live", None, None).unwrap();
     assert_eq!(json(&mut socket)["placed"], serde_json::Value::Null, "nothing was heard yet");

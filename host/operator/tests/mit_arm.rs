@@ -1,4 +1,4 @@
-//! An arm of motors with MIT frames in the simulated cell: its fingers, and what their motor may do wrong.
+//! An arm of motors with MIT frames in the simulated cell: its fingers, and faults of their motor.
 
 use firmware::fault::Cause;
 use operator::bus::BusArgs;

@@ -1,5 +1,5 @@
-//! New end states and start times over the wire, in the simulated cell: a moving catch point at 120 Hz. The witness is the
-//! plant: angles and speeds of its joints, which no node on the bus can read.
+//! New end states and start times over the wire, in the simulated cell: a moving catch point at 120 Hz. Judged by
+//! the plant: angles and speeds of its joints, which no node on the bus can read.
 
 use firmware::envelope::Envelope;
 use firmware::events::Action;
@@ -92,7 +92,7 @@ fn a_moving_catch_point_at_120_hz_is_met_by_the_plant_within_its_limits() {
     let catch = [(0.25, 0.6), (0.2, 0.9), (-0.1, -0.5), (0.2, 0.4), (-0.2, -0.8), (0.3, 0.9)];
     let mut answered = Vec::new();
     for update in 0..=60u32 {
-        // An estimate that settles: 20 mm on half a metre at first.
+        // An estimate that converges: 20 mm on half a metre at first.
         let wave =
             |i: usize| (f64::from(update) * 1.7 + i as f64).sin() * 0.04 / (1.0 + f64::from(update) / 6.0);
         let scale = if update == 60 { 0.0 } else { 1.0 };
@@ -141,7 +141,7 @@ fn a_moving_catch_point_at_120_hz_is_met_by_the_plant_within_its_limits() {
         group.replies_missed
     );
     assert!(worst_q < 4e-3 && worst_qd < 0.06, "{worst_q} rad, {worst_qd} rad/s");
-    // The rest is where the law says, computed here from the end state alone.
+    // The rest is at the place of the law, computed here from the end state alone.
     let envelope = Envelope::widest(&Settings::powercube6());
     for (i, joint) in JointIndex::first(JOINTS).enumerate() {
         let end = EndState { q_rad: (begin[i] + catch[i].0) as f32, qd_rad_s: catch[i].1 as f32 };
@@ -187,7 +187,7 @@ fn refused_end_states_come_back_with_cause_and_joint_and_the_arm_stays_where_it_
         Err((Cause::TargetTooSoon, None)),
     ];
     assert_eq!(got, expected);
-    // What has no place in the message is not sent.
+    // An end state that the message cannot hold is not sent.
     let mut wide = stay(soon);
     wide.q_rad[0] = 9.0;
     assert!(matches!(session.send_target(9, &wide), Err(OperatorError::TargetNotSaid { .. })));
@@ -222,7 +222,7 @@ fn a_run_begins_at_its_time_by_the_plant_and_a_disarmed_one_does_not() {
     let mut clock = ControllerClock::default();
     session.read_clock(node, &mut clock).unwrap();
 
-    // Disarmed by another hand while it waits: a controller in this program hears the order of anybody.
+    // Disarmed by another node while it waits: a controller in this program accepts this order from any node.
     session.arm(node, &name).unwrap();
     let (start, _) = clock.controller_time(session.now() + Duration::from_secs(2)).unwrap();
     let error = session

@@ -1,5 +1,5 @@
-//! The same throw by two operators: a controller on a CAN bus, and one in this program. The simulated cell of each tells
-//! where the ball landed.
+//! The same throw by two operators: a controller on a CAN bus, and one in this program. The simulated cell of each
+//! reports where the ball landed.
 
 use firmware::authority::Key;
 use firmware::settings::Settings;
@@ -36,7 +36,7 @@ fn cell(plan: &PlanFile, fault: Option<&str>) -> Cell {
 /// What became of a throw.
 struct Thrown {
     record: Record,
-    /// The witness: what the cell itself knows.
+    /// Truth of the cell.
     ball: BallSeen,
 }
 
@@ -87,7 +87,7 @@ fn the_same_job_lands_the_ball_by_either_operator_and_its_samples_give_the_same_
             (a.samples_in_plan.max(b.samples_in_plan), a.samples_in_plan.min(b.samples_in_plan));
         assert!(more - less <= 3, "{}: {more} {less}", a.name);
         let apart_rad = (a.position_error_rad.rms - b.position_error_rad.rms).abs();
-        // The host link shares the bus of one of them, so their cycles are not the same; a step of a drive is 0.35 mrad.
+        // The host link shares the bus of one of them, so their cycles differ; a step of a drive is 0.35 mrad.
         println!("{}: rms errors {:.2e} rad, {apart_rad:.1e} rad apart", a.name, a.position_error_rad.rms);
         assert!(apart_rad < 3.5e-4, "{}: {apart_rad}", a.name);
     }
@@ -175,7 +175,7 @@ fn follow_long_path(operator: &mut dyn Operator, arm: &Arm, plan: &PlanFile) -> 
     )
 }
 
-/// Frames of the lowest priority, which segments and their answers have, that nobody gets: of one segment in three at least one.
+/// Frames of the lowest priority, which segments and their answers have, are lost: of one segment in three at least one.
 const LOSSY: &str =
     "kind = \"drop\", target = \"bus\", id = \"1C000000\", id_mask = 0x1C000000, probability = 0.01";
 

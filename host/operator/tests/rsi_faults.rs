@@ -1,4 +1,4 @@
-//! Faults of link and robot in each phase of a throw: landed, or stopped and told; never silent, never a resumed target.
+//! Faults of link and robot in each phase of a throw: landed, or stopped and reported; never silent, never a resumed target.
 
 use std::collections::BTreeMap;
 
@@ -120,7 +120,8 @@ fn is_landed(seen: &Seen) -> bool {
     seen.fault.is_none() && in_bottle && stands
 }
 
-/// What may end a path with such a fault. The controller sees telegrams only: a robot that stopped by itself is one that is silent.
+/// Possible causes of the end of a path with such a fault. The controller sees telegrams only: a robot that stopped by itself
+/// is silent.
 fn causes(kind: Kind, seen: &Seen) -> &'static [Cause] {
     use LinkFaultKind::Doubled;
     match (kind, &seen.fault) {
@@ -138,7 +139,7 @@ fn causes(kind: Kind, seen: &Seen) -> &'static [Cause] {
     }
 }
 
-/// What may stop the simulated robot with such a fault.
+/// Possible causes of a stop of the simulated robot with such a fault.
 fn stops_robot(kind: Kind, cause: &FaultCause) -> bool {
     match kind {
         Kind::CutOut => *cause == FaultCause::Ordered,
@@ -154,8 +155,8 @@ fn stops_robot(kind: Kind, cause: &FaultCause) -> bool {
     }
 }
 
-/// The program of the robot begins again, and its set points stay where it began, until the client ends it or the test ends: nothing
-/// of before is taken up.
+/// The program of the robot begins again, and its set points stay where it began, until the client ends it or the
+/// test ends: the earlier motion is not resumed.
 fn holds_after_its_new_start(seen: &Seen, place: &str) {
     assert_eq!(seen.started.len(), 2, "{place}: the program of the robot begins again");
     let run: Vec<_> = seen.cycles.iter().filter(|cycle| cycle.at >= seen.started[1]).collect();
@@ -227,7 +228,7 @@ fn every_fault_in_every_phase(name: &'static str, source: &'static str) {
                         assert_eq!(verdict.outcome, Outcome::Stopped, "{place}: {}", verdict.text);
                         format!("stopped {}", stopped.cause.code())
                     }
-                    // A robot that ends before it is ready: the station listens without a limit, the verdict says why.
+                    // A robot that ends before it is ready: the station listens without a limit, the verdict gives the reason.
                     Stage::NotThrown { .. } | Stage::Waiting if phase == "waiting" => {
                         assert_eq!(verdict.outcome, Outcome::NotThrown, "{place}: {}", verdict.text);
                         if seen.released.is_some() {
@@ -260,7 +261,7 @@ fn every_fault_in_every_phase(name: &'static str, source: &'static str) {
     assert!(count("landed") >= 20 && count("stopped") >= 20, "{name}: {told:?}");
 }
 
-/// A robot that takes any step of its set points and any number of late answers: what ends a path is the client alone.
+/// A robot that accepts any step of its set points and any number of late answers: only the client can end a path.
 fn without_cut_out(scenario: &KrcScenario) -> KrcScenario {
     let mut scenario = scenario.clone();
     scenario.options.cut_out.acceleration_deg_s2 = [1e9; 6];
@@ -270,8 +271,9 @@ fn without_cut_out(scenario: &KrcScenario) -> KrcScenario {
     scenario
 }
 
-/// The client ends in each phase of the throw, and another one hears the robot a cycle to 0.3 s later, its first telegram with or
-/// without axes. It does not know what the first one gave; the axes follow a correction after 120 ms.
+/// The client ends in each phase of the throw, and another one gets the robot's telegrams a cycle to 0.3 s later,
+/// its first telegram with or without axes. It does not know the set points of the first one; the axes follow a
+/// correction after 120 ms.
 #[test]
 fn client_that_begins_again_in_a_run_moves_no_set_point() {
     for source in ["kr-c2", "kr-c4-12ms"] {

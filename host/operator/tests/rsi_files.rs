@@ -1,4 +1,4 @@
-//! The files of `robots/kr16_2` say the same: programs of the robot, configuration files, descriptions.
+//! The files of `robots/kr16_2` agree: programs of the robot, configuration files, descriptions.
 
 use hil_sim::krc::KrcScenario;
 use rsi_protocol::{Protocol, Source};

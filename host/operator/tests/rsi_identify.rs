@@ -1,5 +1,5 @@
-//! Lag and gripper of a robot that differs from its description, measured over the link. The witness is the scenario, which only
-//! the simulated robot reads.
+//! Lag and gripper of a robot that differs from its description, measured over the link. Compared with the
+//! scenario, which only the simulated robot reads.
 
 use crate::rsi_common::arm;
 use hil_sim::krc::KrcScenario;
@@ -13,7 +13,7 @@ use protocol::{Duration, Instant};
 
 const PERIOD_S: f64 = 0.012;
 
-/// What the robot really is: dead time, time constant, set points averaged, gripper delay and jitter, ms.
+/// True values of the robot: dead time, time constant, set points averaged, gripper delay and jitter, ms.
 const TRUTHS: [(u64, u64, usize, u64, u64); 4] =
     [(96, 24, 1, 20, 10), (72, 40, 1, 35, 10), (140, 0, 1, 20, 0), (84, 20, 4, 50, 8)];
 
@@ -118,7 +118,7 @@ fn swing_that_leaves_the_range_of_an_axis_or_brings_bodies_together_is_refused()
 }
 
 #[test]
-fn a_robot_that_did_not_move_tells_no_lag_and_no_openings_no_gripper() {
+fn a_robot_that_did_not_move_shows_no_lag_and_no_openings_no_gripper() {
     let cycle = |k: u64| Cycle {
         at: Instant::from_micros(12_000 * k),
         ipoc: k,

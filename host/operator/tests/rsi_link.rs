@@ -1,5 +1,6 @@
-//! The station behind its socket: ten thousand cycles in step with the robot, and one answer to the newest of the telegrams that wait.
-//! The witness is the simulated robot, which counts late and refused answers, or what arrives at a plain socket.
+//! The station behind its socket: ten thousand cycles in step with the robot, and one answer to the newest of the
+//! telegrams that wait. Judged by the simulated robot, which counts late and refused answers, or by the bytes at a
+//! plain socket.
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream, UdpSocket};
@@ -143,7 +144,7 @@ fn newest_of_the_waiting_telegrams_is_answered_once_and_no_old_one_after_it() {
     assert_eq!((answer, counts.answers, counts.drained), (Some(103), 2, 2));
     // Overtaken on the way: still the newest number.
     assert_eq!(ask(60, &[105, 104]).0, Some(105));
-    // What was answered or drained is not answered when it comes again.
+    // Answered or drained telegrams are not answered when they come again.
     for old in [105, 104, 103, 101] {
         assert_eq!(ask(61, &[old]).0, None, "{old}");
     }
@@ -151,7 +152,7 @@ fn newest_of_the_waiting_telegrams_is_answered_once_and_no_old_one_after_it() {
 }
 
 #[test]
-fn datagrams_that_queued_while_nobody_read_have_one_answer_to_the_newest() {
+fn datagrams_that_queued_unread_have_one_answer_to_the_newest() {
     let scenario = KrcScenario::open("kr-c2").expect("built in");
     let mut port = Port::bind(false, ([127, 0, 0, 1], 0).into()).expect("a port");
     let robot = UdpSocket::bind(("127.0.0.1", 0)).expect("a socket");
@@ -170,8 +171,8 @@ fn datagrams_that_queued_while_nobody_read_have_one_answer_to_the_newest() {
     assert_eq!(answers, [229]);
 }
 
-/// The program before may have answered the robot's last telegram: the robot has missed no answer, and only its axes know what they
-/// were given.
+/// The program before may have answered the robot's last telegram: the robot has missed no answer, and only its
+/// axes show the set points that they got.
 #[test]
 fn telegram_that_comes_with_the_beginning_of_the_program_has_no_answer() {
     let mut scenario = KrcScenario::open("kr-c2").expect("built in");

@@ -185,7 +185,7 @@ fn faults_of_link_and_robot_during_a_motion_end_in_the_truth() {
     assert!(reached >= 5 && stopped >= 5, "{reached} {stopped}");
 }
 
-/// What the job says is so by the true axes.
+/// The report of the job agrees with the true axes.
 fn check(scenario: &KrcScenario, arm: &Arm, motion: &Motion, (reached, stopped): (&mut u32, &mut u32)) {
     let stop = Arc::new(AtomicBool::new(false));
     let mut robot = led(scenario, arm, &stop, Instant::FAR_FUTURE);

@@ -1,4 +1,4 @@
-//! What is said of the ball from the telegrams alone. The witness is the simulated robot's ball.
+//! The report about the ball, from the telegrams alone. Judged by the simulated robot's ball.
 
 use crate::rsi_common::{TARGET, arm, error_m, performed, scenario, thrown};
 use hil_sim::krc::{Direction, KrcScenario, LinkFault, LinkFaultKind};
@@ -99,7 +99,7 @@ fn answer_lost_around_the_release_is_predicted_as_the_ball_lands_or_not_known() 
         };
         let error = match concluded(&table(&lines, &scenario), &scenario, &lines) {
             Ball::Predicted(error_m) => error_m,
-            // The axes leap in the cycle of the release: nothing in the telegrams says when.
+            // The axes leap in the cycle of the release: the telegrams do not show when.
             Ball::Unknown(_) => {
                 println!("{away}: {:.1} mm, not known", 1e3 * truth);
                 unknown += 1;
@@ -151,7 +151,7 @@ fn telegrams_that_end_after_the_answer_to_open_leave_the_ball_unknown() {
     // Before that answer the ball is in the hand.
     lines.truncate(answer);
     assert_eq!(concluded(&table(&lines, &scenario), &scenario, &lines), Ball::InHand);
-    // Some cycles later nothing says how the hand moved on.
+    // Some cycles later the further motion of the hand is not known.
     let (_, _, mut lines) = thrown_with(&scenario);
     lines.truncate(answer + 6);
     let outcome = concluded(&table(&lines, &scenario), &scenario, &lines);

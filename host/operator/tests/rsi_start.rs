@@ -1,4 +1,4 @@
-//! Robots that are heard and are never ready: what the station answers, and what it says it heard.
+//! Robots that send telegrams but are never ready: the answers of the station, and the state that it reports.
 
 use crate::rsi_common::arm;
 use firmware::state::StateKind;
@@ -22,7 +22,7 @@ fn telegram(ipoc: u64, a1: &str) -> Vec<u8> {
     format!("<Rob Type=\"KUKA\">{actual}{start}<Delay D=\"0\"/><IPOC>{ipoc}</IPOC></Rob>").into_bytes()
 }
 
-/// Hears such telegrams for eleven seconds; the answers, and what it says it heard.
+/// Gets such telegrams for eleven seconds; returns the answers and the reported state.
 fn heard(of: impl Fn(u64) -> Vec<u8>) -> (Station, usize, Option<String>) {
     let mut station = station();
     let mut answers = 0;

@@ -1,5 +1,6 @@
-//! What ends a throw over RSI that this program did not end: the robot stops, its program ends, the link is lost; and what a signal
-//! does. The simulated robot judges: where its axes stand, and whether the ball left its hand.
+//! Ends of a throw over RSI that this program did not order: the robot stops, its program ends, the link is lost;
+//! and the effect of a signal. The simulated robot judges: where its axes stand, and whether the ball left its
+//! hand.
 
 use std::cell::Cell;
 use std::sync::atomic::Ordering;

@@ -1,5 +1,5 @@
-//! Throws of an industrial robot over RSI in virtual time. The witness is the simulated robot: when the ball left its hand, and
-//! where it landed, follow from its actual axes, which the controller does not see.
+//! Throws of an industrial robot over RSI in virtual time. Judged by the simulated robot: when the ball left its
+//! hand, and where it landed, follow from its actual axes, which the controller does not see.
 
 use crate::rsi_common::{HIT_M, arm, error_m, plan, scenario, thrown, thrown_with, true_lag};
 use hil_sim::krc::KrcScenario;

@@ -1,5 +1,5 @@
-//! What the description of a robot's program must say, and the names of its configuration file. The witness is the simulated robot:
-//! its program ends, or its axes move.
+//! Requirements on the description of a robot's program, and the names of its configuration file. Judged by the
+//! simulated robot: its program ends, or its axes move.
 
 use crate::rsi_common::{arm, plan, scenario, true_lag};
 use firmware::fault::Cause;
@@ -42,10 +42,11 @@ fn program_that_adds_corrections_or_corrects_the_tool_is_led_by_no_station() {
     assert_eq!(Space::Axes.word(), "axes");
 }
 
-/// The description says absolute, the robot's program adds: no file tells the client so, only the axes. A correction that is held moves
-/// such a robot on, so braking along the path does not end it: its program is told to leave the sensor motion.
+/// The description says absolute, but the robot's program adds. No file shows this to the client; only the axes do.
+/// A held correction moves such a robot on, so braking along the path does not end it: its program is ordered to
+/// leave the sensor motion.
 #[test]
-fn robot_that_adds_corrections_against_its_description_is_told_to_leave_as_soon_as_its_axes_run_away() {
+fn robot_that_adds_corrections_against_its_description_is_ordered_to_leave_as_soon_as_its_axes_run_away() {
     let described = scenario(1);
     let thrown = |takes_every_step: bool| {
         let mut truth = described.clone();
@@ -69,7 +70,7 @@ fn robot_that_adds_corrections_against_its_description_is_told_to_leave_as_soon_
     };
     let last = seen.cycles.last().expect("cycles");
     println!("{stage:?} after {ended:?}, {:.1} deg from the start pose", away(last));
-    // It did run away, by more than the whole throw takes: that is why no such robot is led knowingly.
+    // It moved away by more than the whole throw takes: that is why such a robot is never led knowingly.
     assert!(last.at <= ended && away(last) > 10.0, "{}", away(last));
     // One with the usual limits stops itself first. It moves by each correction once per cycle of 12 ms, so a correction of 1.8 deg is
     // its speed limit of 150 deg/s, and a client that moves with 24 deg/s is its acceleration limit of 2000 deg/s2. A ramp of
@@ -106,6 +107,6 @@ fn robot_program_ends_by_the_name_that_the_configuration_gives_and_by_no_other()
     let cycle = by_own_name.options.cycle;
     assert!(goes_on_after_leaving(&by_own_name) <= cycle * 2);
     assert!(goes_on_after_leaving(&described(DESCRIPTION, CONFIG)) <= cycle * 2);
-    // The file has no such name: the program goes on until somebody ends it at the robot.
+    // The file has no such name: the program continues until a person ends it at the robot.
     assert!(goes_on_after_leaving(&described(DESCRIPTION, &renamed)) > cycle * 100);
 }

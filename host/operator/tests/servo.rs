@@ -140,7 +140,7 @@ fn joints_follow_a_stream_of_angles_with_the_lead_and_rest_at_its_end() {
     session.finish().unwrap();
 }
 
-/// Twenty per cent lost, gaps, commands out of order, numbers that are none, jumps of half a turn.
+/// Twenty per cent lost, gaps, commands out of order, values that are not numbers, jumps of half a turn.
 #[test]
 fn whatever_is_streamed_the_arm_keeps_its_limits_and_its_distance() {
     let free = f64::INFINITY;

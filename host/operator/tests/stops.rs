@@ -1,4 +1,4 @@
-//! A stop that the program did not give ends its job at any time. The ball and the joints of the simulated cell judge it.
+//! A stop that the program did not send ends its job at any time. Judged by the ball and the joints of the simulated cell.
 
 use hil_sim::scenario::Action;
 use hil_sim::scenario::ScriptedHost;
@@ -79,7 +79,7 @@ fn angles(cell: &hil_sim::Cell) -> Vec<f64> {
     (0..6).map(|joint| cell.plant().link_q_rad(joint)).collect()
 }
 
-/// It was reported as a stop, by somebody else or with a cause that names one.
+/// It was reported as a stop, by another node or with a cause that names one.
 fn is_reported(thrown: &Thrown, what: &str) {
     let Record { ended, verdict, .. } = &thrown.record;
     let Some(JobError::Operator(error)) = ended else { panic!("{what}: {}", verdict.text) };
@@ -160,7 +160,7 @@ fn a_stop_ends_a_jog_and_a_homing_and_what_follows_a_stop_at_rest() {
         assert!(refused.is_stop_by_other(), "{frame:?} before a jog: {refused}");
         let stands_rad = session.sim().unwrap().cell().plant().link_q_rad(2);
         assert!((stands_rad - begun_rad).abs() < 1e-4, "{frame:?}: it moved");
-        // Reported once: what must follow is not ended by it.
+        // Reported once: work that must follow is not ended by it.
         session.register(node, "cycle.period_us").unwrap();
     }
 }
@@ -243,7 +243,7 @@ fn a_motion_that_is_run_is_judged_by_its_samples_and_by_the_plant() {
         for (before, after) in stood.iter().zip(&stands) {
             assert!((after - before - 0.1).abs() < 2e-3, "{before} {after}");
         }
-        // A step of a drive is 0.35 mrad; a motion that nobody compared has no error at all.
+        // A step of a drive is 0.35 mrad; a motion without a comparison would have no error at all.
         assert!((1e-5..0.03).contains(&reached.off_rad) && reached.end_off_rad < 2e-3, "{reached:?}");
         assert!(reached.samples > 600, "{reached:?}");
     }

@@ -1,5 +1,5 @@
-//! Frames of the simulated tracker to a target or to words, in virtual time; the command channel without a socket; VRPN from
-//! a server written here by hand. The witness is where the simulated body is.
+//! Frames of the simulated tracker become a target or an error text, in virtual time; the command channel without a
+//! socket; VRPN from a server written here by hand. Compared with the true position of the simulated body.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -95,7 +95,7 @@ fn lost_body_is_refused_with_its_number_and_a_short_loss_is_bridged() {
 }
 
 #[test]
-fn body_that_was_moved_is_told_as_a_jump_and_one_that_is_pushed_slowly_as_moving() {
+fn body_that_was_moved_is_reported_as_a_jump_and_one_that_is_pushed_slowly_as_moving() {
     let by_mm = [0.0, 30.0, 0.0];
     let error = none(seen(with_fault(TrackerFaultKind::Moved { body: 0, by_mm }, 500, 9_000)));
     assert!(
@@ -199,7 +199,7 @@ fn doubled_and_overtaken_datagrams_change_nothing() {
 }
 
 #[test]
-fn silent_tracker_is_told_and_a_restarted_one_is_measured_from_its_start() {
+fn silent_tracker_is_reported_and_a_restarted_one_is_measured_from_its_start() {
     let mut tracker = options();
     tracker.running = false;
     assert_eq!(seen(tracker), Ok(None), "no deadline of its own");
@@ -301,7 +301,7 @@ fn measurement_is_started_sends_to_the_port_of_this_machine_and_is_stopped_again
 }
 
 #[test]
-fn measurement_of_somebody_else_is_used_and_left_running() {
+fn measurement_of_another_program_is_used_and_left_running() {
     let tracker = Rc::new(RefCell::new(Tracker::new(options(), 1)));
     assert!(tracker.borrow().is_measuring());
     let tracking = Tracking::start(Channel::open(&tracker), 5_000).expect("started");
@@ -310,7 +310,7 @@ fn measurement_of_somebody_else_is_used_and_left_running() {
 }
 
 #[test]
-fn tracker_that_another_client_commands_refuses_and_its_words_are_told() {
+fn tracker_that_another_client_commands_refuses_and_its_text_is_reported() {
     let tracker = idle_tracker();
     let _other = Channel::open(&tracker);
     let error = Tracking::start(Channel::open(&tracker), 5_000).expect_err("no access");
@@ -371,7 +371,7 @@ impl Vrpn {
     }
 }
 
-/// What comes of poses at 100 Hz for 10 s; `pose` gives stamp and position of each, `None`: the server sends another body.
+/// Result of poses at 100 Hz for 10 s; `pose` gives stamp and position of each, `None`: the server sends another body.
 fn vrpn(
     tracker: &str,
     pose: impl Fn(u64) -> Option<(Instant, [f64; 3])>,
@@ -414,7 +414,7 @@ fn vrpn_bodies_that_are_lost_swing_or_stand_in_time_are_refused() {
     assert!(matches!(none(vrpn("Tracker0", swings)), NoTarget::Moves { body: 2, .. }));
     let frozen = |k: u64| Some((ms(10 * k.min(20)), at));
     assert!(matches!(none(vrpn("Tracker0", frozen)), NoTarget::Stale { .. }));
-    // The stamps fall behind: the server hands over what it saw half a second ago.
+    // The stamps fall behind: the server sends data of half a second ago.
     let late =
         |k: u64| Some((ms(if k < 20 { 10 * k } else { (10 * k).saturating_sub(500).max(200 + k) }), at));
     let late = none(vrpn("Tracker0", late));

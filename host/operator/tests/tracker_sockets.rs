@@ -42,7 +42,7 @@ fn tracker_is_started_measured_and_stopped_over_its_command_port() {
 }
 
 #[test]
-fn body_that_the_tracker_does_not_see_is_told_and_the_measurement_is_stopped() {
+fn body_that_the_tracker_does_not_see_is_reported_and_the_measurement_is_stopped() {
     let motion = BodyMotion::at_rest([2_500.0, 50.0, 600.0]);
     let (target, measures, _) = measured(vec![BodyOptions { id: 3, motion }], 4);
     assert!(matches!(target, Err(TrackerError::NoTarget(NoTarget::NotSeen { body: 4, .. }))), "{target:?}");
@@ -61,7 +61,7 @@ fn message(us: u64, sender: i32, kind: i32, body: &[u8]) -> Vec<u8> {
 }
 
 #[test]
-fn target_of_a_vrpn_server_is_measured_and_a_server_that_closes_is_told() {
+fn target_of_a_vrpn_server_is_measured_and_a_server_that_closes_is_reported() {
     for poses in [200_u64, 20] {
         let listener = TcpListener::bind(any()).expect("a port");
         let server = listener.local_addr().expect("bound").to_string();

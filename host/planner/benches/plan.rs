@@ -5,11 +5,12 @@
 //! follow from the seeds below. `PLAN_BENCH_NAME=n` makes a section shorter or longer (`STARTS`, `COLD`, `TARGETS`, `BEST`,
 //! `TAIL`, `DELAY`, `DRAWS`, `SPREAD`, `FREE`, `REFERENCE_STARTS`); `PLAN_BENCH_WORST=1` lists the worst targets.
 //!
-//! The section `arms` (only when named) tells how often throws of other arms are found.
+//! The section `arms` (only when named) prints how often throws of other arms are found.
 //!
 //! The targets and their reference objectives are in `plan_targets.csv` (the planner was tuned with them) and
-//! `plan_targets_held_out.csv` (it was not); the sections `reference` and `reference-held-out` (only when named) make
-//! the files again: a target is in reach if a multi-start without any table finds a throw to it, or the table does.
+//! `plan_targets_held_out.csv` (it was not). The sections `reference` and `reference-held-out` (only when named)
+//! make the files again: a target is in reach if a multi-start without a table finds a throw to it, or the table
+//! does.
 
 #[path = "plan/arms.rs"]
 mod arms;

@@ -1,15 +1,16 @@
-//! Best known throws to random targets: what a search is measured against.
+//! Best known throws to random targets: the reference for a search.
 //!
 //! ```text
 //! cargo run --release -p planner --example best_known -- ROBOT FILE [TARGETS] [STARTS|search] [RANGE_MIN,RANGE_MAX] [SEED]
 //! ```
 //!
-//! With a number, the best of so many random starts without any stored throw; with `search`, what the default search finds, with
-//! the table that comes with the program. The targets are the same whatever the seed: it is for the starts.
+//! With a number, the best of that many random starts without stored throws; with `search`, the result of the
+//! default search, with the table that comes with the program. The targets do not depend on the seed: it is for the
+//! starts.
 //!
-//! One row per target, in order. A file that is not complete is continued: rows that are in it are not computed again.
-//! In a complete file every row is computed once more with the seed that is given, and the better of the two throws is kept.
-//! Throws that the verifier refuses do not count, neither new nor old ones.
+//! One row per target, in order. An incomplete file is continued: its rows are not computed again. In a complete
+//! file every row is computed once more with the given seed, and the better of the two throws is kept. Throws that
+//! the verifier refuses do not count, neither new nor old ones.
 //! A target without a throw under every limit of the default form is tried without limits of the landing's shift, then
 //! without nulling. `benches/best_known/rows.rs` has the columns.
 
@@ -41,10 +42,10 @@ const TARGETS_SEED: u64 = 1;
 /// Prices that differ by less than this share are one price; the throws of the files are rounded.
 const SAME_SHARE: f64 = 1e-9;
 
-/// What is asked for, in the order of the command line.
+/// Arguments, in the order of the command line.
 struct Asked {
     targets: usize,
-    /// Random starts; the default search if none.
+    /// Random starts; `None`: the default search.
     starts: Option<usize>,
     range_m: [f64; 2],
     seed: u64,
@@ -100,7 +101,7 @@ fn fill(arm: &RobotModel, file: &str, asked: &Asked) -> Result<(), Box<dyn Error
     Ok(())
 }
 
-/// The better one of two rows for one target: the lower rung, then the lower price.
+/// The better one of two rows for one target: the stricter relaxation level, then the lower price.
 fn better(arm: &RobotModel, old: &str, new: String) -> Result<String, Box<dyn Error>> {
     let before = Row::read(old)?;
     let known =

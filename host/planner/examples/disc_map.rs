@@ -1,5 +1,5 @@
-//! From which starts a disc is caught: by the rule of paper 001 without joint limits, and by the planner within the limits
-//! of the robot file, at the places of its grid alone. Every catch is judged by the witness.
+//! From which starts a disc is caught: by the rule of paper 001 without joint limits, and by the planner within the
+//! limits of the robot file, only at the places of its grid. The observer (`witness`) judges every catch.
 //!
 //!     cargo run -p planner --release --example disc_map [FILE.svg]
 //!
@@ -29,7 +29,7 @@ const STEP_M: f64 = 0.1;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Outcome {
     Caught,
-    /// The rule says captured, the witness sees that the gripper is not there or that the disc was hit.
+    /// The rule says captured, but the observer sees that the gripper is not there or that the disc was hit.
     Refuted,
     /// The rule never comes to its end.
     Never,
@@ -53,8 +53,8 @@ impl Outcome {
 
     const fn name(self) -> &'static str {
         match self {
-            Self::Caught => "caught, the witness agrees",
-            Self::Refuted => "captured by the rule, refuted by the witness",
+            Self::Caught => "caught, the observer agrees",
+            Self::Refuted => "captured by the rule, refuted by the observer",
             Self::Never => "never in reach",
             Self::OutOfReach => "declined: out of reach or range",
             Self::TooFast => "declined: too fast to follow",
@@ -96,7 +96,7 @@ fn witnessed(arm: &DiscArm, plan: &intercept::Plan, path: &Path) -> Verdict {
     judge(arm, &Gripper::default(), &Rule::default(), &moments)
 }
 
-/// By the planner, judged by the witness; limits of the robot file times `limit_scale`.
+/// By the planner, judged by the observer; limits of the robot file times `limit_scale`.
 fn planned(arm: &DiscArm, throw: &Throw, limit_scale: f64) -> Outcome {
     let path = Path::parabola(throw, 1.5);
     let rest = READY_RAD.map(|q| At { q, ..At::default() });
@@ -201,7 +201,7 @@ fn main() -> ExitCode {
         let kept = judged.iter().filter(|c| c.rule == (Outcome::Caught, true)).count();
         println!("{name}; {} starts", starts.len());
         println!(
-            "  rule of the paper, no joint limits: {} captured, of these {} seen by the witness ({:.1} %); {kept} within the joint limits",
+            "  rule of the paper, no joint limits: {} captured, of these {} seen by the observer ({:.1} %); {kept} within the joint limits",
             count(&before, Outcome::Caught) + count(&before, Outcome::Refuted),
             count(&before, Outcome::Caught),
             share(count(&before, Outcome::Caught)),

@@ -1,4 +1,5 @@
-//! Refusals of discs against a slow search: random discs, and those refused are searched with many more starts and changes.
+//! Refusals of discs compared with a slow search: random discs; the refused ones are searched with many more starts and
+//! changes.
 //!
 //!     cargo run -p planner --release --example disc_refusals -- [DISCS] [SEED] [STARTS CHANGES]
 //!

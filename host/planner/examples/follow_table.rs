@@ -2,9 +2,10 @@
 //!
 //! `cargo run -p planner --release --example follow_table -- [targets|led|best|resolution|arms|near] [RESOLUTION] [STARTS] [DISTANCE,HEIGHT]`
 //!
-//! With DISTANCE,HEIGHT there is this target alone. `led` plans as `cubectl` does for a robot that it leads: commands stay inside what the
-//! robot's program passes, and the best form leaves spare for commands at times between those of the plan. The verifier gets the limits
-//! themselves. `best` is `led` without the rows of the paper form.
+//! With DISTANCE,HEIGHT there is only this target. `led` plans as `cubectl` does for a robot that it leads:
+//! commands stay inside the ranges that the robot's program accepts, and the best form leaves a reserve for
+//! commands at times between those of the plan. The verifier gets the limits themselves. `best` is `led` without
+//! the rows of the paper form.
 
 use std::time::Instant;
 
@@ -38,7 +39,7 @@ const TARGETS: [[f64; 2]; 12] = [
 const LAG_S: f64 = 0.024;
 /// Halvings of the grid of the paper form around its best releases, where it is to follow the most points.
 const REFINEMENTS: u32 = 5;
-/// Programs of industrial robots pass commands up to 0.1 deg inside the ranges of the axes (`robots/kr16_2`).
+/// Programs of industrial robots accept commands up to 0.1 deg inside the ranges of the axes (`robots/kr16_2`).
 const PROGRAM_INSIDE_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
 /// Jitter of the gripper for the landing errors, in s.
 const JITTER_S: f64 = 0.010;
@@ -195,9 +196,9 @@ fn resolutions() {
     }
 }
 
-/// A finer grid about the reference throw with eight points at 2.5 m and 0.6 m height (ball at 1.57 m from A1 and 1.53 m above
-/// the floor, 13 degrees), and the same hand without a grid: what the resolution costs in points, and what the checks of arm,
-/// floor and ball cost.
+/// A finer grid about the reference throw with eight points at 2.5 m and 0.6 m height (ball at 1.57 m from A1 and
+/// 1.53 m above the floor, 13 degrees), and the same hand without a grid: the loss of points by the resolution, and
+/// by the checks of arm, floor and ball.
 fn near_the_reference(starts: usize) {
     let arm = Arm::load("kr16_2").expect("built in");
     let source = LimitSource::ControllerModel;

@@ -1,13 +1,15 @@
-//! Judges anybody's throws to the targets of the benchmark: whether they are valid, and how far above the best known price.
+//! Judges throws from any source to the targets of the benchmark: whether they are valid, and how far above the best known
+//! price.
 //!
 //! ```text
 //! cargo run --release -p planner --example judge_throws -- ROBOT THROWS.csv [BEST_KNOWN.csv]
 //! ```
 //!
-//! `THROWS.csv` has the columns of a file of best known throws (`benches/best_known/rows.rs`), one row per target, in the order
-//! of the targets, and a throw in each row that has a rung. The program makes a plan of each throw, and the verifier checks it
-//! under the limits of the rung. The verifier has its own code for limits, currents, clearances and the flight. The price is
-//! computed from the throw. The program ends with an error if a throw is not valid, or if its price is not the one in the file.
+//! `THROWS.csv` has the columns of a file of best known throws (`benches/best_known/rows.rs`), one row per target,
+//! in the order of the targets, and a throw in each row that has a relaxation level (`rung`). The program makes a
+//! plan of each throw, and the verifier checks it under the limits of that level. The verifier has its own code for
+//! limits, currents, clearances and the flight. The price is computed from the throw. The program ends with an
+//! error if a throw is not valid, or if its price is not the one in the file.
 
 use std::error::Error;
 
@@ -21,7 +23,7 @@ mod rows;
 use judge::judge;
 use rows::Row;
 
-/// A told price may differ from the computed one by this share: the throws of a file are rounded.
+/// A stated price may differ from the computed one by this share: the throws of a file are rounded.
 const TOLD_SHARE: f64 = 1e-6;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -73,7 +75,7 @@ fn judge_all(arm: &RobotModel, theirs: &[Row], known: &[Row]) -> Result<(), Box<
         gaps.get(((gaps.len().max(1) - 1) as f64 * share).round() as usize).map_or(f64::NAN, |gap| 1e2 * gap)
     };
     println!(
-        "{} of {} targets have a valid throw: {} in the rung of the best known one ({} within 2 %; gap median {:.3} %, p99 {:.2} %, worst {:.2} %), {relaxed} keep less, {stricter} keep more; {missing} missing",
+        "{} of {} targets have a valid throw: {} at the level of the best known one ({} within 2 %; gap median {:.3} %, p99 {:.2} %, worst {:.2} %), {relaxed} keep less, {stricter} keep more; {missing} missing",
         gaps.len() + relaxed + stricter,
         theirs.len(),
         gaps.len(),

@@ -1,4 +1,4 @@
-//! A task of one's own for the local solver: the posture that holds the ball at a point with the least torque.
+//! A user's own task for the local solver: the posture that holds the ball at a point with the least torque.
 //! `cargo run -p planner --example own_task`.
 //!
 //! Variables are the six joint angles. Objective: the sum of the squared torques against gravity. Constraints: the ball is at
@@ -75,7 +75,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     x[..6].copy_from_slice(&start);
     let found = solve(&Hold { arm: &arm, point_m }, &x, &Settings::default(), None);
 
-    // The same by the robot model alone: where the ball is, and what gravity asks for.
+    // The same by the robot model alone: position of the ball, and torques of gravity.
     let q = JointVec::from_slice(&found.x[..6]);
     let off_m = (arm.ball(&arm.fk(&q)).pos - point_m).norm();
     let torque = |q: &JointVec| arm.gravity_torques(q).norm();

@@ -4,8 +4,8 @@
 //! cargo run --release -p planner --example prepare_seeds -- ROBOT OUT.seeds [NAME=VALUE ...]
 //! ```
 //!
-//! Names: `form` (`best` or `paper`), `step_m`, `range_max_m`, `height_max_m`, `starts`, `sweeps`, `trials`, `seed`. Throws of other
-//! forms in OUT are kept. Same words, same table.
+//! Names: `form` (`best` or `paper`), `step_m`, `range_max_m`, `height_max_m`, `starts`, `sweeps`, `trials`,
+//! `seed`. Throws of other forms in OUT are kept. The same arguments give the same table.
 
 use std::error::Error;
 use std::path::Path;

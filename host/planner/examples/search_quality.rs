@@ -1,11 +1,12 @@
-//! How good and how quick the default search is, against best known throws (see the example `best_known`).
+//! Quality and speed of the default search, compared with best known throws (see the example `best_known`).
 //!
 //! ```text
 //! cargo run --release -p planner --example search_quality -- ROBOT BEST_KNOWN.csv [SEEDS] [TARGETS] [TABLE]
 //! ```
 //!
-//! For every target that the file has a throw to: the search as `plan throw` makes it, down the same ladder of options,
-//! with a table of stored throws (the one that comes with the program if none is named), and without any. Times are CPU time of one core.
+//! For every target with a throw in the file: the search as `plan throw` makes it, through the same relaxation
+//! levels, with a table of stored throws (by default the one that comes with the program), and without a table.
+//! Times are CPU time of one core.
 
 use std::error::Error;
 use std::time::Duration;
@@ -26,7 +27,7 @@ use rows::Row;
 /// A target with the best throw that is known.
 struct Known {
     target: Vector3<f64>,
-    /// Place in the ladder of options.
+    /// Relaxation level.
     rung: usize,
     objective: f64,
 }
@@ -104,7 +105,9 @@ fn judge(known: &[Known], (arm, table): (&RobotModel, &Index), seed: u64) -> Res
         result.seconds.push((cpu() - began).as_secs_f64());
         let lost = match found {
             None => Some("refused".to_owned()),
-            Some((rung, _)) if rung > k.rung => Some(format!("rung {rung} instead of {}", k.rung)),
+            Some((rung, _)) if rung > k.rung => {
+                Some(format!("relaxation level {rung} instead of {}", k.rung))
+            }
             Some((rung, objective)) if rung == k.rung && objective > 1.01 * k.objective => {
                 Some(format!("{objective:.4} instead of {:.4}", k.objective))
             }

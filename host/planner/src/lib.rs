@@ -1,10 +1,10 @@
-//! Plans what a robot arm does.
+//! Plans motions of a robot arm.
 //!
 //! # Map
 //! An arrow goes from user to used; none goes up.
 //!
 //! ```text
-//! request                 throws as a program asks for them
+//! request                 throws for a calling program
 //! record                  a plan file of any kind, and the schema of all of them
 //!   |
 //!   v
@@ -23,7 +23,7 @@
 //!   |  | \
 //!   |  |  servo          a stream of commands as a motion that can always be stopped
 //!   |  v
-//!   | timing             when the arm is where on a path, within limits of speed, acceleration and jerk
+//! timing             positions of the arm on a path over time, within limits of speed, acceleration and jerk
 //!   v  v
 //! motion               knots, the cubics between them, events
 //!   |

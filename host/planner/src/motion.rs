@@ -1,8 +1,8 @@
 //! A motion of all joints: knots, the cubic of each joint between two of them, and events at times.
 //!
-//! A cubic is given by position and speed at its two ends, so position and speed are continuous by construction. Trial,
-//! simulation, analysis and report read a plan through this type. [`robot_model::cubic`] evaluates the cubics and says which
-//! other evaluators exist on purpose.
+//! A cubic is given by position and speed at its two ends, so position and speed are continuous by construction.
+//! Trial, simulation, analysis and report read a plan through this type. [`robot_model::cubic`] evaluates the
+//! cubics and lists the other evaluators, with the reasons for them.
 
 use robot_model::JointVec;
 use robot_model::cubic::Cubic;
@@ -35,7 +35,7 @@ pub enum GripperEvent {
 /// A motion of all joints.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Motion {
-    /// At least two, times ascending from 0; none where nothing moves.
+    /// At least two, times ascending from 0; empty if nothing moves.
     pub knots: Vec<Knot>,
     /// Events with their times, s since the start.
     pub events: Vec<(f64, GripperEvent)>,
@@ -79,7 +79,7 @@ impl Motion {
         self.knots.last().map_or_else(|| JointVec::zeros(0), |knot| knot.q_rad)
     }
 
-    /// When what the gripper holds is free for the first time, s.
+    /// When the ball in the gripper is free for the first time, s.
     #[must_use]
     pub fn release_s(&self) -> Option<f64> {
         self.events.iter().find(|(_, event)| *event == GripperEvent::Open).map(|(t_s, _)| *t_s)

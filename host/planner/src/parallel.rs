@@ -1,7 +1,7 @@
 //! Work on all cores.
 //!
-//! The search is compiled for each number of joints, and parallel iterators for each closure. Only `on_all_cores` touches them, so
-//! that they are compiled once.
+//! The search is compiled for each number of joints, and parallel iterators for each closure. Only `on_all_cores`
+//! uses them, so that they are compiled once.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};

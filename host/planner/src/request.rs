@@ -1,4 +1,4 @@
-//! Throws as a program asks for them.
+//! Throws for a calling program.
 
 use std::time::{Duration, Instant};
 
@@ -15,7 +15,7 @@ use crate::plan::{
 use crate::store::Index;
 use crate::throw::Throw;
 
-/// A throw that is asked for.
+/// A requested throw.
 #[derive(Debug, Clone, Copy)]
 pub struct Request<'a> {
     /// Centre of the target in m, world frame.
@@ -24,7 +24,7 @@ pub struct Request<'a> {
     pub options: &'a Options,
     /// What must not be given up.
     pub kept: Kept,
-    /// So many stored throws are tried first; the first that leads to the target ends the search.
+    /// This many stored throws are tried first; the first that leads to the target ends the search.
     pub quick: Option<usize>,
     /// Random starts, time and seed.
     pub budget: Budget,
@@ -46,7 +46,7 @@ pub struct Wanted<'a> {
 /// The throw of a request.
 #[derive(Debug, Clone)]
 pub struct Answer {
-    /// What it does not keep of what was asked for.
+    /// Requirements that it does not keep.
     pub given_up: GivenUp,
     /// The best throw.
     pub best: Best,

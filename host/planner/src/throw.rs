@@ -10,8 +10,8 @@
 //! q⃛(σ)  = -2 q̇_r / h²            - 2 sign(σ) q̈_r / h
 //! ```
 //!
-//! The paper's spline (section IV, step 5) is the case `q̈_r = 0`. Free `q̈_r` is the one more degree of freedom that
-//! release-delay nulling needs; it costs no more segments and no higher degree.
+//! The paper's spline (section IV, step 5) is the case `q̈_r = 0`. A free `q̈_r` is the additional degree of
+//! freedom that release-delay nulling needs; it needs no more segments and no higher degree.
 
 use nalgebra::Vector3;
 use robot_model::{JointVec, RobotModel};

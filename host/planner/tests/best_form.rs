@@ -1,4 +1,4 @@
-//! Our form: free spin, release-delay nulling, currents over the motion, statistics (robot-models 1.8, issue figures).
+//! The best form: free spin, release-delay nulling, currents over the motion, statistics (robot-models 1.8, issue figures).
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -42,7 +42,7 @@ fn a_late_or_early_release_keeps_the_landing_within_its_windows() {
         assert!((on_time - Vector2::new(target[0], target[1])).norm() < 1e-7);
         let shift =
             |ms: f64| (landing_with_delay(&problem, &throw, ms * 1e-3).expect("lands") - on_time).norm();
-        // First order gone: a tenth of the delay shifts by much less than a tenth.
+        // The first order is zero: a tenth of the delay shifts by much less than a tenth.
         assert!(shift(0.1) < 1e-6, "{target:?}: {} m", shift(0.1));
         for (ms, most_m) in [(5.0, 1e-3), (10.0, 2e-3), (25.0, 10e-3)] {
             assert!(shift(ms).max(shift(-ms)) <= most_m, "{target:?}: {ms} ms shift by {} m", shift(ms));

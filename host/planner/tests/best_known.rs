@@ -29,7 +29,7 @@ const ROWS: usize = 2;
 /// A price this much above the best known one is as good as that.
 const GAP: f64 = 1.02;
 
-/// As `plan throw` goes down: the default form, without limits of the landing's shift, and without nulling.
+/// The levels of `plan throw`: the default form, without limits of the landing's shift, and without nulling.
 fn search(arm: &RobotModel, table: &Index, target: Vector3<f64>, seed: u64) -> Option<(usize, f64)> {
     let request = Request {
         target,
@@ -141,7 +141,7 @@ fn an_arm_of_seven_joints_is_searched_as_well_as_by_many_starts() {
     finds_what_long_searches_find(&arm, include_str!("../benches/best_known/iiwa7.csv"));
 }
 
-/// One row in so many of the benchmark is judged here.
+/// One row of the benchmark in this many is judged here.
 const JUDGED: usize = 37;
 /// The throws of the files are rounded to 1e-9.
 const ROUNDED: f64 = 1e-6;
@@ -188,8 +188,8 @@ fn a_throw_that_breaks_a_limit_or_misses_is_not_judged_valid() {
     assert!(judge(&arm, &short, 0).unwrap_err().contains("number of joints"));
 }
 
-/// A first round without rows for collisions ran from such a throw deep into the arm's own foot or the floor, and the rows from there
-/// led nowhere: 17 of these 53 throws were found again.
+/// A first round without rows for collisions moved from such a throw deep into the arm's own foot or the floor, and
+/// the rows from there led nowhere: 17 of these 53 throws were found again.
 #[test]
 fn throws_past_the_foot_and_the_floor_are_found_again_from_themselves() {
     let arm = RobotModel::load("kr16_2").expect("built in");
@@ -214,8 +214,8 @@ fn throws_past_the_foot_and_the_floor_are_found_again_from_themselves() {
 /// Rows of the benchmark of `powercube6` whose throws pass close to the arm.
 const BESIDE_THE_ARM: [usize; 4] = [6, 29, 48, 86];
 
-/// The first round of a local solve knew of no collision. It ended inside the arm, and the rows from there led to throws that cost 2 to
-/// 10 % more, or nowhere.
+/// The first round of a local solve had no collision rows. It ended inside the arm, and the rows from there led to
+/// throws that cost 2 to 10 % more, or nowhere.
 #[test]
 fn throws_beside_the_arm_are_found_again_from_themselves_and_from_nothing() {
     let arm = RobotModel::load("powercube6").expect("built in");

@@ -127,7 +127,7 @@ fn the_cup_looks_up_where_the_hand_stops() {
 
 /// A flight known to 30 mm: of a ball at the edge of the reach some flights are out of it.
 #[test]
-fn a_catch_at_the_edge_of_the_reach_is_told_as_less_likely() {
+fn a_catch_at_the_edge_of_the_reach_is_reported_as_less_likely() {
     let (arm, sigma_m) = (arm(false), 0.03_f64);
     let settings = Settings { allowed: Allowed::Hold, ..Settings::default() };
     let (p, v) = throws(8, 5)
@@ -156,7 +156,7 @@ fn a_catch_at_the_edge_of_the_reach_is_told_as_less_likely() {
 
 /// At the end of every flight no posture is in reach. What kept the arm from a catch is another thing.
 #[test]
-fn a_ball_that_was_too_fast_is_not_told_as_out_of_reach_when_it_has_passed() {
+fn a_ball_that_was_too_fast_is_not_reported_as_out_of_reach_when_it_has_passed() {
     let arm = arm(false);
     let wait = Joints::from(WAIT_DEG.map(f64::to_radians));
     let settings =

@@ -1,4 +1,4 @@
-//! The default search of the default form finds the best known throw, whatever the seed, for more arms than one.
+//! The default search of the default form finds the best known throw, with every seed, for more arms than one.
 
 use nalgebra::Vector3;
 use planner::plan::file::PlanFile;
@@ -25,7 +25,7 @@ fn default_search(arm: &Arm, target: Vector3<f64>, options: &Options, seed: u64)
     Planner::new(&problem).attempt(&seeds::built_in(arm), &budget, &Watch::default())
 }
 
-/// The rung at which the ladder ends, and the price there.
+/// The relaxation level at which the search ends, and the price there.
 fn planned(arm: &Arm, target: [f64; 3], seed: u64) -> Option<(usize, f64)> {
     rungs().iter().enumerate().find_map(|(rung, options)| {
         let best = default_search(arm, Vector3::from(target), options, seed).ok()?;
@@ -186,8 +186,8 @@ fn a_ball_that_is_released_early_comes_down_through_the_plane_and_does_not_graze
     assert_eq!(refused_of("kr16_2", [-1.3938405064065176, -1.0557594565364068, 1.032072862117285]), [""; 0]);
 }
 
-/// Foot and wrist of a KR 16 came 2.7 mm near between two instants of the look along the motion, which looked between instants
-/// only where a PowerCube arm could have come nearer.
+/// Foot and wrist of a KR 16 came 2.7 mm near between two instants of the scan, which checked between instants only
+/// where a PowerCube arm could have come nearer.
 #[test]
 fn links_of_a_large_arm_that_come_near_between_two_instants_are_seen() {
     let arm = RobotModel::load("kr16_2").expect("built in");
@@ -222,7 +222,7 @@ fn links_of_a_large_arm_that_come_near_between_two_instants_are_seen() {
     let plan = PlanFile::of(&problem, &best, "kr16_2", 1, &Noise::default(), None).expect("it lands");
     let refused = refused(&arm, &plan);
     assert!(refused.iter().any(|r| r.contains("2.7 mm of 5.0 mm")), "{refused:?}");
-    // The planner looks at instants between those of the verifier.
+    // The planner checks instants between those of the verifier.
     let told_mm = 1e3 * plan.margins.clearance_m.expect("bodies that can meet");
     assert!((2.4..2.8).contains(&told_mm), "{told_mm} mm");
 }

@@ -1,4 +1,4 @@
-//! Catches under joint limits, judged by the witness.
+//! Catches under joint limits, judged by the observer (`witness`).
 
 use std::f64::consts::PI;
 use std::sync::LazyLock;
@@ -58,7 +58,7 @@ fn through(point: [f64; 3], velocity: [f64; 3], t_s: f64) -> Throw {
     }
 }
 
-/// Asserts that the witness sees a catch without contact, collision or a limit passed, and returns plan and verdict.
+/// Asserts that the observer sees a catch without contact, collision or an exceeded limit, and returns plan and verdict.
 #[track_caller]
 fn must_catch(throw: Throw) -> (Plan, Verdict) {
     let (plan, verdict) = caught(throw, &Settings::default()).expect("a catch is planned");
@@ -95,7 +95,7 @@ fn flat_disc_is_caught_within_the_servo_limits() {
 fn oblique_disc_is_declined_because_the_hand_cannot_follow_it() {
     let Err(Decline::TooFast(times)) = caught(Throw::oblique(), &Settings::default()) else { panic!() };
     assert!((1.05..1.6).contains(&times), "{times}");
-    // What it names is needed, if not enough: with a little less the refusal is the same.
+    // The named limit is necessary, if not sufficient: with a little less the refusal is the same.
     let path = Path::parabola(&Throw::oblique(), 1.5);
     let settings = Settings { limit_scale: 0.97 * times, ..Settings::default() };
     assert!(matches!(intercept::plan(&ARM, &path, &ready(), &settings), Err(Decline::TooFast(_))));
@@ -237,7 +237,7 @@ fn no_planned_catch_is_refuted_by_the_witness_and_most_throws_are_caught() {
     assert!(count >= 14, "seed {seed}: {count} of {throws}");
 }
 
-/// A disc in air with wind and tilt, seen at 120 Hz with 2 mm and 1°, 15 ms late. Returns what the catcher did.
+/// A disc in air with wind and tilt, seen at 120 Hz with 2 mm and 1°, 15 ms late. Returns the result of the catcher.
 fn seen_and_caught(draw: &mut Draw, model: &Model) -> (Verdict, bool) {
     let truth = Model::in_air();
     let tilt = Vector3::new(draw.normal(), draw.normal(), 0.0) * 0.05;

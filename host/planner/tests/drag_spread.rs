@@ -10,7 +10,7 @@ use planner::plan::{Arm, Budget, Joints, Throw, seeds};
 
 const DRAWS: usize = 20_000;
 const GRAVITY_M_S2: f64 = 9.81;
-/// Step of the witness in s: with twice as many steps its landings move by less than 1e-9 m.
+/// Step of the reference integration in s: with twice as many steps its landings move by less than 1e-9 m.
 const STEP_S: f64 = 4e-3;
 
 /// Position and velocity `h` seconds later: Heun's method of third order with drag alone; gravity is in it exactly.

@@ -32,7 +32,7 @@ fn problem(arm: &Arm, range_m: f64) -> Problem<'_> {
 #[ignore = "9 s: run by the stage long of CI"]
 fn draws_with_everything_off_at_once_have_the_predicted_mean_and_spread() {
     let arm = arm();
-    // A worse gripper than that of the robot file, so that the fingers are not lost beside the other sources.
+    // A worse gripper than that of the robot file, so that the effect of the fingers is visible beside the other sources.
     let scatter = FingerScatter { lag_s: 1.5e-3, friction_share: 0.3, opening_share: 0.3 };
     let fingers = Fingers { friction: 0.3, scatter, ..*arm.fingers().expect("in the robot file") };
     for range_m in [1.4, 3.0] {
@@ -70,7 +70,7 @@ fn draws_with_everything_off_at_once_have_the_predicted_mean_and_spread() {
     }
 }
 
-/// Pads that hardly give and fingers that are gone at once: the ball leaves as if at one instant.
+/// Nearly rigid pads and fingers that open at once: the ball leaves as if at one instant.
 #[test]
 fn fingers_that_are_gone_at_once_leave_the_landing_where_it_was() {
     let arm = arm();

@@ -1,5 +1,5 @@
-//! The form of the paper on an arm that is no KR 16. The plan goes through the verifier. The ramps of the paper begin with a leap, so
-//! the limits are those of the controller model.
+//! The form of the paper on an arm that is not a KR 16. The verifier checks the plan. The ramps of the paper begin
+//! with a leap, so the limits are those of the controller model.
 
 use nalgebra::Vector3;
 use planner::follow::limits::{Arm, LimitSource, Limits};

@@ -1,4 +1,4 @@
-//! The form without a grid, on three arms; every plan goes through the verifier and through its JSON text.
+//! The form without a grid, on three arms; every plan is checked by the verifier and written to and read from JSON text.
 
 use nalgebra::Vector3;
 use planner::follow::best::{BestOptions, HandFreedom, plan};
@@ -127,7 +127,7 @@ fn plan_for_another_lag_is_opened_and_turned_so_that_the_ball_lands_at_the_targe
     );
     assert!(after < 0.5 * before && after < 0.02, "{before} {after}");
     assert_eq!(plan.require_lag(&arm, lag_s, jitter_s, 0.035), Ok(()));
-    // So different a lag that no opening helps: refused with what the axes, simulated in small steps, then do.
+    // A lag so different that no opening helps: refused with the motion of the axes, simulated in small steps.
     let slow_s = 0.400;
     let other = plan.require_lag(&arm, slow_s, jitter_s, 0.035).expect_err("far off");
     let off = landings_rms_m(&arm, &plan.opened_for(&arm, slow_s, jitter_s), slow_s, jitter_s + 0.006);

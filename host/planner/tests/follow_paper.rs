@@ -124,7 +124,7 @@ fn near_known_throws() -> PaperOptions {
     }
 }
 
-/// What the grid finds at 2.5 m and 0.6 m height; several tests look at the same search.
+/// Result of the grid at 2.5 m and 0.6 m height; several tests use the same search.
 fn found_at_2_5_m(criterion: Criterion, ramps: RampTiming) -> Found {
     let arm = kr16();
     let limits = Limits::of_paper(&arm);

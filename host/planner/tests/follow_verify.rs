@@ -80,8 +80,8 @@ fn single_point() -> FollowPlan {
     FollowPlan::new(&setting, LimitSource::ControllerModel, robot, Form::Paper, &found, 0.0)
 }
 
-/// Differences of the angles across joins that short say nothing about the speed at the step: they put this ball centimetres
-/// beside the target.
+/// Differences of the angles across joins that short do not determine the speed at the step: they put this ball
+/// centimetres beside the target.
 #[test]
 fn a_plan_with_a_single_point_lands_by_the_speeds_that_it_states() {
     let plan = single_point();
@@ -269,8 +269,8 @@ fn a_higher_floor_and_a_lower_arm_are_found() {
     refuses(&folded, Check::Boxes);
 }
 
-/// A grid that is told to ignore the ball after the release finds throws whose ball meets the hand; the verifier,
-/// told to mind it, refuses them.
+/// A grid that is set to ignore the ball after the release finds throws whose ball meets the hand; the verifier,
+/// set to check it, refuses them.
 #[test]
 fn a_ball_that_meets_the_hand_is_refused() {
     let careless = Margins { grip_slack_m: 1.0, ..Margins::default() };

@@ -1,4 +1,4 @@
-//! Plan files: what is written is what was planned, bad files are named, and the second opinion agrees or objects.
+//! Plan files: the written file is the plan, bad files are named, and the second opinion agrees or objects.
 
 use std::path::Path;
 
@@ -150,7 +150,7 @@ fn an_invalid_motion_is_refused_with_its_place() {
 }
 
 #[test]
-fn a_told_release_or_landing_that_is_not_the_motions_is_refused() {
+fn a_stated_release_or_landing_that_is_not_the_motions_is_refused() {
     let (arm, throw) = plan(Options::best());
     assert!(verify::check(&arm, &throw).ok());
     type Spoil = fn(&mut PlanFile);
@@ -270,7 +270,7 @@ fn the_second_opinion_objects_to_a_tampered_plan() {
     for knot in &mut file.motion.knots {
         knot.q_rad[0] += 0.01;
     }
-    let told = "release and landing are told as the motion has them";
+    let told = "stated release and landing are those of the motion";
     assert_eq!(failing(&file), ["landing on the target", told]);
     // The end alone: the acceleration jumps at the release.
     let mut file = good.clone();

@@ -1,4 +1,4 @@
-//! What a plan promises holds, and what cannot be is refused by name.
+//! Statements of a plan hold, and impossible requests are refused by name.
 
 use std::sync::atomic::Ordering;
 
@@ -25,7 +25,7 @@ fn obstacle(at: [f64; 3], half: [f64; 3]) -> Obstacle {
 
 #[test]
 fn the_flying_ball_keeps_its_clearance_between_the_instants_of_the_scan() {
-    // The target and obstacle: the ball passed at 4.4 mm where 5 mm were promised, in the paper's form inside it.
+    // The target and obstacle: the ball passed at 4.4 mm where 5 mm were stated, in the paper's form inside it.
     let arm = arm();
     let target = Vector3::new(-1.643_278_787_927_405_3, 0.120_039_594_757_814_14, -1.0);
     let in_the_way = obstacle([-1.1979, 0.0863, -0.2230], [0.1130, 0.0974, 0.0579]);
@@ -38,7 +38,7 @@ fn the_flying_ball_keeps_its_clearance_between_the_instants_of_the_scan() {
         let file = PlanFile::of(&problem, &best, "powercube6", 1, &Noise::default(), None).expect("lands");
         let report = verify::check(&arm, &file);
         assert!(report.ok(), "{form:?}: {:?}", report.findings.iter().filter(|f| !f.ok).collect::<Vec<_>>());
-        // Another look at the flight: a millisecond apart, by the closed form of the fall.
+        // Another computation of the flight: a millisecond apart, by the closed form of the fall.
         let (p0, v0) = best.found.throw.ball_at_release(&arm);
         let mut least_m = f64::INFINITY;
         let mut s = 0.02;
@@ -55,14 +55,14 @@ fn the_flying_ball_keeps_its_clearance_between_the_instants_of_the_scan() {
 }
 
 #[test]
-fn a_search_of_a_billion_starts_stops_when_it_is_told_to() {
+fn a_search_of_a_billion_starts_stops_when_it_is_ordered_to() {
     let arm = arm();
     let problem = Problem::new(&arm, Vector3::new(1.5, 1.0, -1.0), Options::best()).expect("valid");
     let watch = Watch::default();
     let budget = Budget { starts: usize::MAX, all: true, ..Budget::default() };
     let (best, done_when_told) = std::thread::scope(|scope| {
         let teller = scope.spawn(|| {
-            // Told by what has been done, not by the clock.
+            // The stop depends on the number of starts, not on the clock.
             while watch.done.load(Ordering::SeqCst) < 40 {
                 std::thread::yield_now();
             }

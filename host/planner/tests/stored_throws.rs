@@ -40,11 +40,11 @@ fn throws_from_stored_ones_pass_the_check_by_other_means_and_the_same_table_give
     assert!(reached >= 50, "{reached} of 60 targets reached");
 }
 
-/// One throw of the table in so many is solved again.
+/// One throw of the table in this many is solved again.
 const SOLVED_AGAIN: usize = 53;
 
-/// A row for the ball beside the fingers asked for 0.2 mm right after the release, where the look along the motion asked for
-/// nothing. It made one stored throw in twelve up to 12 % dearer at its own target.
+/// A row for the ball beside the fingers required 0.2 mm right after the release, where the scan required nothing.
+/// It made one stored throw in twelve up to 12 % more expensive at its own target.
 #[test]
 fn a_stored_throw_solved_again_to_its_own_target_costs_the_same() {
     let arm = Arm::load("powercube6").unwrap();
@@ -58,8 +58,9 @@ fn a_stored_throw_solved_again_to_its_own_target_costs_the_same() {
             let target = Vector3::new(record.range_m, 0.0, record.height_m);
             let problem = Problem::new(&arm, target, options.clone()).unwrap();
             let again = Planner::new(&problem).from_record(record);
-            // Rows keep a little more than looks along the motion ask for: 0.2 mm to other bodies than the hand, a thousandth of a
-            // current. A throw that is not the cheapest of its cell is at most 6 % dearer, and may lead to the cheapest.
+            // Rows keep a little more than scans require: 0.2 mm to other bodies than the hand, a thousandth of a
+            // current. A throw that is not the cheapest of its cell is at most 6 % more expensive, and may lead to
+            // the cheapest.
             assert!(
                 again.is_some_and(|found| (0.94..1.005).contains(&(found.objective / record.objective))),
                 "kind {kind} to ({}, {}): {:?} instead of {}",

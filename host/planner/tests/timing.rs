@@ -27,7 +27,7 @@ fn sampled(motion: &Motion, dt: f64) -> [f64; 3] {
 }
 
 #[test]
-fn straight_motion_reaches_each_limit_it_can_and_exceeds_none() {
+fn straight_motion_reaches_each_limit_it_can_and_exceeds_no_limit() {
     let limits = limits(6, 2.0, 8.0, 80.0);
     for way in [1e-4, 0.01, 0.1, 0.3, 1.0, 3.0] {
         let motion: Motion =

@@ -1,4 +1,4 @@
-//! Ways of the whole arm: free at every instant, within the limits, at the place that was asked for.
+//! Ways of the whole arm: free at every instant, within the limits, at the requested place.
 
 use nalgebra::Vector3;
 use planner::motion::Motion;
@@ -84,11 +84,12 @@ fn ways_between_random_poses_are_free_within_limits_and_end_where_they_should() 
             }
         }
     }
-    // Two pairs have none with five times as many tries either.
+    // Two pairs have no way with five times as many tries either.
     assert!(blocked <= 2, "{blocked} of 9 without a way");
 }
 
-/// Moves of the comparison with RRT-Connect of OMPL (`.ci/motion`) that this search called impossible or made three times as long.
+/// Moves of the comparison with RRT-Connect of OMPL (`.ci/motion`) that this search reported as impossible or made three times
+/// as long.
 #[test]
 fn ways_that_another_planner_finds_are_found_and_not_much_longer() {
     let scene = |boxes: &[([f64; 3], [f64; 3])]| Scene {

@@ -39,14 +39,14 @@ pub fn off_target(record: &Record, judge: &Judge<'_>) -> Option<ExpectedError> {
             "compare `path_delay_s` in summary.json with the lag: `cubectl arm identify` measures it again"
         }
         (Outcome::Missed, _) => {
-            "`cubectl log report` on the folder shows tracking and release; `cubectl home --verify` tells whether a drive \
+            "`cubectl log report` on the folder shows tracking and release; `cubectl home --verify` shows whether a drive \
              has lost encoder counts"
         }
         (Outcome::NotReleased, _) => {
             "take the ball out of the hand before anything moves; check the gripper, its supply and its output"
         }
         (Outcome::NotReached, _) => {
-            "look what holds the arm; `cubectl home --verify` tells whether a drive has lost encoder counts"
+            "look what holds the arm; `cubectl home --verify` shows whether a drive has lost encoder counts"
         }
         (Outcome::Stopped, _) => {
             "look at the pendant why the robot's program ended; motion.csv shows where the arm was"

@@ -155,7 +155,7 @@ const PLAIN: &[(&str, CubeState, &str)] = &[
     ("moving", CubeState::MOTION, "wait until it stands, or `cubectl stop`"),
 ];
 
-/// What `status`, `arm monitor` and `doctor` say of a controller and of modules that tell nothing: word, meaning, next step.
+/// What `status`, `arm monitor` and `doctor` say of a controller and of modules that report nothing: word, meaning, next step.
 const TOLD: &[(&str, &str, &str)] = &[
     (
         "boot",
@@ -185,7 +185,7 @@ const TOLD: &[(&str, &str, &str)] = &[
     ),
     (
         "state unknown",
-        "the module is there, and has not told its state",
+        "the module is there, and has not reported its state",
         "ask again; `cubectl doctor` counts lost answers",
     ),
 ];
@@ -324,12 +324,12 @@ mod tests {
     }
 
     /// The condition that `status` and `doctor` print, for each bit of the state set alone and none set, and for a
-    /// module that has not told its state.
+    /// module that has not reported its state.
     #[test]
     fn every_word_that_status_prints_is_explained() {
         let bits = CubeState::BITS.iter().map(|info| 1 << info.bit).chain([0]);
-        let told = bits.map(|bit| Some(CubeState::from_bits(bit | CubeState::ERROR.bits())));
-        for state in told.chain([None]) {
+        let states = bits.map(|bit| Some(CubeState::from_bits(bit | CubeState::ERROR.bits())));
+        for state in states.chain([None]) {
             let report = operator::dialogue::survey::ModuleReport {
                 module: protocol::ModuleId::new(1).unwrap(),
                 version: protocol::powercube::FirmwareVersion(0x3519),

@@ -18,7 +18,7 @@ use operator::bus::period::settings_with_gains;
 use operator::bus::sim::{controller_guest, no_guests};
 use operator::interrupt::interrupt;
 
-/// Time between two looks at how late the machine was, and the lag that is told when it happens: a controller with a cycle
+/// Time between two looks at how late the machine was, and the lag that is printed at once: a controller with a cycle
 /// of 3 ms loses two answers in a row.
 const LAG_LOOK: Duration = Duration::from_secs(1);
 const LAG_TOLD: Duration = Duration::from_millis(5);
@@ -34,7 +34,7 @@ pub struct Args {
     /// Where: socketcand://127.0.0.1:29536/can0 and slcan://127.0.0.1:3333 serve that port, slcan:/dev/ptmx makes a
     /// pseudo-terminal, vcan0 joins that interface; lockstep://127.0.0.1:29536/can0?clients=2 serves programs in virtual
     /// time, which stands while fewer than two take part. Given several times, all of them lead to the same bus. A port takes 32
-    /// clients; one more is told so and disconnected (SLCAN: BELL). A client that has not opened the bus within 5 s, or
+    /// clients; one more gets that answer and is disconnected (SLCAN: BELL). A client that has not opened the bus within 5 s, or
     /// reads nothing for 10 s while frames wait for it, is disconnected.
     #[arg(long, value_parser = can_link::bus_of_option, default_value = "socketcand://127.0.0.1:29536/can0", value_name = "SPEC")]
     pub bus: Vec<BusSpec>,

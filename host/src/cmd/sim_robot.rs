@@ -23,7 +23,7 @@ use crate::exit;
 
 /// Radius of the bottle, m.
 const BOTTLE_M: f64 = 0.035;
-/// Where the bottle stands unless told otherwise, m.
+/// Where the bottle stands by default, m.
 const BOTTLE: [f64; 3] = [2.5, 0.0, 0.6];
 /// Time between two tries to reach the client.
 const AGAIN: std::time::Duration = std::time::Duration::from_millis(200);
@@ -186,7 +186,7 @@ impl Robot<'_> {
             match self.serve_run(scenario, &mut krc)? {
                 Some(served) if !served.answer_times_us.is_empty() => {
                     runs += 1;
-                    self.tell(runs, &krc, &served);
+                    self.print(runs, &krc, &served);
                     if self.args.industrial.runs.is_some_and(|most| runs >= most) {
                         return Ok(());
                     }
@@ -227,7 +227,7 @@ impl Robot<'_> {
         }
     }
 
-    fn tell(&self, run: u64, krc: &Krc, served: &Served) {
+    fn print(&self, run: u64, krc: &Krc, served: &Served) {
         let us = |share| served.answer_time(share).map_or(0, Duration::as_micros);
         console::line!(
             "run {run}: {} telegrams, {} late answers, {} refused, {} cycles held up; answers: median {} us, 99 % {} us, 99.9 % {} us, \

@@ -1,4 +1,4 @@
-//! The modules a verb is about: named, found or missing, alone with them or not, told as JSON.
+//! The modules a verb is about: named, found or missing, alone with them or not, as JSON.
 
 use std::io::IsTerminal;
 use std::sync::Arc;
@@ -37,7 +37,7 @@ impl std::str::FromStr for Modules {
 pub(super) fn nobody(bus: &str) -> ExpectedError {
     ExpectedError::new(exit::DRIVE, format!("{bus}: no module answers")).next(
         "check the supply of the modules and the cable, and that the bus runs \
-             at their bit rate (1000, 500 or 250 kbit/s); `cubectl doctor` tells silence from errors; motors with MIT frames, CANopen servos and ODrives \
+             at their bit rate (1000, 500 or 250 kbit/s); `cubectl doctor` distinguishes silence from errors; motors with MIT frames, CANopen servos and ODrives \
              answer a controller only: `cubectl home --robot FILE`",
     )
 }
@@ -194,15 +194,15 @@ impl Look {
 
     /// As JSON, units in the keys.
     pub(super) fn json(&self) -> serde_json::Value {
-        let mut told = match &self.seen {
+        let mut modules = match &self.seen {
             Seen::Heard(beside) => beside.json(&self.bus),
             Seen::Asked(found) => {
                 let modules: Vec<_> = found.iter().map(module_json).collect();
                 serde_json::json!({ "bus": self.bus, "modules": modules })
             }
         };
-        told["missing"] = self.missing().iter().map(|module| module.get()).collect();
-        told
+        modules["missing"] = self.missing().iter().map(|module| module.get()).collect();
+        modules
     }
 }
 
@@ -229,7 +229,7 @@ pub(super) fn require_alone(session: &mut Session, beside: bool) -> Result<(), E
 pub(super) struct Beside {
     /// Who else is there.
     pub(super) presence: Presence,
-    /// What the controller told of the group last.
+    /// The last state of the group that the controller sent.
     group: Option<GroupState>,
     /// The modules that were heard.
     pub(super) modules: Vec<(ModuleId, Heard)>,
@@ -238,7 +238,7 @@ pub(super) struct Beside {
 }
 
 /// Listens instead of asking, if another node speaks to the modules and `beside` does not say to ask all the same; `None`
-/// if nobody does. Only the `named` modules are told.
+/// if nobody does. Only the `named` modules are returned.
 pub(super) fn listen_beside(
     session: &mut Session,
     named: Option<&[ModuleId]>,
@@ -257,7 +257,7 @@ pub(super) fn listen_beside(
 }
 
 impl Beside {
-    /// What the controller told of the group last.
+    /// The last state of the group that the controller sent.
     pub(super) const fn group(&self) -> Option<&GroupState> {
         self.group.as_ref()
     }
@@ -274,7 +274,7 @@ impl Beside {
         }
     }
 
-    /// As JSON, units in the keys; what only a question would tell is null.
+    /// As JSON, units in the keys; what only a request would answer is null.
     pub(super) fn json(&self, bus: &str) -> serde_json::Value {
         let modules: Vec<_> =
             self.modules.iter().map(|(module, heard)| self.module_json(*module, heard)).collect();

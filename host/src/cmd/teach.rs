@@ -125,7 +125,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if steps > 0 {
         let (file, steps) = (args.file.to_string_lossy(), counted(steps, "step"));
         let text = format!("{steps} in {file}; `cubectl run {}` does them", quoted(&file));
-        console::line!("{}", Place::of_bus(&args.on.bus).told(&text));
+        console::line!("{}", Place::of_bus(&args.on.bus).complete(&text));
     } else if taught.is_ok() {
         console::line!("no step was saved");
     }

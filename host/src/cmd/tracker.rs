@@ -165,7 +165,7 @@ impl TrackerArgs {
         Ok(Measured { robot_m: x_wr.apply(&target.mean_m), target, residual_m })
     }
 
-    /// Measures again and tells how far the target is from where it was, m.
+    /// Measures again: how far the target is from where it was, m.
     ///
     /// # Errors
     /// As [`TrackerArgs::measure`].
@@ -305,13 +305,13 @@ fn calibrate(args: &CalibrateArgs) -> Result<(), ExpectedError> {
             .map_err(|error| ExpectedError::output(&args.file, &error))?;
     }
     let judged = solve(&calibration.pairs).and_then(|solved| {
-        tell(args, &calibration, &solved);
+        print(args, &calibration, &solved);
         solved.agree()
     });
     judged.map_err(|error| ExpectedError::of(exit::FINDINGS, &error).at(args.file.display()))
 }
 
-fn tell(args: &CalibrateArgs, calibration: &Calibration, solved: &Solved) {
+fn print(args: &CalibrateArgs, calibration: &Calibration, solved: &Solved) {
     if args.json {
         let rows: Vec<Vec<f64>> =
             (0..3).map(|row| solved.x_wr.rotation.row(row).iter().copied().collect()).collect();

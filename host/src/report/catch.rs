@@ -64,7 +64,7 @@ pub fn html(
 ) -> String {
     let executed = plan.and_then(|caught| caught.executed);
     let verdict = match (&plan, &declined, rule) {
-        _ if executed.is_some_and(|run| run.executed.told.is_err()) => {
+        _ if executed.is_some_and(|run| run.executed.reported.is_err()) => {
             ("stopped by the controller", Tone::Bad)
         }
         _ if executed.is_some_and(|run| run.verdict.caught.is_none()) => {

@@ -2,7 +2,7 @@
 //!
 //! Colours come from the page's style (classes `s0` to `s7`), so that one chart serves light and dark pages. Charts
 //! over time carry their frame in `data-time`, from which the page's script draws the present time. Their curves carry names,
-//! times and values of their points, which the script tells under the pointer: nothing is read back from the picture.
+//! times and values of their points, which the script shows under the pointer: nothing is read back from the picture.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;

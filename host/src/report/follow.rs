@@ -12,7 +12,7 @@ use planner::follow::motion::differences;
 use planner::follow::plan::{FollowPlan, Form, Phase};
 use planner::follow::verify::Report;
 
-/// Jitter of the gripper for which landings are told, in s.
+/// Jitter of the gripper for which landings are shown, in s.
 pub(super) const JITTER_S: f64 = 0.010;
 /// Colours of the three phases, of the parabola, and of limits.
 pub(super) const PHASES: [(Phase, &str, usize); 3] = [

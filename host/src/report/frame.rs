@@ -65,22 +65,22 @@ pub(super) fn foot(
     files: &[(String, u64, String)],
 ) {
     page.part("To repeat this run", "The command, what went into it, and its files.");
-    let told = |pointer: &str| {
+    let noted = |pointer: &str| {
         summary.and_then(|all| all.pointer(pointer)).filter(|value| !value.is_null()).map(plain)
     };
-    if let Some(command) = told("/command_line") {
+    if let Some(command) = noted("/command_line") {
         page.html(&format!("<div class=\"card\"><pre class=\"wrap\">{}</pre></div>", escape(&command)));
     }
     let rows: Vec<Vec<(String, Tone)>> = [
         ("robot", Some(format!("{}, fingerprint {}", robot.name, robot.fingerprint))),
         ("seed of the search", seed_of_search.map(|seed| seed.to_string())),
-        ("seed of the simulated cell", told("/seed")),
-        ("control period", told("/cycle/period_us").map(|us| format!("{us} µs"))),
-        ("gains", told("/gains_from").map(|from| from.replace('_', " "))),
-        ("checksum of the gains", told("/hashes/gains_crc32")),
-        ("checksum of their certificate", told("/hashes/certificate_crc32")),
-        ("checksum of the trajectory", told("/hashes/trajectory_crc64")),
-        ("cubectl", told("/versions/cubectl")),
+        ("seed of the simulated cell", noted("/seed")),
+        ("control period", noted("/cycle/period_us").map(|us| format!("{us} µs"))),
+        ("gains", noted("/gains_from").map(|from| from.replace('_', " "))),
+        ("checksum of the gains", noted("/hashes/gains_crc32")),
+        ("checksum of their certificate", noted("/hashes/certificate_crc32")),
+        ("checksum of the trajectory", noted("/hashes/trajectory_crc64")),
+        ("cubectl", noted("/versions/cubectl")),
         ("start of the plan in the log", start_in_log.map(str::to_owned)),
     ]
     .into_iter()

@@ -27,7 +27,7 @@ pub struct Row {
     pub late: u64,
 }
 
-/// The motion that the simulated robot tells.
+/// The motion that the simulated robot reports.
 pub fn of_robot(seen: &Seen) -> Vec<Row> {
     let row = |cycle: &hil_sim::krc::CycleRecord| Row {
         t_s: cycle.at.as_secs_f64(),
@@ -40,7 +40,7 @@ pub fn of_robot(seen: &Seen) -> Vec<Row> {
     seen.cycles.iter().map(row).collect()
 }
 
-/// The motion that telegrams and answers tell.
+/// The motion in telegrams and answers.
 pub fn of_telegrams(cycles: &[Cycle]) -> Vec<Row> {
     let row = |cycle: &Cycle| Row {
         t_s: cycle.at.as_secs_f64(),

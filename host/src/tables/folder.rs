@@ -1,7 +1,7 @@
 //! The folder of a sweep: `study.json` says what it is of, each shard is a part file.
 //!
 //! A part is written under a temporary name and renamed when all of it is on the disk. The writer holds a lock on the temporary
-//! file, so that what a killed process has left behind is told from what a living one writes. Two processes that make the same
+//! file, so that what a killed process has left behind is distinguished from what a living one writes. Two processes that make the same
 //! shard write the same bytes; whoever is later replaces the file by itself.
 
 use std::collections::{BTreeMap, BTreeSet};

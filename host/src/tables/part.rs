@@ -1,6 +1,6 @@
 //! One part file: the rows of a shard as CSV. The first line says what they are of, the last line that all of them are there.
 //!
-//! Both lines begin with `#`, which readers of CSV take for a comment if they are told so.
+//! Both lines begin with `#`, which readers of CSV can be set to take for a comment.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom};

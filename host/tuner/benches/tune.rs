@@ -55,8 +55,8 @@ fn row(name: &str, period_s: f64, joints: &[Tracking]) {
     );
 }
 
-/// Until half of `error_rad` is first passed if the command is at its bound from the first sample on, the worse sign: delay,
-/// lag and what the reference leaves allow no law more, s.
+/// Time until half of `error_rad` is first passed if the command is at its bound from the first sample on, for the
+/// worse sign: with delay, lag and the acceleration that the reference leaves, no law can be faster, s.
 fn bound_s(plant: &Plant, throw: &Throw, period_s: f64, error_rad: f64) -> f64 {
     let one_way = |start_error_rad: f64| {
         let estimator = Estimator::usual(period_s);

@@ -14,7 +14,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (gains, from) = gains_for(&robot, (period_s * 1e6).round() as u32)?;
     println!("{} at {:.0} ms, {}:", gains.robot, period_s * 1e3, from.json_name());
     for (joint, plant) in gains.joint.iter().zip(&Machine::from_robot(&robot)?.joints) {
-        // Half of the acceleration for the reference; half is left for the feedback.
+        // Half of the acceleration for the reference; the other half is for the feedback.
         let (ha_s, hb_s) = (0.56, 0.36);
         let throw = Throw { release_rad_s: 0.25 * plant.acceleration_max_rad_s2 * hb_s, ha_s, hb_s };
         // Delay of one period; 20 mrad away at the start.

@@ -1,4 +1,4 @@
-//! Tracking error of one joint, sampled: what the controller's command does until its next command.
+//! Tracking error of one joint, sampled: effect of the controller's command until its next command.
 //!
 //! The drive turns acceleration commands into a position target r (ramp generator) and follows it
 //! with its own position loop:
@@ -11,8 +11,8 @@
 //! With a = u + (mean reference acceleration over the interval in which the command acts, seen
 //! 2 zeta/wn later) the reference drops out and the same equations hold for the errors: for a
 //! reference of piecewise linear acceleration the ideal target has r'' = q_ref''(t + 2 zeta/wn).
-//! At the k-th sample the controller measures y, and its estimator (`firmware::feedback`, there `e_rad` and `de_rad_s`)
-//! takes it:
+//! At the k-th sample the controller measures y, and its estimator (`firmware::feedback`, there `e_rad` and
+//! `de_rad_s`) processes it:
 //!
 //! ```text
 //!   e~- = e~ + T w + T^2/2 u_last    w- = w + T u_last      as if u_last had acted all the time
@@ -32,8 +32,8 @@
 //! | d | r' - y' | rad/s |
 //! | c | error of the estimated position, e~ - e | rad |
 //!
-//! s, p, d and c vanish in steady motion; written like this the states are nearly independent, which
-//! the semidefinite programs need (with r - y and y' themselves the solver lost its way).
+//! s, p, d and c vanish in steady motion. In this form the states are nearly independent, which the semidefinite
+//! programs need (with r - y and y' themselves the solver did not converge).
 //!
 //! The controller knows e + c, w and u_last only; its gain row is [k_pos, k_vel, k_last].
 //!
@@ -214,9 +214,8 @@ pub fn exponential<const N: usize>(m: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N>
 
 /// State of a joint whose target and position move together at constant velocity error.
 ///
-/// Such a joint has run long enough for the drive's transient to be over: the position lags the
-/// target by 2 zeta/wn times the velocity, and the estimator knows both. A joint that stands at the start of a plan is
-/// in this state.
+/// Such a joint has run long enough for the drive's transient to be over: the position lags the target by 2 zeta/wn
+/// times the velocity, and the estimator knows both. A joint that stands at the start of a plan is in this state.
 pub fn steady_state(position_rad: f64, velocity_rad_s: f64) -> StateVector {
     StateVector::from_column_slice(&[position_rad, velocity_rad_s, 0.0, 0.0, 0.0, 0.0, 0.0])
 }

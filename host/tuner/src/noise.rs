@@ -1,4 +1,4 @@
-//! Seeded samples: what is drawn is the same in each run.
+//! Seeded samples: the drawn numbers are the same in each run.
 
 /// xorshift64* with Box-Muller; the state must not be zero.
 pub(crate) struct Noise(pub(crate) u64);

@@ -4,17 +4,17 @@
 pub const CONTROL: u16 = 0x6040;
 /// Object 6041: status word.
 pub const STATUS: u16 = 0x6041;
-/// Object 6060: mode that is asked for.
+/// Object 6060: ordered mode.
 pub const MODE: u16 = 0x6060;
 /// Object 6061: mode that is in force.
 pub const MODE_DISPLAY: u16 = 0x6061;
 /// Object 6064: position, in units of the drive.
 pub const POSITION: u16 = 0x6064;
-/// Object 607A: position that is asked for.
+/// Object 607A: ordered position.
 pub const TARGET_POSITION: u16 = 0x607A;
-/// Object 60FF: velocity that is asked for.
+/// Object 60FF: ordered velocity.
 pub const TARGET_VELOCITY: u16 = 0x60FF;
-/// Object 6071: torque that is asked for, per mille of the rated one.
+/// Object 6071: ordered torque, per mille of the rated one.
 pub const TARGET_TORQUE: u16 = 0x6071;
 /// Object 60B1: velocity that is fed forward.
 pub const VELOCITY_OFFSET: u16 = 0x60B1;
@@ -63,13 +63,13 @@ const STATES: [(u16, u16, State); 8] = [
 pub struct Status(pub u16);
 
 impl Status {
-    /// The state; `None` for bits that are no state.
+    /// The state; `None` if the bits are not a state.
     #[must_use]
     pub fn state(self) -> Option<State> {
         STATES.iter().find(|(mask, value, _)| self.0 & mask == *value).map(|(.., state)| *state)
     }
 
-    /// A status word of this state and nothing else.
+    /// A status word with the bits of this state only.
     #[must_use]
     pub fn of(state: State) -> Self {
         Self(STATES.iter().find(|(.., own)| *own == state).map_or(0, |(_, value, _)| *value))
@@ -81,7 +81,7 @@ impl Status {
         self.0 & 1 << 4 != 0
     }
 
-    /// Bit 7: something is worth a look.
+    /// Bit 7: warning.
     #[must_use]
     pub const fn warning(self) -> bool {
         self.0 & 1 << 7 != 0
@@ -136,22 +136,22 @@ impl Control {
         Self(self.0 | 1 << 4)
     }
 
-    /// The next word on the way to operation enabled; `None` where the drive is there, or goes on by itself. A fault is left alone:
-    /// clearing it is an order of a person.
+    /// The next control word on the way to operation enabled. `None` if the drive is there, is on its way by
+    /// itself, or has a fault: a person must order to clear a fault.
     #[must_use]
     pub const fn towards_enabled(state: State) -> Option<Self> {
         match state {
             State::SwitchOnDisabled => Some(Self::SHUT_DOWN),
             State::ReadyToSwitchOn => Some(Self::SWITCH_ON),
             State::SwitchedOn => Some(Self::ENABLE),
-            // Out of a quick stop a drive goes through no voltage: it may not go on with what it was doing.
+            // After a quick stop a drive goes through switch on disabled, so that it does not continue its last motion.
             State::QuickStopActive => Some(Self::DISABLE_VOLTAGE),
             State::OperationEnabled | State::NotReady | State::FaultReaction | State::Fault => None,
         }
     }
 
-    /// What this word does to a drive that had `before`; what a drive does, for those that play one. Transitions that a drive makes by
-    /// itself are not in it.
+    /// State of a drive after this word, from state `before`; for programs that simulate a drive. Transitions that
+    /// a drive makes by itself are not included.
     #[must_use]
     pub const fn takes(self, state: State, before: Self) -> State {
         let rises = self.0 & 0x80 != 0 && before.0 & 0x80 == 0;
@@ -160,7 +160,7 @@ impl Control {
             (State::NotReady | State::Fault | State::FaultReaction, _) => state,
             // Bit 1 off: no voltage, in every state.
             (_, word) if word & 0b0010 == 0 => State::SwitchOnDisabled,
-            // Bit 2 off: quick stop; without torque there is nothing to brake.
+            // Bit 2 is 0: quick stop. Without torque there is nothing to brake.
             (State::OperationEnabled | State::QuickStopActive, word) if word & 0b0100 == 0 => {
                 State::QuickStopActive
             }
@@ -238,7 +238,8 @@ impl Mode {
     }
 }
 
-/// Object 60C2 for a period in microseconds: mantissa and exponent to the base ten, s. `None` for 0 and for what has no such form.
+/// Object 60C2 for a period in microseconds: mantissa and exponent to the base ten, s. `None` for 0 and for periods that this
+/// form cannot hold.
 #[must_use]
 pub fn interpolation_time(period_us: u32) -> Option<(u8, i8)> {
     let (mut mantissa, mut exponent) = (period_us, -6_i8);

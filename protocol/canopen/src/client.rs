@@ -20,7 +20,7 @@ pub enum Failure {
         /// As far as it is known.
         size: u32,
     },
-    /// The node answered what was not asked, or with segments that do not follow each other.
+    /// The node's answer does not belong to the request, or a segment is out of order.
     Unexpected,
 }
 
@@ -40,7 +40,7 @@ impl core::error::Error for Failure {}
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
     WriteBegun,
-    /// So many bytes are in the segment that waits for its answer.
+    /// Bytes in the segment that waits for its answer.
     Writing {
         in_flight: usize,
     },
@@ -111,10 +111,10 @@ impl<const N: usize> Transfer<N> {
         self.object
     }
 
-    /// What came of it: the bytes that were read (none after a write); `None` while it runs.
+    /// Result of the transfer: the bytes that were read (empty after a write); `None` while it runs.
     ///
     /// # Errors
-    /// Why it failed.
+    /// Why the transfer failed.
     #[must_use]
     pub fn outcome(&self) -> Option<Result<&[u8], Failure>> {
         match self.phase {
@@ -127,7 +127,7 @@ impl<const N: usize> Transfer<N> {
         }
     }
 
-    /// When the node has to have answered; `None` at the end.
+    /// Latest time of the node's next answer; `None` at the end.
     #[must_use]
     pub const fn poll_timeout(&self) -> Option<Instant> {
         match self.phase {

@@ -23,7 +23,7 @@ impl Emergency {
         Function::Emergency(node).frame([low, high, self.register, a, b, c, d, e])
     }
 
-    /// Whose emergency this is. Shorter frames are none: what their bytes mean is not agreed.
+    /// The node and its emergency. Shorter frames are refused: the meaning of their bytes is not standardised.
     #[must_use]
     pub fn decode(from: &Frame) -> Option<(NodeId, Self)> {
         let Function::Emergency(node) = Function::of_frame(from)? else { return None };

@@ -29,7 +29,7 @@ impl fmt::Display for NodeId {
     }
 }
 
-/// What a frame is for. PDOs are numbered from 1 to 4; their ids can be set otherwise.
+/// Purpose of a frame. PDOs are numbered from 1 to 4; their ids can be configured otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Function {
     /// 000: network management.
@@ -71,7 +71,7 @@ impl Function {
         }
     }
 
-    /// What a standard id stands for; `None` where the set has nothing.
+    /// Purpose of a standard id; `None` for an id that the standard set does not use.
     #[must_use]
     pub fn of(id: u16) -> Option<Self> {
         let node = || NodeId::new((id & 0x7F) as u8);
@@ -90,7 +90,7 @@ impl Function {
         })
     }
 
-    /// What a data frame is for; `None` for remote frames and 29-bit ids.
+    /// Purpose of a data frame; `None` for remote frames and 29-bit ids.
     #[must_use]
     pub fn of_frame(frame: &Frame) -> Option<Self> {
         match frame.id() {

@@ -1,4 +1,4 @@
-//! CANopen: CiA 301 as a master and its nodes speak it, and the drives of CiA 402.
+//! CANopen: CiA 301 for a master and for its nodes, and the drives of CiA 402.
 //!
 //! # Map
 //!
@@ -9,15 +9,15 @@
 //! | [`emcy`] | emergencies with their codes |
 //! | [`sdo`] | service data: frames of both sides, abort codes |
 //! | [`client`] | [`client::Transfer`]: one read or write of an object, expedited or in segments |
-//! | [`pdo`] | process data: what is mapped, how it lies in a frame, how a map is set |
+//! | [`pdo`] | process data: mapped objects, their place in a frame, how a map is configured |
 //! | [`cia402`] | state machine, modes, control and status words of a drive |
 //!
 //! Little-endian throughout. Remote frames are not used: node guarding and requested PDOs are left to other programs.
 //!
 //! # Sources
 //!
-//! CiA 301 4.2.0 and CiA 402-2 as far as their contents are public; frames of `canopen` 2.4.1, a public master, as vectors. No real node was
-//! at hand.
+//! The public contents of CiA 301 4.2.0 and CiA 402-2; frames of `canopen` 2.4.1, a public master, as vectors. No
+//! real node was at hand.
 
 #![warn(missing_docs)]
 #![cfg_attr(not(test), no_std)]

@@ -9,7 +9,7 @@ use crate::id::{Function, NodeId};
 pub enum Command {
     /// 01: process data run.
     Start,
-    /// 02: nothing but network management runs.
+    /// 02: only network management runs.
     Stop,
     /// 80: service data run, process data do not.
     PreOperational,
@@ -35,7 +35,7 @@ impl Command {
         Function::Nmt.frame([code, to.map_or(0, NodeId::get)])
     }
 
-    /// What a node understands, and which one is meant; `None` in the second place: all.
+    /// The command of a frame and its node; `None` in the second place: all nodes.
     #[must_use]
     pub fn decode(from: &Frame) -> Option<(Self, Option<NodeId>)> {
         let (Function::Nmt, [code, node]) = (Function::of_frame(from)?, from.data()) else { return None };
@@ -73,7 +73,7 @@ impl State {
         Function::Heartbeat(node).frame([code])
     }
 
-    /// Whose heartbeat this is, and its state. The highest bit, which node guarding toggles, is not looked at.
+    /// The node of a heartbeat, and its state. The highest bit, which node guarding toggles, is ignored.
     #[must_use]
     pub fn decode(from: &Frame) -> Option<(NodeId, Self)> {
         let (Function::Heartbeat(node), [code]) = (Function::of_frame(from)?, from.data()) else {

@@ -1,4 +1,4 @@
-//! Process data (CiA 301, 7.2.2): what is mapped, how it lies in a frame, how a map is set.
+//! Process data (CiA 301, 7.2.2): mapped objects, their place in a frame, how a map is configured.
 
 use crate::Object;
 use crate::id::{Function, NodeId};
@@ -38,7 +38,7 @@ pub struct Map {
 }
 
 impl Map {
-    /// `None` for more than eight bytes in all, or an entry of none or more than four.
+    /// `None` for more than eight bytes in all, or for an entry that has not 1 to 4 bytes.
     #[must_use]
     pub fn new(entries: &[Entry]) -> Option<Self> {
         let sound = entries.iter().all(|entry| (1..=4).contains(&entry.bytes));
@@ -71,7 +71,7 @@ impl Map {
         self.count == 0
     }
 
-    /// The data of a frame; values in order, their lowest bytes count. Missing values are zero.
+    /// The data of a frame: the lowest bytes of the values, in order. Missing values are zero.
     #[must_use]
     pub fn pack(&self, values: &[i32]) -> Bytes<8> {
         let mut data = [0; 8];
@@ -133,7 +133,7 @@ const NOT_VALID: u32 = 1 << 31;
 /// Steps of a set-up at most.
 const STEPS_MAX: usize = ENTRIES_MAX + 5;
 
-/// How PDO `number` (1 to 4) of a node is set: writes of service data, in order, while the node is pre-operational.
+/// How PDO `number` (1 to 4) of a node is configured: writes of service data, in order, while the node is pre-operational.
 ///
 /// 1. it is not valid, 2. nothing is mapped, 3. each entry, 4. their count, 5. the transmission, 6. it is valid. Read back: some maps
 ///    are fixed.

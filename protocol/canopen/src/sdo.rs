@@ -47,7 +47,7 @@ impl<const N: usize> fmt::Debug for Bytes<N> {
     }
 }
 
-/// Beginning of a transfer: the value itself (1 to 4 bytes), or how long it is if that is known.
+/// Beginning of a transfer: the value itself (1 to 4 bytes), or its length if that is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Start {
     /// The value.
@@ -85,7 +85,7 @@ impl AbortCode {
     pub const READ_ONLY: Self = Self(0x0601_0002);
     /// There is no such object.
     pub const NO_OBJECT: Self = Self(0x0602_0000);
-    /// The length is another.
+    /// The length is wrong.
     pub const LENGTH: Self = Self(0x0607_0010);
     /// There is no such sub-index.
     pub const NO_SUB_INDEX: Self = Self(0x0609_0011);
@@ -180,7 +180,7 @@ fn start_of(head: u8, value: [u8; 4]) -> Start {
         0b11 => {
             Start::Expedited(Bytes::of(value.get(..4 - usize::from(head >> 2 & 0b11)).unwrap_or_default()))
         }
-        // Expedited without a size: all four bytes, of which the reader knows how many count.
+        // Expedited without a size: all four bytes; the reader must know how many are valid.
         0b10 => Start::Expedited(Bytes::of(&value)),
         0b01 => Start::Segmented { size: Some(u32::from_le_bytes(value)) },
         _ => Start::Segmented { size: None },
@@ -227,8 +227,8 @@ impl Request {
         Function::SdoToNode(node).frame(data)
     }
 
-    /// What a node is asked, and which one. `None`: no request, or one of the block protocol, which a node answers with
-    /// [`AbortCode::COMMAND`].
+    /// The request of a frame to a node, and the node. `None`: not a request, or one of the block protocol, which a
+    /// node answers with [`AbortCode::COMMAND`].
     #[must_use]
     pub fn decode(from: &Frame) -> Option<(NodeId, Self)> {
         let Function::SdoToNode(node) = Function::of_frame(from)? else { return None };
@@ -260,7 +260,7 @@ impl Answer {
         Function::SdoFromNode(node).frame(data)
     }
 
-    /// What a node answers, and which one.
+    /// The answer of a node, and the node.
     #[must_use]
     pub fn decode(from: &Frame) -> Option<(NodeId, Self)> {
         let Function::SdoFromNode(node) = Function::of_frame(from)? else { return None };

@@ -27,7 +27,7 @@ fn status_words_of_real_drives_are_read_with_their_other_bits() {
     ] {
         assert_eq!(Status(word).state(), Some(state), "{word:04X}");
     }
-    // Each word is at most one state, whatever the other bits are.
+    // Each word is at most one state, for all values of the other bits.
     for word in 0..=u16::MAX {
         if let Some(state) = Status(word).state() {
             assert_eq!(Status(word & 0x6F | Status::of(state).0 & 0x20).state(), Some(state), "{word:04X}");
@@ -57,7 +57,7 @@ fn a_drive_is_enabled_step_by_step_and_a_fault_only_by_an_edge() {
     assert_eq!(stopped, State::QuickStopActive);
     assert_eq!(Control::ENABLE.takes(stopped, Control::QUICK_STOP), stopped);
     assert_eq!(Control::towards_enabled(stopped).unwrap().takes(stopped, last), State::SwitchOnDisabled);
-    // A fault is cleared by the rising edge of bit 7 alone, and nothing on the way to enabled has it.
+    // Only the rising edge of bit 7 clears a fault, and no word on the way to enabled has it.
     assert_eq!(Control::towards_enabled(State::Fault), None);
     for word in 0..=u16::MAX {
         for before in [0, 0x80] {
@@ -94,7 +94,7 @@ fn modes_and_periods_have_their_numbers() {
         assert_eq!((mode.number(), Mode::of(number)), (number, Some(mode)));
     }
     assert_eq!(Mode::of(0), None);
-    // A SCHUNK module says 0x43: modes 1, 2 and 7.
+    // A SCHUNK module reports 0x43: modes 1, 2 and 7.
     let modes: Vec<Mode> = Mode::ALL.into_iter().filter(|mode| mode.is_in(0x43)).collect();
     assert_eq!(modes, [Mode::ProfilePosition, Mode::InterpolatedPosition]);
     assert_eq!(interpolation_time(2000), Some((2, -3)));

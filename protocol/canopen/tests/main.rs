@@ -1,4 +1,4 @@
-//! Frames of a public master, transfers with a node that is played here, properties over all frames.
+//! Frames of a public master, transfers with a simulated node, properties over all frames.
 
 mod drive;
 mod golden;

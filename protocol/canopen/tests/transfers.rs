@@ -133,7 +133,7 @@ fn a_segment_out_of_order_or_too_long_a_value_ends_the_transfer() {
     let (mut read, _) = Transfer::<8>::read(at(0), PATIENCE, node(), NAME);
     assert!(read.handle_frame(at(1), &begin(9)).is_some());
     assert_eq!(read.outcome(), Some(Err(Failure::TooLong { size: 9 })));
-    // A node that says too small a size.
+    // A node that states too small a size.
     let (mut read, _) = Transfer::<8>::read(at(0), PATIENCE, node(), NAME);
     read.handle_frame(at(1), &begin(8));
     read.handle_frame(at(2), &frame("583 00 53 69 6d 75 6c 61 74"));

@@ -1,5 +1,5 @@
-//! Any line: the parser returns, errors point into the line, and what is understood is written in a
-//! form that is understood the same way.
+//! Any line: the parser returns, errors point into the line, and a line that is understood is written in a form
+//! that is read as the same.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

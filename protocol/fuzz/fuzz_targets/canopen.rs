@@ -1,5 +1,5 @@
-//! Any frames on any ids: decoders return, what they understand is written to be understood the same, and a transfer ends in time
-//! whatever a node answers.
+//! Any frames on any ids: decoders return, frames that they understand are written in a form that is read as the
+//! same, and a transfer ends in time with any answer of a node.
 #![no_main]
 
 use canopen_protocol::client::Transfer;

@@ -1,5 +1,5 @@
-//! Any sequence of frames at any times: the receiver returns, and what it hands out keeps its
-//! promises. Half of the frames are steered towards the ports of the node.
+//! Any sequence of frames at any times: the receiver returns, and its transfers obey its rules. Half of the frames
+//! are directed at the ports of the node.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

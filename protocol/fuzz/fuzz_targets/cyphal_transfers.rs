@@ -22,8 +22,8 @@ impl Encode for Bytes<'_> {
     }
 }
 
-/// What is understood is written; reading and writing that again changes nothing. Bytes are compared,
-/// because a NaN is not equal to itself.
+/// A message that is understood is written; to read and write it again changes nothing. Bytes are compared, because
+/// a NaN is not equal to itself.
 macro_rules! check {
     ($payload:expr, $first:expr, $second:expr, $($message:ty),* $(,)?) => {$(
         if let Ok(message) = <$message>::from_bytes($payload) {

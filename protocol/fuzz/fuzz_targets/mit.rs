@@ -22,7 +22,7 @@ fuzz_target!(|bytes: &[u8]| {
         }
     }
     if let Some((to, request)) = RegisterRequest::decode(&frame) {
-        // Bytes that mean nothing may differ, and a value may be a NaN: frames are compared.
+        // Bytes without meaning may differ, and a value may be a NaN: frames are compared.
         let written = request.encode(to);
         let (same, again) = RegisterRequest::decode(&written).expect("what was written is understood");
         assert_eq!((same, again.encode(same)), (to, written));

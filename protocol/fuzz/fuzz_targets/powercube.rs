@@ -23,7 +23,7 @@ fuzz_target!(|bytes: &[u8]| {
         assert_eq!(BroadcastFrame::decode(&written), Ok(broadcast));
     }
     if let Ok((module, reply)) = Reply::decode(&frame) {
-        // Answers are read tolerantly, so the first writing may be shorter; the second may not differ.
+        // Answers are read tolerantly, so the first written form may be shorter; the second must be equal to it.
         // Frames are compared, because a NaN is not equal to itself.
         let written = reply.encode(module);
         let (same, again) = Reply::decode(&written).expect("what was written is understood");

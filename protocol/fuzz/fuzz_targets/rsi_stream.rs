@@ -1,4 +1,4 @@
-//! Any byte stream: no byte is lost unseen, memory is bounded, the size of the pieces changes nothing.
+//! Any byte stream: every byte is accounted for, memory is bounded, the size of the pieces changes nothing.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -36,7 +36,7 @@ fn check(line: &[u8]) {
             let text = reply.encode();
             let (end, written) = text.as_bytes().split_last().expect("ends with CR");
             assert_eq!(*end, CR);
-            // A line of exactly the limit has no room for its end: its words are cut by one.
+            // A line of exactly the limit has no room for its end: its text is cut by one byte.
             if line.len() < LINE_MAX {
                 assert_eq!(Reply::parse(written), Ok(reply));
             }

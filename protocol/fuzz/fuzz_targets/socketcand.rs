@@ -12,7 +12,7 @@ fuzz_target!(|stream: &[u8]| {
             check(text);
         }
     }
-    // Whatever came before, a whole message is read.
+    // After any input, a whole message is read.
     let mut last = None;
     for byte in b"< echo >" {
         last = assembler.push(*byte).map(|assembled| assembled == Assembled::Message(b"< echo >"));
@@ -35,7 +35,7 @@ fn check(text: &[u8]) {
     if let Ok(message) = Message::parse(text) {
         let written = message.encode();
         assert!(!written.is_truncated());
-        // Words of a refusal are cleaned when written; after that nothing changes any more.
+        // The text of a refusal is cleaned when written; a second pass changes nothing.
         let again = Message::parse(written.as_bytes()).expect("what was written is understood");
         assert_eq!(again.encode().as_bytes(), written.as_bytes());
         if !matches!(message, Message::Refused { .. }) {

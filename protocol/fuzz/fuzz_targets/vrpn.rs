@@ -1,4 +1,4 @@
-//! Any byte stream of a server: the size of the pieces changes nothing, and every pose is a pose.
+//! Any byte stream of a server: the size of the pieces changes nothing, and every pose is valid.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -29,7 +29,7 @@ fuzz_target!(|bytes: &[u8]| {
     }
     let size = usize::from(bytes.first().copied().unwrap_or(0) % 16) + 1;
     let (pieces, piece_error) = read(bytes, size);
-    // What a server that does not speak VRPN says is shown as far as it has arrived.
+    // The text of a server that does not speak VRPN is shown as far as it has arrived.
     if !matches!(error, Some(VrpnError::Cookie(_))) {
         assert_eq!((items, error), (pieces, piece_error));
     }

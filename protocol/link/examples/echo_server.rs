@@ -1,8 +1,8 @@
 //! A bus that answers: each frame comes back with its data bytes inverted.
 //!
-//! `cargo run -p can-link --example echo_server -- socketcand://127.0.0.1:29536/can0` serves there (or
-//! at `slcan://127.0.0.1:3333`, or with `slcan:/dev/ptmx` at a pseudo-terminal), prints the spec under
-//! which it is found, and runs until it is killed. The interoperation suite lets python-can talk to it.
+//! `cargo run -p can-link --example echo_server -- socketcand://127.0.0.1:29536/can0` serves there (or at
+//! `slcan://127.0.0.1:3333`, or with `slcan:/dev/ptmx` at a pseudo-terminal), prints the spec of its address, and
+//! runs until it is killed. The interoperation suite connects python-can to it.
 
 use can_link::{CanLink, Clock, LinkEvent, ServerOptions, serve, wait};
 use protocol::Frame;

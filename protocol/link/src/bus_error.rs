@@ -13,7 +13,7 @@ pub struct BusError {
     pub details: [u8; 8],
 }
 
-/// One thing that a [`BusError`] says.
+/// One cause of a [`BusError`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Cause {
@@ -49,7 +49,7 @@ pub enum Cause {
         /// As in `can/error.h`.
         status: u8,
     },
-    /// Nobody acknowledged a frame (bit 5).
+    /// No node acknowledged a frame (bit 5).
     NoAcknowledge,
     /// The transmit error counter has passed 255: the controller has left the bus (bit 6).
     BusOff,
@@ -65,7 +65,7 @@ impl BusError {
         Self { class, details: [0; 8] }
     }
 
-    /// All that the report says, gravest first.
+    /// All causes in the report, most severe first.
     pub fn causes(&self) -> impl Iterator<Item = Cause> + use<> {
         let Self { class, details: [lost_at, controller, kind, location, status, ..] } = *self;
         let has = move |bit: u32| class & 1 << bit != 0;
@@ -114,7 +114,7 @@ impl fmt::Display for Cause {
             }
             Self::Transceiver { status } => write!(f, "fault of the wires (transceiver status {status:02X})"),
             Self::NoAcknowledge => {
-                f.write_str("nobody acknowledges: is anybody else on the bus, at this rate?")
+                f.write_str("no node acknowledges: is another node on the bus, at this bit rate?")
             }
             Self::BusOff => f.write_str("bus off: the controller has left the bus"),
             Self::BusError => f.write_str("errors on the bus"),

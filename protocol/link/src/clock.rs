@@ -9,9 +9,9 @@ use protocol::Instant;
 ///
 /// Copies share the origin; links and runners that work together get copies of one clock.
 ///
-/// A [manual](Self::manual) clock moves only when it is [set](Self::set). [`wait`](crate::wait) then does not sleep: it
-/// moves the clock to the earliest deadline, or asks the far side of a lock-step link to do so. The same code
-/// therefore runs in real time and in virtual time.
+/// A [manual](Self::manual) clock moves only when it is [set](Self::set). [`wait`](crate::wait) then does not
+/// sleep: it moves the clock to the earliest deadline, or requests this from the far side of a lock-step link. The
+/// same code therefore runs in real time and in virtual time.
 #[derive(Clone, Copy, Debug)]
 pub struct Clock {
     source: Source,
@@ -43,7 +43,7 @@ impl Clock {
         matches!(self.source, Source::Manual(_))
     }
 
-    /// Moves a manual clock forward to `to`. Does nothing if that has passed, and nothing to a monotonic clock.
+    /// Moves a manual clock forward to `to`. Does nothing if `to` has passed, and nothing to a monotonic clock.
     pub fn set(&self, to: Instant) {
         if let Source::Manual(now) = self.source {
             now.fetch_max(to.as_micros(), Ordering::SeqCst);
@@ -60,14 +60,14 @@ impl Clock {
 
     /// Unix time of `at`, in microseconds since 1970.
     ///
-    /// Counted from the start along the clock: later adjustments of the system's clock do
-    /// not show, so that time stamps of one run never jump.
+    /// Counted from the start along the clock: later adjustments of the system's clock have no effect, so that time
+    /// stamps of one run never jump.
     pub fn to_unix(&self, at: Instant) -> Instant {
         Instant::from_micros(self.unix_origin_us.saturating_add(at.as_micros()))
     }
 
-    /// The other way round: the time by this clock of `unix`, microseconds since 1970; zero for what
-    /// was before the origin.
+    /// Inverse of [`Self::to_unix`]: the time by this clock of `unix`, microseconds since 1970; zero for times
+    /// before the origin.
     pub const fn from_unix(&self, unix: Instant) -> Instant {
         Instant::from_micros(unix.as_micros().saturating_sub(self.unix_origin_us))
     }
@@ -92,7 +92,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn copies_share_the_origin_and_unix_time_is_that_of_the_system() {
+    fn copies_share_the_origin_and_unix_time_is_the_system_time() {
         let before = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap().as_micros();
         let clock = Clock::start();
         let copy = clock;

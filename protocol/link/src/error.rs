@@ -1,4 +1,4 @@
-//! What goes wrong with links: what happened, where, and what to do next.
+//! Errors of links: what happened, where, and what to do next.
 
 use std::io;
 use std::path::PathBuf;
@@ -39,7 +39,7 @@ pub enum OpenError {
         /// The server's words.
         reason: String,
     },
-    /// The server's port cannot be had.
+    /// The server's port is not available.
     #[error("cannot listen at {address}: {source}")]
     Listen {
         address: String,
@@ -102,7 +102,7 @@ pub enum OpenError {
         /// The system's answer.
         source: io::Error,
     },
-    /// The path is a file of another kind.
+    /// The path is not a serial device.
     #[error("{} is not a serial device", .path.display())]
     NotSerial { path: PathBuf },
     /// A system call that always works did not.
@@ -174,7 +174,7 @@ fn device_advice(source: &io::Error) -> &'static str {
     }
 }
 
-/// A link that was open is gone.
+/// A link that was open has failed.
 #[derive(Clone, Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LinkError {
@@ -238,7 +238,7 @@ pub enum SendError {
         /// Name of the link.
         link: String,
     },
-    /// The link is gone.
+    /// The link has failed.
     #[error(transparent)]
     Link(#[from] LinkError),
 }

@@ -33,28 +33,27 @@ impl Lateness {
         }
     }
 
-    /// Number of delays taken.
+    /// Number of recorded delays.
     pub const fn count(&self) -> u64 {
         self.count
     }
 
-    /// Smallest delay; `None` if there were none.
+    /// Smallest delay; `None` if there were no delays.
     pub fn min(&self) -> Option<Duration> {
         (self.count > 0).then(|| Duration::from_micros(self.min_us))
     }
 
-    /// Largest delay; `None` if there were none.
+    /// Largest delay; `None` if there were no delays.
     pub fn max(&self) -> Option<Duration> {
         (self.count > 0).then(|| Duration::from_micros(self.max_us))
     }
 
-    /// Mean delay, rounded down; `None` if there were none.
+    /// Mean delay, rounded down; `None` if there were no delays.
     pub fn mean(&self) -> Option<Duration> {
         self.sum_us.checked_div(self.count).map(Duration::from_micros)
     }
 
-    /// A delay that the given share of all delays (0.0..=1.0) does not exceed; `None` if there were
-    /// none.
+    /// A delay that the given share of all delays (0.0..=1.0) does not exceed; `None` if there were no delays.
     pub fn percentile(&self, share: f64) -> Option<Duration> {
         let wanted = ((share.clamp(0.0, 1.0) * self.count as f64).ceil() as u64).max(1);
         let mut seen = 0;

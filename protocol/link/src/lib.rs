@@ -5,13 +5,13 @@
 //! | layer | files | is | must not |
 //! |---|---|---|---|
 //! | spec | [`BusSpec`] | the `--bus` string, checked | open anything |
-//! | contract | [`CanLink`], [`LinkEvent`], [`wait`] | what every link is: frames and bus errors in, frames out, never blocking | know a particular medium |
-//! | many peers, one bus | [`Hub`], [`Station`] | the server's and the client's half of a text protocol: sockets, queues, fairness | know what is said |
-//! | media | [`socketcand`], [`slcan`] | one folder per medium: who says what when | open a socket of their own |
+//! | contract | [`CanLink`], [`LinkEvent`], [`wait`] | interface of every link: frames and bus errors in, frames out, never blocking | know a particular medium |
+//! | many peers, one bus | [`Hub`], [`Station`] | the server's and the client's half of a text protocol: sockets, queues, fairness | know the texts |
+//! | media | [`socketcand`], [`slcan`] | one folder per medium: the sequence of messages | open a socket of their own |
 //! | | [`SocketCan`] | a CAN interface of Linux | |
-//! | doors | [`open`], [`serve`] | from the spec to a link, as participant or as the bus | |
+//! | entry | [`open`], [`serve`] | from the spec to a link, as participant or as the bus | |
 //! | runner | [`Runner`], [`Lateness`] | the loop of the [`protocol::Node`] contract on a link, with the monotonic clock | interpret a frame |
-//! | system | [`Urgent`] | what a thread that must not be late asks of the operating system | fail when it is refused |
+//! | system | [`Urgent`] | requests to the operating system for a thread that must not be late | fail when it is refused |
 //!
 //! # Invariants of the crate
 //!

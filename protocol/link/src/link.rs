@@ -17,7 +17,7 @@ pub enum LinkEvent {
     Frame {
         /// Arrival by the link's [`Clock`]; never decreases from event to event.
         at: Instant,
-        /// The far side's own time stamp, on the far side's clock, if the medium carries one.
+        /// Time stamp of the far side, by its own clock, if the medium carries one.
         stamp: Option<Instant>,
         frame: Frame,
     },
@@ -38,7 +38,7 @@ pub struct LinkStats {
     pub frames_out: u64,
     /// Frames (of each receiver, if there are several) lost because an output queue was full.
     pub dropped_out: u64,
-    /// Frames sent that the far side refused, and other complaints of the far side.
+    /// Sent frames that the far side refused, and other errors that it reported.
     pub refused_out: u64,
     /// Received frames lost because an input queue was full.
     pub dropped_in: u64,
@@ -82,14 +82,15 @@ pub trait CanLink {
         None
     }
 
-    /// Tells the far side of a link in lock step that this side has nothing to do before `until`; true if there is such a
-    /// far side, which then moves the clock.
+    /// Reports to the far side of a link in lock step that this side has nothing to do before `until`; true if
+    /// there is such a far side, which then moves the clock.
     fn end_turn(&self, until: Instant) -> bool {
         let _ = until;
         false
     }
 
-    /// In lock step, frames may come up to `delay` late, with their own times. It saves turns where nobody reacts at once.
+    /// In lock step, frames may come up to `delay` late, with their own times. This saves turns if no program must react at
+    /// once.
     fn bear_late_frames(&mut self, delay: Duration) {
         let _ = delay;
     }
@@ -153,16 +154,16 @@ impl<'a> PollSet<'a> {
 
 /// Sleeps until one of `links` has something to do, `until` has come, or a signal arrives.
 ///
-/// With a [manual](Clock::manual) clock nobody sleeps until a time comes. The far side of a link in lock step is told the
-/// earliest deadline, and says when it is. Without such a link, and if no link has something to do, the clock is set to
-/// the deadline.
+/// With a [manual](Clock::manual) clock this does not sleep for a time. The far side of a link in lock step gets
+/// the earliest deadline, and reports the time when it has come. Without such a link, and if no link has something
+/// to do, the clock is set to the deadline.
 ///
 /// May return early without a reason; the caller looks at its links and its clock anyway. `None`
 /// sleeps without limit.
 ///
 /// # Errors
 ///
-/// Only what `poll(2)` reports for exhausted memory or a broken descriptor.
+/// Only errors that `poll(2)` reports for exhausted memory or a broken descriptor.
 pub fn wait(links: &[&dyn CanLink], clock: &Clock, until: Option<Instant>) -> std::io::Result<()> {
     let mut set = PollSet::default();
     let mut earliest = until;
@@ -175,7 +176,7 @@ pub fn wait(links: &[&dyn CanLink], clock: &Clock, until: Option<Instant>) -> st
     }
     if clock.is_manual() {
         let until = earliest.unwrap_or(Instant::FAR_FUTURE);
-        // Each is told, also after the first.
+        // Each link in lock step gets it, also after the first.
         let others = links.iter().filter(|link| link.end_turn(until)).count() > 0;
         return wait_manually(&mut set, clock, earliest.filter(|_| !others));
     }

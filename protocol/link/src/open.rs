@@ -43,7 +43,7 @@ pub fn open(spec: &BusSpec, clock: Clock) -> Result<Box<dyn CanLink + Send>, Ope
     })
 }
 
-/// A link with many peers, for whoever *is* the bus: what [`Hub`] offers, whatever is spoken.
+/// A link with many peers, for the program that *is* the bus: what [`Hub`] provides, for every protocol.
 pub trait BusServer: CanLink {
     /// As [`Hub::next_event`].
     fn next_event(&mut self) -> Option<ServerEvent>;
@@ -85,13 +85,12 @@ impl<D: Dialect> BusServer for Hub<D> {
     }
 }
 
-/// Serves a bus at the place that `spec` names: a socketcand port, an SLCAN port, or an SLCAN adapter
-/// at a serial device (the device `/dev/ptmx` makes a pseudo-terminal; the link's name tells its far
-/// end).
+/// Serves a bus at the place that `spec` names: a socketcand port, an SLCAN port, or an SLCAN adapter at a serial
+/// device (the device `/dev/ptmx` makes a pseudo-terminal; the name of the link contains the path of its far end).
 ///
 /// # Errors
 ///
-/// The place cannot be had; or `spec` is an interface or [`BusSpec::Sim`], which one joins.
+/// The place is not available; or `spec` is an interface or [`BusSpec::Sim`], which a program joins and does not serve.
 pub fn serve(
     spec: &BusSpec,
     clock: Clock,

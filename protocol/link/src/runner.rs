@@ -16,8 +16,7 @@ const STOP_LOOK: Duration = Duration::from_millis(50);
 /// Events taken from the link before the deadlines are looked at again.
 const EVENTS_PER_STEP: usize = 256;
 
-/// Frames the nodes may exchange as a consequence of one event; more is taken for an endless answer
-/// game.
+/// Frames that the nodes may exchange as a consequence of one event; more count as an endless exchange of answers.
 const FRAMES_PER_EVENT_MAX: usize = 4096;
 
 /// Which way a frame went, seen from the nodes.
@@ -32,7 +31,7 @@ pub enum Direction {
     },
 }
 
-/// Why a run ended before it was asked to.
+/// Why a run ended before its end was ordered.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RunError {
@@ -88,19 +87,17 @@ pub struct RunStats {
     pub bus_errors: u64,
     /// How late deadlines were served.
     pub deadlines: Lateness,
-    /// Time from the arrival of a frame to the moment when the nodes have handled it and their
-    /// answers are handed to the link.
+    /// Time from the arrival of a frame until the nodes have handled it and their answers are passed to the link.
     pub answers: Lateness,
 }
 
 /// The loop of the [`Node`] contract: earliest of (frame, deadline), one `handle_*`, drain.
 ///
-/// A node's `now` is the arrival time for frames and the time of the call for deadlines, and never
-/// decreases. What has arrived goes before what is due: a link that carries text knows no arrival time but that of
-/// its reading, so after a late awakening an answer that lies in the queue would else be taken for one that came after
-/// its deadline. Nodes on the same runner see each other's frames at once, without bus time; put a bus
-/// model between them if that matters. The call takes whatever time the nodes take: nothing runs in
-/// the background.
+/// A node's `now` is the arrival time for frames and the time of the call for deadlines, and never decreases.
+/// Arrived frames are handled before due deadlines. The reason: a link that carries text knows as arrival time only
+/// the time of its reading; after a late wake-up, a waiting answer would otherwise count as later than its
+/// deadline. Nodes on the same runner see each other's frames at once, without bus time; put a bus model between
+/// them if that matters. The call takes as long as the nodes take: nothing runs in the background.
 ///
 /// For the smallest lateness its thread asks to be [`crate::Urgent`].
 pub struct Runner<'a> {
@@ -166,7 +163,7 @@ impl<'a> Runner<'a> {
                 }
             }
         }
-        // However much arrives, deadlines are served.
+        // Deadlines are served, however many frames arrive.
         self.serve_deadlines(nodes, self.clock.now())
     }
 

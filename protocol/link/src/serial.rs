@@ -26,8 +26,8 @@ pub(crate) fn open_device(path: &Path, baud: Option<u32>) -> Result<Stream, Open
     if !isatty(&file) {
         return Err(OpenError::NotSerial { path: path.to_owned() });
     }
-    // Two programs that read the same adapter each get half of the lines. The lock is the one that
-    // other serial libraries take; `TIOCEXCL` would outlive us on a pseudo-terminal.
+    // Two programs that read the same adapter each get half of the lines. Other serial libraries use the same lock;
+    // `TIOCEXCL` would outlive the program on a pseudo-terminal.
     flock(&file, FlockOperation::NonBlockingLockExclusive)
         .map_err(|_| error(io::ErrorKind::ResourceBusy.into()))?;
     set_raw(&file, baud).map_err(error)?;
@@ -47,7 +47,7 @@ pub(crate) fn open_pty() -> io::Result<(Stream, PathBuf)> {
         .custom_flags(OFlags::NOCTTY.bits().cast_signed())
         .open(&path)?
         .into();
-    // The settings belong to the pair: whoever opens the far end finds it raw.
+    // The settings belong to the pair: a program that opens the far end finds it raw.
     let far_file = File::from(far);
     set_raw(&far_file, None)?;
     fcntl_setfl(&near, fcntl_getfl(&near)? | OFlags::NONBLOCK)?;

@@ -18,7 +18,7 @@ use crate::link::{CanLink, LinkEvent, LinkStats, PollSet};
 /// Frames that wait while the interface's own queue (10 frames by default) is full.
 const OUTPUT_QUEUE: usize = 1024;
 
-/// When to try again to send: the kernel does not wake anybody when the interface's queue has room.
+/// Time after which sending is tried again: the kernel does not report when the interface's queue has room.
 const RETRY: Duration = Duration::from_micros(200);
 
 /// `type` of a CAN interface under `/sys/class/net` (`ARPHRD_CAN` of Linux `if_arp.h`).
@@ -29,9 +29,9 @@ const IFF_UP: u32 = 1;
 
 /// A SocketCAN interface.
 ///
-/// Own frames are not received back; other programs of this machine see them. Received frames carry
-/// the kernel's time stamp. While the interface takes no frames (nobody acknowledges, bus-off), 1 024
-/// wait here and further ones are refused ([`SendError::QueueFull`]).
+/// Own frames are not received back; other programs of this machine see them. Received frames carry the kernel's
+/// time stamp. While the interface accepts no frames (no node acknowledges, bus-off), 1 024 wait here and further
+/// ones are refused ([`SendError::QueueFull`]).
 pub struct SocketCan {
     name: String,
     clock: Clock,
@@ -49,8 +49,8 @@ impl SocketCan {
     ///
     /// # Errors
     ///
-    /// There is no such interface, it is down or not of CAN, the kernel has no CAN, or the right to
-    /// open it is missing; each with the command that helps.
+    /// There is no such interface, it is down or not a CAN interface, the kernel has no CAN, or the right to open
+    /// it is missing; each error has the command that helps.
     pub fn open(interface: &str, clock: Clock) -> Result<Self, OpenError> {
         check(interface)?;
         let socket = Self::set_up(interface).map_err(|source| explain(interface, source))?;
@@ -110,8 +110,7 @@ impl SocketCan {
     fn event(&mut self, frame: &CanFrame, stamp: SystemTime) -> Option<LinkEvent> {
         let now = self.clock.now();
         let unix = self.clock.unix_of(stamp);
-        // The kernel's stamp is on the system's clock; what that makes of it is kept between the last
-        // event and now.
+        // The kernel's stamp is by the system's clock; the converted time is kept between the last event and now.
         self.last = self.clock.from_unix(unix).min(now).max(self.last);
         let at = self.last;
         let frame = match frame {
@@ -192,13 +191,13 @@ fn bus_error(frame: &CanErrorFrame) -> BusError {
     BusError { class: frame.error_bits(), details }
 }
 
-/// What the kernel tells about the interface before it is opened: better words than errno has.
+/// Reads the kernel's data about the interface before it is opened: errno alone says less.
 fn check(interface: &str) -> Result<(), OpenError> {
     let attribute = |name: &str| fs::read_to_string(format!("/sys/class/net/{interface}/{name}"));
     let kind = match attribute("type") {
         Ok(kind) => kind,
         Err(error) if error.kind() == ErrorKind::NotFound => return Err(no_interface(interface)),
-        // Without /sys only errno can tell.
+        // Without /sys only errno is known.
         Err(_) => return Ok(()),
     };
     if kind.trim().parse() != Ok(ARPHRD_CAN) {
@@ -282,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn the_answers_of_the_kernel_are_told_apart() {
+    fn the_answers_of_the_kernel_are_distinguished() {
         let error = |errno: Errno| explain("can0", errno.into());
         assert!(matches!(error(Errno::AFNOSUPPORT), OpenError::NoCanInKernel { .. }));
         assert!(matches!(error(Errno::PERM), OpenError::NoPermission { .. }));

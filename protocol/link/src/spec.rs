@@ -20,14 +20,14 @@ const INTERFACE_NAME_MAX: usize = 15;
 /// | `sim` | the cell simulated inside the program |
 /// | `can0`, `vcan0` | Linux SocketCAN interface |
 /// | `socketcand://host:port/bus` | socketcand protocol over TCP; without a host 127.0.0.1, without a port 29536, without a bus `can0` |
-/// | `lockstep://host:port/bus` | the same in virtual time, with a simulated cell that was told so; a server takes `?clients=2`: time stands while fewer take part |
+/// | `lockstep://host:port/bus` | the same in virtual time, with a simulated cell that was started in lock step; a server accepts `?clients=2`: time stands while fewer are connected |
 /// | `slcan:/dev/ttyACM0` | SLCAN adapter at a serial device |
 /// | `slcan://host:port` | SLCAN over TCP |
 /// | `rsi:udp://host:port`, `rsi:tcp://host:port` | not a CAN bus: an industrial robot that connects to that address of this machine (KUKA RSI) |
 ///
-/// RSI takes `?lockstep`: the time is the robot's cycle count, with a simulated robot that was told so.
-/// SLCAN takes `?bitrate=500000` (bit rate of the bus, default 1 Mbit/s) and, at a device,
-/// `?baud=115200` (speed of a real serial line; USB adapters ignore it), joined with `&`.
+/// RSI accepts `?lockstep`: the time is the robot's cycle count, with a simulated robot that was started in lock step.
+/// SLCAN accepts `?bitrate=500000` (bit rate of the bus, default 1 Mbit/s) and, at a device, `?baud=115200` (speed
+/// of a real serial line; USB adapters ignore it), joined with `&`.
 ///
 /// Printing a spec gives a text that parses to the same spec.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -48,8 +48,8 @@ pub enum BusSpec {
         /// Name of the bus at the server; a [`BusName`].
         bus: String,
     },
-    /// A bus of a socketcand server in virtual time that all share: `hil-sim serve` or `cubectl sim`. What a busy machine
-    /// does to the programs changes nothing.
+    /// A bus of a socketcand server in virtual time that all programs share: `hil-sim serve` or `cubectl sim`. The
+    /// load of the machine changes nothing in the result.
     Lockstep {
         /// Name or address; IPv6 without brackets.
         host: String,
@@ -57,7 +57,7 @@ pub enum BusSpec {
         port: u16,
         /// As of [`Self::Socketcand`].
         bus: String,
-        /// For a server: time stands while fewer clients take part.
+        /// For a server: time stands while fewer clients are connected.
         clients: usize,
     },
     Slcan {
@@ -158,10 +158,10 @@ impl SpecError {
     }
 }
 
-/// A bus of a command line: a refusal is printed with its next step.
+/// A bus of a command line: the error is printed with its next step.
 ///
 /// # Errors
-/// The text is no [`BusSpec`].
+/// The text is not a [`BusSpec`].
 pub fn bus_of_option(text: &str) -> Result<BusSpec, String> {
     text.parse().map_err(|error: SpecError| format!("{error}\n  next: write {}", error.example))
 }

@@ -1,5 +1,5 @@
-//! The client side of a text protocol: one connection to one bus. What is said is the [`Speech`]'s
-//! business; socket, queues and counters are the same for all.
+//! The client side of a text protocol: one connection to one bus. The [`Speech`] knows the texts; socket, queues
+//! and counters are the same for all.
 
 use std::cell::Cell;
 use std::collections::VecDeque;
@@ -28,7 +28,7 @@ pub enum Heard {
     Malformed,
 }
 
-/// What is said on the client side of a protocol. Implementations keep no clock and no socket.
+/// The client side of a text protocol, without clock and socket.
 pub trait Speech {
     /// The next byte from the far side.
     fn take(&mut self, byte: u8, hear: &mut dyn FnMut(Heard));
@@ -101,7 +101,7 @@ impl<S: Speech> Station<S> {
         self.in_step = true;
     }
 
-    /// Works until `done` is true (returns true), the link is gone or `span` of real time has passed.
+    /// Works until `done` is true (returns true), the link has failed or `span` of real time has passed.
     pub(crate) fn work_for(&mut self, span: Duration, done: impl Fn(&S) -> bool) -> std::io::Result<bool> {
         let clock = Clock::start();
         let until = clock.now() + span;
@@ -117,7 +117,7 @@ impl<S: Speech> Station<S> {
         }
     }
 
-    /// Forgets frames received so far, and complaints: what came before the handshake means nothing.
+    /// Forgets the frames and error reports so far: they came before the handshake.
     pub(crate) fn forget(&mut self) {
         self.events.clear();
         self.stats = LinkStats::default();
@@ -150,7 +150,7 @@ impl<S: Speech> Station<S> {
         };
         let (clock, has_turn) = (self.clock, &self.has_turn);
         let (in_step, now) = (self.in_step, clock.now());
-        // In lock step the frames of a time come before it is told.
+        // In lock step the frames of a time come before the report of that time.
         let arrival = |stamp: Option<Instant>| stamp.filter(|_| in_step).unwrap_or(now);
         let (events, stats) = (&mut self.events, &mut self.stats);
         for byte in received {
@@ -214,7 +214,7 @@ impl<S: Speech> CanLink for Station<S> {
 
     fn end_turn(&self, until: Instant) -> bool {
         if self.in_step && self.has_turn.get() && self.failure.is_none() {
-            // A connection that is gone shows at the next read.
+            // A failed connection is noticed at the next read.
             let frames_from = self.clock.now() + self.frame_delay;
             self.speech.end_turn(until, frames_from, &mut |text| {
                 self.has_turn.set(self.stream.write_now(text).is_err());
@@ -235,7 +235,7 @@ impl<S: Speech> CanLink for Station<S> {
 impl<S: Speech> Drop for Station<S> {
     fn drop(&mut self) {
         if self.failure.is_none() {
-            // As much as goes without blocking; nobody is left to hear of an error.
+            // Sends what can be sent without blocking; an error here is no longer reported.
             self.stream.queue(self.speech.farewell());
             let _ = self.stream.flush();
         }

@@ -13,8 +13,8 @@ use rustix::net::sockopt;
 /// Bytes of output that wait for a slow reader: about 1 100 frames in socketcand's text.
 pub(crate) const OUTPUT_QUEUE_BYTES: usize = 64 * 1024;
 
-/// A connection on which nothing came for so long is probed; so often; and given up after this many probes without an
-/// answer: 11 s after the far side was last heard.
+/// A connection on which nothing came for this long is probed, in this interval, and given up after this many
+/// probes without an answer: 11 s after the last data from the far side.
 const PROBE_AFTER: Duration = Duration::from_secs(5);
 const PROBE_EVERY: Duration = Duration::from_secs(2);
 const PROBES: u32 = 3;
@@ -25,8 +25,8 @@ pub(crate) enum Medium {
     /// A serial device or the near end of a pseudo-terminal, opened without blocking.
     Serial {
         file: File,
-        /// The far end of a pseudo-terminal: as long as it is open somewhere, the near end works
-        /// even though nobody uses it.
+        /// The far end of a pseudo-terminal: while it is open, the near end works even if no program uses the far
+        /// end.
         _far_end: Option<OwnedFd>,
     },
 }
@@ -65,8 +65,8 @@ impl Stream {
         Self { medium, queue: Vec::new(), sent: 0 }
     }
 
-    /// A TCP connection without Nagle's delay: an answer leaves at once and on its own. A far side that is gone without
-    /// a word (no power, no network) is noticed: its system no longer answers the probes.
+    /// A TCP connection without Nagle's delay: an answer leaves at once and on its own. A far side that has failed
+    /// silently (no power, no network) is noticed: its system no longer answers the probes.
     pub(crate) fn tcp(stream: TcpStream) -> io::Result<Self> {
         stream.set_nonblocking(true)?;
         stream.set_nodelay(true)?;
@@ -110,7 +110,7 @@ impl Stream {
         self.queue.len() - self.sent
     }
 
-    /// False for a serial line, where nobody can tell whether someone is at the other end.
+    /// False for a serial line, on which a closed far end cannot be detected.
     pub(crate) const fn can_hang_up(&self) -> bool {
         matches!(self.medium, Medium::Tcp(_))
     }
@@ -157,7 +157,7 @@ impl Stream {
         }
     }
 
-    /// Writes what the medium takes now; true if that was anything.
+    /// Writes as much as the medium accepts now; true if anything was written.
     pub(crate) fn flush(&mut self) -> io::Result<bool> {
         let before = self.sent;
         while let Some(rest) = self.queue.get(self.sent..).filter(|rest| !rest.is_empty()) {
@@ -197,7 +197,7 @@ mod tests {
     use super::*;
     use std::net::TcpListener;
 
-    /// The system does the probing; a test on one machine can only see that it was asked to.
+    /// The system does the probing; a test on one machine can only check that it was requested.
     #[test]
     fn connection_whose_far_side_vanishes_is_probed_and_given_up_within_11_s() {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();

@@ -1,18 +1,18 @@
-//! What a thread that must not be late asks of the operating system: to run before all others, to be woken when it asked
-//! to be, and memory that stays where it is.
+//! Requests to the operating system for a thread that must not be late: to run before all others, to be woken in
+//! time, and to have its memory locked.
 
 use std::fmt;
 use std::marker::PhantomData;
 
-/// Real-time priorities (`SCHED_FIFO`, 1 to 99) by who waits for whom. All are above everything of a desktop and below
-/// the kernel's own interrupt threads (50).
+/// Real-time priorities (`SCHED_FIFO`, 1 to 99), by which thread waits for which. All are above everything of a
+/// desktop and below the kernel's own interrupt threads (50).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
     /// Closes a control loop.
     Controller,
-    /// Plays the drives of one.
+    /// Simulates the drives of a controller.
     Plant,
-    /// Tells a controller that its host lives.
+    /// Sends a controller the sign of life of its host.
     Host,
 }
 
@@ -53,8 +53,8 @@ impl fmt::Display for Granted {
     }
 }
 
-/// While this lives, its thread is scheduled before ordinary ones and its sleeps end when asked for, as far as
-/// the system permits; refused, it works as before and [`Urgent::granted`] tells so.
+/// While this value exists, its thread is scheduled before ordinary ones and its sleeps end on time, as far as the
+/// system permits. If the system refuses, the thread works as before and [`Urgent::granted`] reports it.
 ///
 /// Memory that is in use at the request is locked once for the whole program and stays so. What is mapped later is
 /// not: with a limit on locked memory, allocations would then fail.
@@ -67,7 +67,7 @@ pub struct Urgent {
 }
 
 impl Urgent {
-    /// Asks for the calling thread.
+    /// Requests it for the calling thread.
     #[must_use]
     pub fn request(role: Role) -> Self {
         #[cfg(target_os = "linux")]
@@ -84,7 +84,7 @@ impl Urgent {
         }
     }
 
-    /// What came of it.
+    /// Result of the request.
     #[must_use]
     pub const fn granted(&self) -> Granted {
         self.granted
@@ -132,7 +132,7 @@ mod linux {
         pub(super) fn restore(&self, raised: bool) {
             let _ = set_current_timer_slack(self.slack_ns);
             if let (true, Some((policy, priority))) = (raised, self.scheduling) {
-                // Less than one has is always granted.
+                // A value below the present one is always granted.
                 let _ = set_thread_priority_and_policy(thread_native_id(), priority, policy);
             }
         }
@@ -145,7 +145,7 @@ mod linux {
         (step.clamp(0.0, 99.0) as u8).try_into().map_or(ThreadPriority::Min, ThreadPriority::Crossplatform)
     }
 
-    /// First in, first out, above all ordinary threads. What is scheduled higher already (`chrt -f 50`) stays.
+    /// First in, first out, above all ordinary threads. A higher present priority (`chrt -f 50`) stays.
     pub(super) fn raise(priority: u8) -> bool {
         let fifo = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
         if let Ok((policy, params)) = thread_schedule_policy_param(thread_native_id())
@@ -173,7 +173,7 @@ mod tests {
 
     use super::*;
 
-    /// Policy and priority of this thread, as the system tells it.
+    /// Policy and priority of this thread, as the system reports it.
     #[cfg(target_os = "linux")]
     fn in_force() -> (ThreadSchedulePolicy, i32) {
         let (policy, params) = thread_schedule_policy_param(thread_native_id()).unwrap();

@@ -7,7 +7,7 @@ use can_link::socketcand::{ClientId, Relay, Server, ServerEvent, ServerOptions};
 use can_link::{CanLink, Clock, wait};
 use protocol::{Duration, Frame, Instant, StandardId};
 
-/// Longer than anything here takes on a busy machine: only a hang reaches it.
+/// Longer than any step here takes on a busy machine: only a hang reaches it.
 const PATIENCE: Instant = Instant::from_micros(120_000_000);
 
 fn server(clock: Clock) -> Server {
@@ -19,7 +19,7 @@ fn connect(server: &Server) -> TcpStream {
     TcpStream::connect(server.local_addr()).unwrap()
 }
 
-/// Calls `look` until it has what it wants; the system moves the bytes in between.
+/// Calls `look` until it returns a value; the system moves the bytes in between.
 fn until<T>(mut look: impl FnMut() -> Option<T>) -> T {
     let hang = Clock::start();
     loop {
@@ -45,7 +45,9 @@ fn events(server: &mut Server, count: usize) -> Vec<ServerEvent> {
 fn raw(server: &mut Server) -> (TcpStream, ClientId) {
     let mut stream = connect(server);
     stream.write_all(b"< open can0 >< rawmode >").unwrap();
-    let Some(ServerEvent::Joined { client, .. }) = events(server, 1).pop() else { panic!("nobody joined") };
+    let Some(ServerEvent::Joined { client, .. }) = events(server, 1).pop() else {
+        panic!("no client joined")
+    };
     stream.set_nonblocking(true).unwrap();
     let (mut text, mut buffer) = (String::new(), [0; 64]);
     until(|| {
@@ -68,7 +70,7 @@ fn silent_connections_expire_and_make_room_for_others() {
     assert!(joined.iter().all(|event| matches!(event, ServerEvent::Joined { .. })), "{joined:?}");
     assert_eq!(server.client_count(), 32);
 
-    // The next one is told why it is refused, and what to do.
+    // The next one gets the reason of the refusal, and what to do.
     let mut refused = connect(&server);
     let mut text = String::new();
     until(|| {
@@ -90,7 +92,7 @@ fn silent_connections_expire_and_make_room_for_others() {
     // What the listener got to read is over by then.
     clock.set(Instant::from_micros(1_000_000));
     assert_eq!(server.next_event(), None);
-    // One microsecond before the end of the handshake all are there; then only who opened the bus.
+    // One microsecond before the end of the handshake all are connected; after it only those that opened the bus.
     let end = Instant::ZERO + ServerOptions::default().handshake_max;
     assert_eq!(server.deadline(), Some(end));
     clock.set(Instant::from_micros(end.as_micros() - 1));

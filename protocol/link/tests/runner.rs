@@ -1,4 +1,4 @@
-//! The runner against nodes that note what they are told, on a socketcand link over 127.0.0.1.
+//! The runner with nodes that record their calls, on a socketcand link over 127.0.0.1.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -129,7 +129,7 @@ fn a_metronome_here_and_an_echo_across_a_socket_keep_time_together() {
         let far = far.join().unwrap();
         assert!(far.received >= 20 && far.sent == far.received && far.dropped == 0, "{far:?}");
     });
-    // Whatever was sent before the far side listened is lost; from the first answer on, none is.
+    // Frames that were sent before the far side listened are lost; after the first answer no frame is lost.
     let first = metronome.answers[0];
     let expected: Vec<_> = (first..).take(metronome.answers.len()).collect();
     assert_eq!(metronome.answers, expected);
@@ -196,7 +196,7 @@ fn a_deadline_that_never_moves_is_reported_as_a_defect() {
     assert!(matches!(error, RunError::StuckDeadline { node: 1, .. }), "{error}");
 }
 
-/// Has always one more frame.
+/// Always has one more frame to send.
 struct Babbler;
 
 impl Node for Babbler {

@@ -100,7 +100,7 @@ fn a_second_host_may_come_to_the_pseudo_terminal_after_the_first_has_left() {
             serve_while(&mut adapter, move || Host::open_device(&path, None, Bitrate::M1, Clock::start()));
         let mut host = host.unwrap();
         host.send(&samples()[0]).unwrap();
-        // Read by the adapter before the line is flushed by whoever comes next.
+        // The adapter reads this before the next client flushes the line.
         assert_eq!(collect(&mut host, &mut adapter, 1), [samples()[0]]);
     }
 }
@@ -222,7 +222,7 @@ fn garbage_costs_one_line_and_the_host_counts_what_it_cannot_read() {
     let port = far.local_addr().unwrap().port();
     let talker = thread::spawn(move || {
         let (mut stream, _) = far.accept().unwrap();
-        // Stale lines of an earlier session, then one answer per question.
+        // Stale lines of an earlier session, then one answer per request.
         stream.write_all(b"23084F64\rt7FF0\r").unwrap();
         let mut heard = String::new();
         for question in ["S8\r", "O\r"] {
@@ -254,7 +254,7 @@ fn garbage_costs_one_line_and_the_host_counts_what_it_cannot_read() {
 }
 
 #[test]
-fn a_wrong_bit_rate_and_a_silent_device_are_told_apart() {
+fn a_wrong_bit_rate_and_a_silent_device_are_distinguished() {
     let mut adapter = tcp_adapter(ServerOptions::default());
     let port = port_of(&adapter);
     let (result, _) = serve_while(&mut adapter, move || {

@@ -76,7 +76,7 @@ fn with_relay_by_owner_only_the_owner_passes_frames_on() {
             break (client, at);
         }
     };
-    // Had the server relayed by itself, this would not be the first frame Bob sees.
+    // If the server had relayed by itself, this would not be the first frame that Bob sees.
     server.broadcast(at, &samples()[1], Some(sender));
     server.broadcast(at, &samples()[2], None);
     assert_eq!(collect(&mut server, &mut bob, 2), samples()[1..3]);
@@ -102,7 +102,7 @@ fn bus_errors_arrive_with_their_class() {
 
 #[test]
 fn handshake_answers_come_alone_even_while_the_bus_is_busy() {
-    // Time stands until the test moves it: however slow the client is, it finds each answer alone.
+    // Time stands until the test moves it: a client of any speed reads each answer alone.
     let clock = Clock::manual();
     let mut server = Server::listen("127.0.0.1", 0, "can0", clock, ServerOptions::default()).unwrap();
     let port = server.local_addr().port();
@@ -121,7 +121,7 @@ fn handshake_answers_come_alone_even_while_the_bus_is_busy() {
             let count = stream.read(&mut buffer).unwrap();
             answers.push(String::from_utf8_lossy(&buffer[..count]).into_owned());
         }
-        // What was held back comes 50 ms after the last answer.
+        // The delayed frames come 50 ms after the last answer.
         clock.set(protocol::Instant::from_micros(50_000));
         chatter.send(&samples()[0]).unwrap();
         let count = stream.read(&mut buffer).unwrap();
@@ -198,7 +198,7 @@ fn a_server_in_real_time_refuses_lock_step_and_says_what_to_write() {
 }
 
 #[test]
-fn a_port_nobody_listens_at_says_so() {
+fn a_port_without_a_server_is_reported() {
     let free = Server::listen("127.0.0.1", 0, "can0", Clock::start(), ServerOptions::default()).unwrap();
     let port = free.local_addr().port();
     drop(free);
@@ -231,7 +231,7 @@ fn a_server_of_another_protocol_is_recognised() {
 }
 
 #[test]
-fn a_client_that_reads_nothing_loses_frames_and_the_others_lose_none() {
+fn a_client_that_reads_nothing_loses_frames_and_the_others_do_not() {
     let mut server = server(ServerOptions::default());
     let port = server.local_addr().port();
     let (lazy, _) = serve_while(&mut server, move || {

@@ -8,8 +8,8 @@
 //!          id n          FF x 7, then FB clear fault, FC enable, FD disable, FE zero here
 //! ```
 //!
-//! The frames of the last line are also set points of mode 1 with all fields at their ends. The encoder never makes one of them from
-//! a set point.
+//! The frames of the last line are also set points of mode 1 with all fields at their ends. The encoder never
+//! produces one of them from a set point.
 
 use core::fmt;
 
@@ -33,7 +33,7 @@ pub struct Mit {
     pub t_nm: f32,
 }
 
-/// A command to one motor. Set points count only in their mode (register 10); in another one the motor says nothing.
+/// A command to one motor. Set points count only in their mode (register 10); in another mode the motor does not answer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Command {
     /// Mode 1.
@@ -59,11 +59,12 @@ pub enum Command {
         /// Largest current, 1/10000 of full; 0 to 10000.
         current_share: u16,
     },
-    /// Gives torque from now on, by the last set point.
+    /// Switches torque on, by the last set point.
     Enable,
-    /// Gives no torque: an arm without brakes falls.
+    /// Switches torque off: an arm without brakes falls.
     Disable,
-    /// Position 0 is where the shaft is. Only while disabled: the set point in force would pull the shaft away.
+    /// Sets position 0 at the present angle of the shaft. Only while disabled: otherwise the present set point would pull the
+    /// shaft away.
     ZeroHere,
     /// Clears the fault that is latched.
     ClearFault,
@@ -84,12 +85,12 @@ pub struct Clipped {
     pub t: bool,
 }
 
-/// Why a command has no frame, or a frame is no command.
+/// Why a command has no frame, or a frame is not a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CommandError {
     /// A number is not finite, or a current share above 10000.
     NotANumber,
-    /// Not a data frame with eight bytes and an 11-bit id that is one of a motor.
+    /// Not a data frame with eight bytes and the 11-bit id of a motor.
     NotForAMotor,
 }
 
@@ -112,10 +113,10 @@ const DISABLE: u8 = 0xFD;
 const ZERO: u8 = 0xFE;
 
 impl Command {
-    /// The frame to motor `to`, and what was clipped to `ranges` (mode 1 alone).
+    /// The frame to motor `to`, and which fields were clipped to `ranges` (in mode 1 only).
     ///
     /// # Errors
-    /// [`CommandError::NotANumber`]: nothing that is not a number acts on a motor.
+    /// [`CommandError::NotANumber`]: a value that is not a number is never sent to a motor.
     pub fn encode(&self, to: MotorId, ranges: &Ranges) -> Result<(Frame, Clipped), CommandError> {
         let n = u16::from(to.get());
         let whole = |id, data| Ok((frame(id, data), Clipped::default()));
@@ -153,10 +154,10 @@ impl Command {
         }
     }
 
-    /// What a motor with `ranges` understands, and which one is meant.
+    /// The command in a frame, for a motor with `ranges`, and the motor.
     ///
     /// # Errors
-    /// The frame is for no motor, or a number in it is not finite.
+    /// The frame is not for a motor, or a number in it is not finite.
     pub fn decode(from: &Frame, ranges: &Ranges) -> Result<(MotorId, Self), CommandError> {
         let (id, data) = parts(from).ok_or(CommandError::NotForAMotor)?;
         let to = MotorId::new((id & 0xFF) as u8).ok_or(CommandError::NotForAMotor)?;
@@ -210,7 +211,7 @@ impl Mit {
         if let [0xFF, low, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, CLEAR..=ZERO] = &mut data
             && *low == 0xFF
         {
-            // One step of position: 0.4 mrad. As it is, the motor would clear, enable, disable or set its zero.
+            // One step of position: 0.4 mrad. Unchanged, the frame would mean clear, enable, disable or set zero.
             *low = 0xFE;
         }
         let clipped = Clipped { p: p_clipped, v: v_clipped, kp: kp_clipped, kd: kd_clipped, t: t_clipped };

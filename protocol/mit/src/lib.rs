@@ -1,10 +1,10 @@
-//! MIT frames as Damiao motors speak them, both directions: one command and one answer of eight bytes per motor and period.
+//! MIT frames of Damiao motors, both directions: one command and one answer of eight bytes per motor and period.
 //!
 //! # Map
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`range`] | [`Ranges`]: what the bit fields of a motor stand for; [`MOTORS`]: the makers' table |
+//! | [`range`] | [`Ranges`]: ranges of the bit fields of a motor; [`MOTORS`]: the makers' table |
 //! | [`command`] | [`Command`]: set points of the four modes, enable, disable, zero, clear |
 //! | [`state`] | [`State`]: the answer to every command |
 //! | [`register`] | [`Register`]: settings of the motor; [`RegisterRequest`], [`RegisterAnswer`] |
@@ -13,15 +13,15 @@
 //!
 //! * 11-bit ids, always eight data bytes. Commands go to the id of the motor (register 8), answers come on its master id
 //!   (register 7), requests for registers go to 0x7FF and name the motor in their data.
-//! * A motor answers each command once. It sends nothing by itself, and nothing to a set point of a mode that is not in force.
+//! * A motor answers each command once. It sends nothing by itself, and does not answer a set point of a mode that is not in force.
 //! * Position, velocity, gains and torque are bit fields that span a range. **The range is a setting of the motor
-//!   (registers 21 to 23). A host that counts with another one is wrong by their ratio, and nothing on the wire shows it.**
-//! * A state and an answer of a register have the same id and length. [`RegisterAnswer::decode`] wants the request.
+//!   (registers 21 to 23). With another range the values of a host are wrong by the ratio, and nothing on the wire shows it.**
+//! * A state and an answer of a register have the same id and length. [`RegisterAnswer::decode`] needs the request.
 //!
 //! # Sources
 //!
-//! No real motor was at hand. Frames agree with a public client (`damiao-motor` 1.0.6); tables are those of public drivers
-//! (openarm_can, damiao-motor). Where they truncate a value to its field, this package rounds it.
+//! No real motor was at hand. Frames agree with a public client (`damiao-motor` 1.0.6); tables come from public
+//! drivers (openarm_can, damiao-motor). They truncate a value to its field; this package rounds it.
 
 #![warn(missing_docs)]
 #![cfg_attr(not(test), no_std)]
@@ -55,7 +55,7 @@ pub const REGISTER_ID: u16 = 0x7FF;
 
 /// Id to which a motor listens (register 8), 1 to 127.
 ///
-/// An answer holds its low four bits only: with ids above 15 the master ids tell motors apart.
+/// An answer holds the low four bits only: with ids above 15 the master ids distinguish motors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct MotorId(u8);
 
@@ -85,7 +85,7 @@ impl fmt::Display for MotorId {
     }
 }
 
-/// A data frame with eight bytes. `id` has eleven bits; what is above them is cut off.
+/// A data frame with eight bytes. `id` has eleven bits; higher bits are cut off.
 fn frame(id: u16, data: [u8; 8]) -> Frame {
     Frame::from_array(Id::Standard(StandardId::from_low_bits(id)), data)
 }

@@ -1,7 +1,7 @@
-//! What the bit fields stand for.
+//! Ranges of the bit fields.
 //!
-//! A field of n bits holds `raw = round((x + max) / (2 max) · (2^n - 1))`. No field has a zero: 0 lies in the middle between two
-//! raw values, and half a step is the least error there.
+//! A field of n bits holds `raw = round((x + max) / (2 max) · (2^n - 1))`. No field can hold zero exactly: 0 is in
+//! the middle between two raw values, and half a step is its error.
 
 /// Largest position gain of every Damiao motor, N·m/rad.
 pub const KP_MAX_NM_RAD: f32 = 500.0;
@@ -75,7 +75,7 @@ impl Field {
     /// The nearest raw value, and whether `value` lies outside the range.
     pub(crate) fn raw(self, value: f32) -> (u16, bool) {
         let share = (value - self.low) / (self.high - self.low);
-        // A cast from float to integer saturates; adding a half rounds what is not negative.
+        // A cast from float to integer saturates; adding a half rounds non-negative values.
         ((share.clamp(0.0, 1.0) * self.raw_max() + 0.5) as u16, !(0.0..=1.0).contains(&share))
     }
 
@@ -95,8 +95,8 @@ pub struct MotorType {
     pub ranges: Ranges,
 }
 
-/// Motors by name. Tables of public drivers disagree and have been wrong for months (4340: 8 rad/s for 10): these numbers are for plans;
-/// in operation the registers of the motor count.
+/// Motors by name. Tables of public drivers disagree and have been wrong for months (4340: 8 rad/s for 10). Use
+/// these numbers for plans only; in operation the registers of the motor count.
 pub const MOTORS: [MotorType; 10] = [
     motor("4310", Some(10.0), [12.5, 30.0, 10.0]),
     motor("4310P", Some(10.0), [12.5, 50.0, 10.0]),

@@ -61,7 +61,7 @@ pub enum Register {
 }
 
 impl Register {
-    /// All that are known, by number.
+    /// All known registers, by number.
     pub const ALL: [Self; 18] = [
         Self::Acceleration,
         Self::Deceleration,
@@ -114,7 +114,7 @@ impl Register {
         Self::ALL.into_iter().find(|register| register.number() == number)
     }
 
-    /// Whether it holds a whole number; else a float.
+    /// True if it holds a whole number, false if it holds a float.
     #[must_use]
     pub const fn is_whole(self) -> bool {
         matches!(self.number(), 7..=10 | 13..=16 | 35 | 36)
@@ -153,12 +153,12 @@ impl RegisterValue {
     }
 }
 
-/// What a host asks one motor on id 0x7FF.
+/// Request of a host to one motor on id 0x7FF.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RegisterRequest {
     /// The value of a register.
     Read(Register),
-    /// Sets a register in RAM; the answer repeats it. A value of the other kind is sent as its four bytes are.
+    /// Sets a register in RAM; the answer repeats it. The four bytes of the value are sent, whatever its kind.
     Write(Register, RegisterValue),
     /// Stores all registers in flash.
     Store,
@@ -179,8 +179,8 @@ impl RegisterRequest {
         frame(REGISTER_ID, [to.get(), 0, code, register, a, b, c, d])
     }
 
-    /// What a motor understands, and which one is meant. `None` for another frame, an unknown register or an unknown code: a motor says
-    /// nothing then.
+    /// The request of a frame, and its motor. `None` for another frame, an unknown register or an unknown code: a
+    /// motor does not answer these.
     #[must_use]
     pub fn decode(from: &Frame) -> Option<(MotorId, Self)> {
         let (id, [low, high, code, register, a, b, c, d]) = parts(from)?;
@@ -208,7 +208,7 @@ pub struct RegisterAnswer {
     pub register: Register,
     /// It was written, not read.
     pub written: bool,
-    /// What it holds now.
+    /// Present value.
     pub value: RegisterValue,
 }
 
@@ -221,8 +221,9 @@ impl RegisterAnswer {
         frame(master.get(), [of.get(), 0, code, self.register.number(), a, b, c, d])
     }
 
-    /// The answer of motor `of` on `master` to `asked`; `None` for any other frame. A state has the same id and length: only what was
-    /// asked tells them apart, and a state that looks like the answer is one of a disabled motor within 0.1 rad of its lowest position.
+    /// The answer of motor `of` on `master` to the request `asked`; `None` for any other frame. A state has the
+    /// same id and length; only the request distinguishes them. The one state that looks like the answer is that of
+    /// a disabled motor within 0.1 rad of its lowest position.
     #[must_use]
     pub fn decode(from: &Frame, of: MotorId, master: StandardId, asked: &RegisterRequest) -> Option<Self> {
         let (id, [low, high, code, number, a, b, c, d]) = parts(from)?;

@@ -9,7 +9,7 @@ use protocol::{Frame, StandardId};
 use crate::range::Ranges;
 use crate::{MotorId, frame, parts};
 
-/// What the motor says about itself.
+/// Status that a motor reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Status {
     /// Without torque.
@@ -26,7 +26,7 @@ pub enum Status {
     TransistorsHot,
     /// Winding too hot.
     RotorHot,
-    /// No command for longer than register 9 says.
+    /// No command for longer than register 9 allows.
     LinkLost,
     /// Load above its limit.
     Overload,
@@ -79,7 +79,7 @@ impl Status {
 pub struct State {
     /// Low four bits of the id of the motor.
     pub nibble: u8,
-    /// What it says about itself.
+    /// Status that the motor reports.
     pub status: Status,
     /// Position of the shaft, rad.
     pub p_rad: f32,
@@ -116,8 +116,8 @@ impl State {
 
     /// The state that motor `of` sends on `master`; `None` for another frame or another motor.
     ///
-    /// An answer of a register passes for a state of a disabled motor near its lowest position: see [`crate::RegisterAnswer::decode`] first
-    /// while one is expected.
+    /// An answer of a register also decodes as a state of a disabled motor near its lowest position: while an
+    /// answer is expected, try [`crate::RegisterAnswer::decode`] first.
     #[must_use]
     pub fn decode(from: &Frame, of: MotorId, master: StandardId, ranges: &Ranges) -> Option<Self> {
         let (id, [head, p_high, p_low, v, v_t, t, transistors_c, rotor_c]) = parts(from)?;

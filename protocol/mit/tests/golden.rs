@@ -82,7 +82,7 @@ fn frames_and_what_they_mean() {
 }
 
 #[test]
-fn what_a_motor_answers_is_told_apart_by_what_was_asked() {
+fn answers_of_a_motor_are_distinguished_by_the_request() {
     let (ranges, on) = (ranges_of("4340"), master(0x11));
     let state = frame(0x11, [0xD1, 0x80, 0x00, 0x80, 0x08, 0x00, 40, 35]);
     let read = State::decode(&state, id(1), on, &ranges).unwrap();

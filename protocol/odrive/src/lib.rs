@@ -4,17 +4,17 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`order`] | [`Order`]: what a host sends to an axis |
-//! | [`report`] | [`Report`]: what an axis sends, by itself or when asked; [`Request`]: how it is asked |
+//! | [`order`] | [`Order`]: messages of a host to an axis |
+//! | [`report`] | [`Report`]: messages of an axis, by itself or on request; [`Request`]: the requests |
 //!
 //! # On the wire
 //!
 //! * id = node << 5 | command, 11 bits; little-endian; floats are IEEE-754 binary32. The form with 29-bit ids is not read.
 //! * A request is a remote frame, or a data frame without data, on the id of its answer.
-//! * **Positions and speeds are turns of the encoder's shaft.** Gear, sign and offset are the host's.
-//! * A command may have more data than it needs: some programs pad to eight bytes. One with less is ignored.
-//! * Both versions use the same ids for some different messages. Whoever reads must know the version ([`Version`]); 0.6 tells its own
-//!   ([`Report::Version`]), 0.5 does not answer that request.
+//! * **Positions and speeds are turns of the encoder's shaft.** The host applies gear ratio, sign and offset.
+//! * A command may have more data than it needs: some programs pad to eight bytes. A command with less data is ignored.
+//! * Both versions use the same ids for some different messages. A reader must know the version ([`Version`]); 0.6 reports its
+//!   own ([`Report::Version`]), 0.5 does not answer that request.
 //!
 //! # Sources
 //!
@@ -52,7 +52,7 @@ pub enum Version {
     V06,
 }
 
-/// Number of an axis on its bus, 0 to 62. 63 means "none yet" in 0.6.
+/// Number of an axis on its bus, 0 to 62. In 0.6, 63 means that it has no number yet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct NodeId(u8);
 

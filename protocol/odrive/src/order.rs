@@ -6,7 +6,7 @@ use protocol::Frame;
 
 use crate::{NodeId, Version, bytes, f32_at, frame, joined, parts, u32_at};
 
-/// State of an axis, as it is and as it is asked for.
+/// State of an axis, reported or ordered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum AxisState {
     /// No torque: 1.
@@ -133,11 +133,11 @@ impl InputMode {
 pub struct Sdo {
     /// Endpoint.
     pub endpoint: u16,
-    /// What to write, as its bytes; `None` reads.
+    /// Bytes to write; `None` reads.
     pub value: Option<[u8; 4]>,
 }
 
-/// What a host wants of an axis.
+/// Message of a host to an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Order {
     /// Stops with an error at once; only [`Self::ClearErrors`] leads out.
@@ -146,7 +146,7 @@ pub enum Order {
     State(AxisState),
     /// How the loop works.
     Mode(ControlMode, InputMode),
-    /// Position and what is fed forward. **The two fields that are fed forward end at ± 32.767** (0.6: times a scale that can be set).
+    /// Position and feed forward. **The two feed-forward fields end at ± 32.767** (0.6: times a scale that can be set).
     Position {
         /// Turns.
         rev: f32,
@@ -186,7 +186,7 @@ pub enum Order {
     Reboot,
     /// Clears errors: of this axis, in 0.5 of both axes.
     ClearErrors,
-    /// 0.5: the position is this many counts of the encoder.
+    /// 0.5: sets the present position to this many counts of the encoder.
     CountHere(i32),
     /// 0.6: the position is this, turns.
     PositionHere(f32),
@@ -203,7 +203,7 @@ pub struct Clipped {
     pub torque: bool,
 }
 
-/// A number of the order is not finite. Nothing that is not a number acts on a motor.
+/// A number of the order is not finite. Such a number is never sent to a motor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NotFinite;
 
@@ -260,7 +260,7 @@ impl Order {
             Self::TrapezoidAcceleration(up, down) => two(0x12, up, down)?,
             Self::PositionGain(gain) => one(0x1A, gain)?,
             Self::VelocityGains(proportional, integral) => two(0x1B, proportional, integral)?,
-            // 0.6 asks what to do by a byte; zero is what 0.5 does.
+            // In 0.6 a byte selects the action; zero is the action of 0.5.
             Self::Reboot if version == Version::V05 => frame(node, 0x16, []),
             Self::Reboot => frame(node, 0x16, [0]),
             Self::ClearErrors if version == Version::V05 => frame(node, 0x18, []),
@@ -275,8 +275,8 @@ impl Order {
         Ok((plain, Clipped::default()))
     }
 
-    /// What an axis of `version` understands, and which one is meant. `None`: no order, or one that this version does not know; an axis
-    /// does nothing then.
+    /// The order in a frame, for an axis of `version`, and the axis. `None`: not an order, or one that this version
+    /// does not know; an axis ignores these.
     #[must_use]
     pub fn decode(from: &Frame, version: Version) -> Option<(NodeId, Self)> {
         let (node, command) = parts(from)?;

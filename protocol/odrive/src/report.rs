@@ -1,4 +1,4 @@
-//! What an axis sends, by itself or when asked.
+//! Messages of an axis, by itself or on request.
 
 use protocol::Frame;
 
@@ -14,7 +14,8 @@ pub struct Heartbeat {
     pub state: AxisState,
     /// The trapezoid has arrived.
     pub trajectory_done: bool,
-    /// 0.5: errors of motor, encoder and controller are there, from the lowest bit. 0.6: result of the last procedure; 0 done, 1 runs.
+    /// 0.5: which of motor, encoder and controller have errors, from the lowest bit. 0.6: result of the last procedure; 0 done,
+    /// 1 runs.
     pub detail: u8,
 }
 
@@ -27,7 +28,7 @@ pub struct Errors {
     pub disarm_reason: Option<u32>,
 }
 
-/// What an axis says. Numbers come as they are: an estimate is NaN for ever where none is made.
+/// Message of an axis. Numbers are not checked: an estimate that an axis does not make is always NaN.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Report {
     /// See [`Heartbeat`].
@@ -85,14 +86,14 @@ pub enum Report {
         /// Bytes.
         value: [u8; 4],
     },
-    /// 0.6: the number of a controller and its serial number. Two with one number both answer.
+    /// 0.6: the number of a controller and its serial number. Two controllers with the same number both answer.
     Address {
         /// 48 bits.
         serial: u64,
     },
 }
 
-/// How an axis is asked: a remote frame, or one without data, on the id of the answer.
+/// Request to an axis: a remote frame, or a data frame without data, on the id of the answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Request {
     /// 0.6: [`Report::Version`].
@@ -133,7 +134,7 @@ impl Request {
         frame(node, command, [])
     }
 
-    /// What an axis of `version` is asked, and which one.
+    /// The request in a frame, for an axis of `version`, and the axis.
     #[must_use]
     pub fn decode(from: &Frame, version: Version) -> Option<(NodeId, Self)> {
         let (node, command) = parts(from)?;
@@ -144,11 +145,11 @@ impl Request {
     }
 }
 
-/// Bits of 0.5's heartbeat: errors of motor, encoder and controller; trajectory done beside the last one.
+/// Bits of 0.5's heartbeat: errors of motor, encoder and controller; after the last one, trajectory done.
 const DONE_05: u8 = 0x80;
 
 impl Report {
-    /// The frame of `node`. A report that a version does not know has the form of the other one.
+    /// The frame of `node`. If the version does not know the report, it has the form of the other version.
     #[must_use]
     pub fn encode(&self, node: NodeId, version: Version) -> Frame {
         let two = |command, a: f32, b: f32| frame(node, command, joined(a.to_le_bytes(), b.to_le_bytes()));
@@ -186,9 +187,9 @@ impl Report {
         }
     }
 
-    /// What an axis of `version` says, and which one. `None`: no report.
+    /// The report in a frame, of an axis of `version`, and the axis. `None`: not a report.
     ///
-    /// Orders have other ids; of a frame with data on the id of a request this is the answer.
+    /// Orders have other ids; a frame with data on the id of a request is the answer.
     #[must_use]
     pub fn decode(from: &Frame, version: Version) -> Option<(NodeId, Self)> {
         let (node, command) = parts(from)?;

@@ -91,7 +91,7 @@ fn reports_are_the_frames_of_the_maker() {
 
 #[test]
 fn what_is_fed_forward_ends_at_its_field_and_says_so() {
-    // 2.6 rad/s behind a gear of 161 are 66.6 turns a second: twice what the field holds.
+    // 2.6 rad/s behind a gear ratio of 161 are 66.6 turns a second: twice the range of the field.
     let rev_s = 2.6 / std::f32::consts::TAU * 161.0;
     let order = Order::Position { rev: 0.0, rev_s, nm: -40.0 };
     let (on, clipped) = order.encode(node(1), V05).unwrap();

@@ -1,4 +1,4 @@
-//! The configuration file of the controller: who talks to whom, and which values go which way.
+//! The configuration file of the controller: its address, and the values of each direction.
 //!
 //! A controller reads it to know what to send; a client reads the same file to know the names.
 
@@ -126,7 +126,7 @@ impl Internal {
     }
 }
 
-/// Where the value of an entry comes from, or goes to.
+/// Source or destination of the value of an entry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Source {
     Internal(Internal),
@@ -163,7 +163,7 @@ pub struct Config {
     pub ip_number: String,
     /// Port of the computer.
     pub port: u16,
-    /// Transport; UDP if the file does not say.
+    /// Transport; UDP if the file does not name one.
     pub protocol: Protocol,
     /// `Type` of answers.
     pub sentype: String,

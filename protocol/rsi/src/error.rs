@@ -105,7 +105,7 @@ pub enum ConfigProblem {
     /// An attribute of `<ELEMENT>` is missing.
     #[error("<ELEMENT> has no attribute {0}")]
     NoAttribute(&'static str),
-    /// A value is none of those allowed.
+    /// The value is not allowed.
     #[error("{place} is '{text}', expected {expected}")]
     Value {
         place: &'static str,
@@ -114,7 +114,7 @@ pub enum ConfigProblem {
         /// What it should be.
         expected: &'static str,
     },
-    /// Two entries have one tag.
+    /// Two entries have the same tag.
     #[error("tag '{0}' is given twice")]
     TagTwice(String),
     /// One element holds both attributes and a scalar, so it cannot be written.

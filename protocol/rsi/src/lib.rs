@@ -27,12 +27,12 @@
 //! | module | holds |
 //! |---|---|
 //! | `telegram` | [`Telegram`]: both documents, read by name, written in order |
-//! | `robot` | [`RobotState`]: what a client reads; [`RobotWriter`]: what a controller sends |
-//! | `sensor` | [`SensorWriter`]: what a client sends; [`read_answer`]: what a controller reads |
+//! | `robot` | [`RobotState`]: data that a client reads; [`RobotWriter`]: telegrams that a controller sends |
+//! | `sensor` | [`SensorWriter`]: answers that a client sends; [`read_answer`]: a controller reads them |
 //! | [`config`] | the configuration file of the controller |
 //! | `stream` | [`Framer`]: documents out of a TCP byte stream |
 //! | `ipoc` | [`Ipoc`]: the number that ties an answer to its telegram, with its digits |
-//! | `generation` | [`Generation`]: what differs between KR C2 and KR C4 |
+//! | `generation` | [`Generation`]: differences between KR C2 and KR C4 |
 //! | `names` | names of attributes: axes, coordinates |
 //! | `value`, `xml`, `error` | typed values and decimals, the step to and from XML, errors |
 //!

@@ -92,7 +92,7 @@ impl<'c> RobotWriter<'c> {
     /// The first telegram of a KR C2: `IPOC` only.
     ///
     /// # Errors
-    /// None for a number; the signature is that of all writers.
+    /// Never fails for a number; the signature is the same for all writers.
     pub fn first(ipoc: Ipoc) -> Result<Vec<u8>, WriteError> {
         Self::telegram(Vec::new(), ipoc).write()
     }

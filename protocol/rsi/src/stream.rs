@@ -6,7 +6,7 @@ use crate::MAX_READ_BYTES;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum StreamItem {
     Document(Vec<u8>),
-    /// Bytes that belong to no whole document: a torn document, or what stands between two documents.
+    /// Bytes that are not part of a whole document: a torn document, or data between two documents.
     Dropped(usize),
 }
 
@@ -38,9 +38,9 @@ enum Place {
 
 /// Cuts a byte stream into documents.
 ///
-/// It follows tags, quotes and comments, so it finds the end of a document without knowing its names. A `<` inside a
-/// tag, and a `<Rob` or `<Sen` inside a document, begin a new document: the one before was torn. It keeps at most one
-/// document of [`MAX_READ_BYTES`]; a longer one is dropped.
+/// It follows tags, quotes and comments, so it finds the end of a document without knowing its names. A `<` inside
+/// a tag, and a `<Rob` or `<Sen` inside a document, begin a new document: the one before was torn. It holds at most
+/// one document of [`MAX_READ_BYTES`]; a longer one is dropped.
 #[derive(Clone, Debug)]
 pub struct Framer {
     document: Vec<u8>,
@@ -62,7 +62,7 @@ impl Framer {
         Self { document: Vec::new(), place: Place::Text, depth: 0, dropped: 0 }
     }
 
-    /// Takes bytes as they arrive and gives what they complete, in order.
+    /// Takes bytes as they arrive and returns the items that they complete, in order.
     pub fn push(&mut self, bytes: &[u8]) -> Vec<StreamItem> {
         let mut items = Vec::new();
         for &byte in bytes {
@@ -83,7 +83,7 @@ impl Framer {
             self.drop_document();
         }
         if self.document.is_empty() && byte != b'<' {
-            // White space and NUL between documents are usual; anything else is told.
+            // White space and NUL between documents are usual; other bytes are counted as dropped.
             self.dropped += usize::from(!byte.is_ascii_whitespace() && byte != 0);
             return;
         }
@@ -159,8 +159,8 @@ impl Framer {
         byte == b'>' && self.place == Place::Text && self.depth == 0 && !self.is_prolog()
     }
 
-    /// Only declarations and comments so far. They end with `?>`, `-->` or the `>` of `<!`; what follows the last `<`
-    /// tells.
+    /// Only declarations and comments so far. They end with `?>`, `-->` or the `>` of `<!`; the byte after the last
+    /// `<` distinguishes them.
     fn is_prolog(&self) -> bool {
         let last = self.document.iter().rposition(|byte| *byte == b'<');
         let after = last.and_then(|at| self.document.get(at + 1));

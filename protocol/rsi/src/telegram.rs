@@ -5,7 +5,7 @@ use crate::ipoc::Ipoc;
 use crate::value::{DECIMAL, parse_decimal};
 use crate::{MAX_NODES, MAX_READ_BYTES, MAX_WRITTEN_BYTES, xml};
 
-/// Which way a telegram goes.
+/// Direction of a telegram.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Root {
     /// Robot to computer.
@@ -104,7 +104,7 @@ impl Telegram {
         for node in flattened.filter(roxmltree::Node::is_element) {
             let name = node.tag_name().name();
             if name == "Dat" {
-                // Inside another one; no program writes this.
+                // Nested `<Dat>`; no program writes this.
                 continue;
             }
             if name == "IPOC" {

@@ -71,7 +71,7 @@ impl ValueType {
     }
 }
 
-/// What a decimal looks like, for messages.
+/// Form of a decimal, for messages.
 pub(crate) const DECIMAL: &str = "a decimal with a point, below 1e9";
 
 /// A value of an entry.
@@ -111,8 +111,8 @@ impl Value {
     }
 }
 
-/// Reads `-12.5`, `3`, `+.5`, `-7.1e-05`; no NaN, no infinity, magnitude below 1e9. None is written with an exponent, but some
-/// controllers send small numbers so.
+/// Reads `-12.5`, `3`, `+.5`, `-7.1e-05`; no NaN, no infinity, magnitude below 1e9. This package writes no
+/// exponents, but some controllers send small numbers with one.
 #[must_use]
 pub fn parse_decimal(text: &str) -> Option<f64> {
     let number = text.bytes().all(|byte| byte.is_ascii_digit() || b".+-eE".contains(&byte));

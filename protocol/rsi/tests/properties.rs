@@ -1,4 +1,4 @@
-//! Round trips, and input that nobody should send.
+//! Round trips, and invalid input.
 
 use proptest::prelude::*;
 use rsi_protocol::{

@@ -48,7 +48,7 @@ fn rest_of_a_torn_document_costs_no_whole_document() {
     for at in 1..A.len() {
         let items = cut(format!("{}{A}{B}", &A[at..]).as_bytes(), 1000);
         let whole = documents(&items);
-        // What is left may hold whole elements; they are refused later because their root is another.
+        // The rest may contain whole elements; they are refused later because of their root.
         assert!(whole.ends_with(&[A.to_owned(), B.to_owned()]), "from byte {at}: {whole:?}");
         assert!(whole.iter().filter(|text| text.starts_with("<Rob")).count() == 1, "{whole:?}");
     }
@@ -80,9 +80,9 @@ proptest! {
             .iter()
             .map(|item| if let StreamItem::Document(d) = item { d.len() } else { 0 })
             .sum();
-        let told = in_documents + dropped(&items) + framer.pending();
+        let counted = in_documents + dropped(&items) + framer.pending();
         let blank = bytes.iter().filter(|byte| byte.is_ascii_whitespace() || **byte == 0).count();
-        prop_assert!(told <= bytes.len() && bytes.len() <= told + blank, "{told} of {} bytes", bytes.len());
+        prop_assert!(counted <= bytes.len() && bytes.len() <= counted + blank, "{counted} of {} bytes", bytes.len());
         prop_assert!(framer.pending() <= MAX_READ_BYTES);
     }
 

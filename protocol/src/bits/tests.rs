@@ -160,7 +160,7 @@ fn bounds_are_the_published_ones() {
         assert_eq!(best_case(false, n as usize).with_interframe_space(), 8 * n + 47);
         assert_eq!(best_case(true, n as usize).with_interframe_space(), 8 * n + 67);
     }
-    // The figures everybody quotes for eight bytes.
+    // The commonly published figures for eight bytes.
     assert_eq!(worst_case(false, 8).with_interframe_space(), 135);
     assert_eq!(worst_case(true, 8).with_interframe_space(), 160);
     assert_eq!(worst_case(false, 100), worst_case(false, 8));

@@ -13,7 +13,7 @@
 
 use core::fmt;
 
-/// Why bytes are not a value of the type they were taken for.
+/// Why bytes are not a value of the expected type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DecodeError {
     /// The length prefix of an array is above the capacity of its type.
@@ -42,7 +42,7 @@ pub enum DecodeError {
         /// Bytes that follow.
         present: usize,
     },
-    /// A number that stands for nothing the type defines.
+    /// A number that the type does not define.
     UnknownValue {
         /// The number found.
         value: u32,
@@ -130,7 +130,7 @@ impl Decode<'_> for () {
 
 /// Cursor that writes bit fields into a byte buffer.
 ///
-/// Writing past the end does not fail at once; [`Writer::finish`] reports how much was needed.
+/// Writing past the end does not fail at once; [`Writer::finish`] returns the size that was needed.
 #[derive(Debug)]
 pub struct Writer<'a> {
     out: &'a mut [u8],
@@ -374,7 +374,7 @@ impl<'a> Reader<'a> {
         Ok(data)
     }
 
-    /// Array of bytes with a fixed length; missing bytes read as zero, as the standard wants.
+    /// Array of bytes with a fixed length; missing bytes read as zero, as the standard requires.
     pub fn array<const N: usize>(&mut self) -> [u8; N] {
         let mut data = [0; N];
         for byte in &mut data {
@@ -399,8 +399,8 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Cursor over a nested extensible type: its delimiter header is read here, and the outer cursor
-    /// moves past it whatever the nested reader does (section 3.7, delimiter header).
+    /// Cursor over a nested extensible type: its delimiter header is read here, and the outer cursor moves past the
+    /// nested type independently of the nested reader (section 3.7, delimiter header).
     pub fn delimited(&mut self) -> Result<Self, DecodeError> {
         let len = self.u32();
         let present = self.rest().len();

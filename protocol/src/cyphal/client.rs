@@ -1,20 +1,18 @@
 //! Requests in flight: deadlines, repetition, and answers matched to their own request.
 //!
-//! [`Client`] keeps a table of requests. Each is sent as a transfer with a number of its own; if no
-//! answer comes within the time-out it is sent again *under a new number*, because a server drops a
-//! repetition under the old one as a duplicate. An answer counts only if server, service and number
-//! are those of the attempt in flight, so a late or repeated answer is never taken for another
-//! request's: numbers run modulo 32, and one comes again only after 31 further requests to the same
-//! server and service.
+//! [`Client`] keeps a table of requests. Each is sent as a transfer with a number of its own. If no answer comes
+//! within the time-out it is sent again *under a new number*, because a server drops a repetition under the old one
+//! as a duplicate. An answer counts only if server, service and number are those of the attempt in flight, so a
+//! late or repeated answer never counts for another request: numbers run modulo 32, and a number is used again only
+//! after 31 further requests to the same server and service.
 //!
-//! Numbers begin at 0 in each process. If that is by chance the last number of a process that ended
-//! less than two seconds ago, the server drops the first attempt; the second one is heard.
+//! Numbers begin at 0 in each process. By chance this may be the last number of a process that ended less than two
+//! seconds ago. The server then drops the first attempt and accepts the second.
 //!
-//! Because the answer, and not the request, may have been lost, everything asked for must be harmless
-//! when it happens twice; the services of this project are.
+//! Because the answer, and not the request, may have been lost, every request must be harmless when it is executed
+//! twice; the services of this project are.
 //!
-//! Must not: know what is asked, read a clock, or send by itself ([`Client::poll`] is given the
-//! sender).
+//! Must not: know the meaning of a request, read a clock, or send by itself ([`Client::poll`] gets the sender).
 
 use core::fmt;
 
@@ -41,8 +39,8 @@ pub struct Policy {
 }
 
 impl Policy {
-    /// For the pieces of a file: below normal traffic, and patient. A piece is 40 frames, so at one
-    /// lost frame in 60 every other attempt fails; thirty in a row do not.
+    /// For the pieces of a file: below normal traffic, with many attempts. A piece is 40 frames, so at one lost
+    /// frame in 60 every other attempt fails; thirty in a row do not.
     pub const FILE: Self =
         Self { timeout: Duration::from_millis(100), attempts: 30, priority: Priority::Low };
 }
@@ -66,7 +64,7 @@ pub enum StartError {
         /// Places of the table.
         capacity: usize,
     },
-    /// The client uses [`SERVICES_MAX`] other services already.
+    /// The client already uses [`SERVICES_MAX`] other services.
     TooManyServices {
         /// The service that has no place.
         service: ServiceId,
@@ -92,9 +90,9 @@ impl core::error::Error for StartError {}
 /// No attempt of a request was answered in its time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NoAnswer {
-    /// Who was asked.
+    /// Server of the request.
     pub server: NodeId,
-    /// Service that was asked.
+    /// Service of the request.
     pub service: ServiceId,
     /// Requests that were sent, the first one included.
     pub attempts: u8,
@@ -315,7 +313,7 @@ impl<const PENDING: usize, const BYTES: usize> Client<PENDING, BYTES> {
             }
             // Not an attempt: the bus has not seen it.
             Err(SendError::QueueFull { .. }) => slot.due = now + QUEUE_PAUSE,
-            // It will never fit: given up at once.
+            // It will never fit: give up at once.
             Err(SendError::TooLong(_)) => slot.policy.attempts = slot.sent,
         }
         Polled::Sent
@@ -352,6 +350,6 @@ pub enum Polled {
     Idle,
     /// An attempt was handed to the sender, or postponed because its queue is full.
     Sent,
-    /// All attempts of a request are lost; it is forgotten.
+    /// All attempts of a request are lost; the request is removed.
     GaveUp(Ticket, NoAnswer),
 }

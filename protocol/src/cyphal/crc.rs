@@ -21,12 +21,12 @@ impl Crc16 {
         }
     }
 
-    /// The checksum of what came so far.
+    /// The checksum of the data so far.
     pub const fn get(self) -> u16 {
         self.0
     }
 
-    /// True if what came so far ended with its own CRC.
+    /// True if the data so far ended with its own CRC.
     pub const fn is_residue(self) -> bool {
         self.0 == 0
     }
@@ -65,7 +65,7 @@ impl Crc64 {
         }
     }
 
-    /// The checksum of what came so far.
+    /// The checksum of the data so far.
     pub const fn get(self) -> u64 {
         self.0 ^ u64::MAX
     }

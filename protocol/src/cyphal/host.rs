@@ -1,10 +1,10 @@
-//! A host on the bus: a Cyphal node that asks, listens and uploads.
+//! A host on the bus: a Cyphal node that sends requests, listens and uploads.
 //!
-//! [`CyphalHost`] is [`NodeCore`] (so the host has a heartbeat, which the controller watches, and
-//! answers `GetInfo`) with a [`Client`]; what arrives goes to a [`Listener`]. It is a [`Node`], so the
-//! same host runs in virtual time and on a real bus.
+//! [`CyphalHost`] is [`NodeCore`] with a [`Client`]; received messages go to a [`Listener`]. So the host sends a
+//! heartbeat, which the controller monitors, and answers `GetInfo`. It is a [`Node`], so the same host runs in
+//! virtual time and on a real bus.
 //!
-//! Must not: decide what to do; that is the tool's part, through [`CyphalHost::request`].
+//! Must not: decide what to do; the tool decides, through [`CyphalHost::request`].
 
 use super::bits::Encode;
 use super::client::{Client, NoAnswer, Policy, Polled, StartError, Ticket};
@@ -35,7 +35,7 @@ pub const RESPONSES: [Port; 7] = [
     Port::response(file::WRITE, file::WRITE_RESPONSE_EXTENT),
 ];
 
-/// What a tool does with what it hears.
+/// Reaction of a tool to received messages.
 pub trait Listener {
     /// What this host is, for `GetInfo`.
     fn info(&self) -> NodeInfo<'_>;
@@ -45,7 +45,7 @@ pub trait Listener {
         NodeStatus::default()
     }
 
-    /// Ports to listen to: [`RESPONSES`] (else no request is ever answered) and messages.
+    /// Ports to listen to: [`RESPONSES`] (required for answers to requests) and messages.
     fn ports(&self) -> &[Port] {
         &RESPONSES
     }
@@ -55,11 +55,11 @@ pub trait Listener {
         let _ = (now, transfer);
     }
 
-    /// Takes the end of a request: its answer, or that there is none.
+    /// Takes the end of a request: its answer, or the fact that there is no answer.
     fn answer(&mut self, now: Instant, ticket: Ticket, answer: Result<&Transfer<'_>, NoAnswer>);
 }
 
-/// Gives [`NodeCore`] the application side of a host.
+/// Gives [`NodeCore`] the application of a host.
 struct HostApp<'a, L> {
     listener: &'a mut L,
     client: &'a mut Requests,
@@ -120,7 +120,7 @@ impl<L: Listener> CyphalHost<L> {
         &self.client
     }
 
-    /// Asks a server; the end comes through [`Listener::answer`].
+    /// Sends a request to a server; its end comes through [`Listener::answer`].
     ///
     /// The runner must afterwards drain [`Node::poll_frame`] as after any input.
     pub fn request(
@@ -158,8 +158,8 @@ impl<L: Listener> CyphalHost<L> {
         self.core.publish(now, publication, message)
     }
 
-    /// Sends and gives up what is due. Bounded: each request is due at most twice in a row, once to
-    /// be given up or sent, never again at the same time.
+    /// Sends or gives up requests that are due. Bounded: each request is due at most twice in a row, once to be
+    /// given up or sent, never again at the same time.
     fn drive(&mut self, now: Instant) {
         let Self { core, client, listener } = self;
         for _ in 0..2 * REQUESTS_MAX {

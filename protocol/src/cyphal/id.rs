@@ -1,4 +1,4 @@
-//! What a 29-bit identifier says: who speaks to whom, about what, how urgently.
+//! Content of a 29-bit identifier: sender, receiver, subject or service, urgency.
 //!
 //! Cyphal specification v1.0, section 4.2.1 (CAN ID field):
 //!
@@ -97,7 +97,7 @@ pub enum Priority {
     Fast = 2,
     /// 3: before normal traffic.
     High = 3,
-    /// 4: what everything uses that has no reason not to.
+    /// 4: for everything that has no reason to use another.
     Nominal = 4,
     /// 5: may wait for normal traffic.
     Low = 5,
@@ -134,10 +134,10 @@ impl Priority {
     }
 }
 
-/// Session specifier: what is spoken about, and between whom (section 4.1.1.6).
+/// Session specifier: subject or service, and the nodes (section 4.1.1.6).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Route {
-    /// Message from a node to everybody.
+    /// Message from a node to all nodes.
     Message {
         /// What the message is.
         subject: SubjectId,
@@ -148,12 +148,12 @@ pub enum Route {
     Anonymous {
         /// What the message is.
         subject: SubjectId,
-        /// Number that only keeps two senders apart in arbitration.
+        /// Number that only distinguishes two senders in arbitration.
         pseudo_id: u8,
     },
     /// Request from a client to a server.
     Request {
-        /// What is asked for.
+        /// Requested service.
         service: ServiceId,
         /// The client.
         source: NodeId,
@@ -162,7 +162,7 @@ pub enum Route {
     },
     /// Response from a server to a client.
     Response {
-        /// What was asked for.
+        /// Service of the request.
         service: ServiceId,
         /// The server.
         source: NodeId,

@@ -1,8 +1,7 @@
 //! Cyphal/CAN v1.0: the link between the controller and its hosts, on 29-bit ids.
 //!
-//! A standard instead of something home-made, so that unmodified public tools (`yakut`, `pycyphal`)
-//! can look into the controller, and so that nobody has to learn another protocol. Written from the
-//! *Cyphal Specification v1.0* for classical CAN (8-byte frames).
+//! A standard protocol, so that unmodified public tools (`yakut`, `pycyphal`) can read the controller, and users
+//! need not learn another protocol. Written from the *Cyphal Specification v1.0* for classical CAN (8-byte frames).
 //!
 //! # Layers (arrows go up the table)
 //!
@@ -11,7 +10,7 @@
 //! | serialisation | [`bits`], [`crc`] | DSDL bit fields, checksums | know a message |
 //! | transport | [`id`], [`tx`], [`rx`] | frames to transfers and back | know what bytes mean, read a clock |
 //! | messages | [`uavcan`], [`cubecell`] | standard types; our own types (`protocol/dsdl/cubecell`) | know who sends them when |
-//! | node | [`server`], [`client`], [`upload`], [`host`] | what every node does; requests in flight; file transfer; a host | do IO, know the controller |
+//! | node | [`server`], [`client`], [`upload`], [`host`] | functions of every node; requests in flight; file transfer; a host | do IO, know the controller |
 //!
 //! # Shared bus
 //!

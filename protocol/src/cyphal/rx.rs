@@ -13,17 +13,17 @@
 //! | the same after the timeout (2 s) | a new transfer: the sender may have restarted |
 //! | frame with the wrong toggle, same bytes as the frame before | duplicate frame, dropped |
 //! | frame with the wrong toggle or number or priority | frames were lost: transfer given up |
-//! | end of transfer with wrong CRC | transfer given up, its number is *not* remembered, so that a repetition is welcome |
+//! | end of transfer with wrong CRC | transfer given up, its number is *not* remembered, so that a repetition is accepted |
 //! | longer than the extent of the port | cut after the CRC is checked |
 //! | shorter than the extent | zeros appended up to the extent |
 //!
-//! *Limits.* When all sessions are in use, the one that has been quiet longest gives way, unless it
-//! is in the middle of a transfer; one that has been stuck there for [`STALL`] gives way too. When
-//! all buffers are in use, only a stuck one gives way. Otherwise the new transfer is refused.
+//! *Limits.* When all sessions are in use, the one that has been quiet longest is replaced, unless it is in the
+//! middle of a transfer; a session that has been stuck in a transfer for [`STALL`] is replaced too. When all
+//! buffers are in use, only a stuck one is replaced. Otherwise the new transfer is refused.
 //!
-//! *Ports without sessions* ([`Port::idempotent`]) accept each valid single frame, whatever its
-//! number, also from a node without address: for *stop* and the heartbeat, where losing one is worse
-//! than seeing one twice, and where no flood on other ports may use up the place for it.
+//! *Ports without sessions* ([`Port::idempotent`]) accept each valid single frame with any number, also from a node
+//! without address. They are for *stop* and the heartbeat: losing one is worse than seeing one twice, and a flood
+//! on other ports must not use up their place.
 //!
 //! Must not: know what the bytes mean, send anything, or read a clock.
 
@@ -64,7 +64,7 @@ pub struct Port {
     pub extent: u16,
     /// Single frames are accepted without a session.
     pub idempotent: bool,
-    /// Single frames with the number of the last transfer are handed on, marked as repeated.
+    /// Single frames with the number of the last transfer are passed on, marked as repeated.
     pub repeats: bool,
 }
 
@@ -90,7 +90,7 @@ impl Port {
         Self { idempotent: true, ..self }
     }
 
-    /// Hands on repeated single frames too, for a service with requests that a restarted sender must not wait for.
+    /// Passes on repeated single frames too, for a service with requests that a restarted sender must not wait for.
     #[must_use]
     pub const fn with_repeats(self) -> Self {
         Self { repeats: true, ..self }
@@ -126,13 +126,13 @@ pub enum Dropped {
     OldProtocol,
     /// Not a frame of the specification: reserved bit set, no data, short middle frame.
     Malformed,
-    /// To another node or on a port nobody here listens to.
+    /// For another node, or on a port that this node does not listen to.
     NotForUs,
-    /// Another node uses our address: a wiring or configuration error that a person must fix.
+    /// Another node uses the address of this node: a wiring or configuration error that a person must fix.
     OurAddress,
-    /// Repetition of a frame already taken.
+    /// Repetition of an accepted frame.
     DuplicateFrame,
-    /// Repetition of a transfer already taken.
+    /// Repetition of an accepted transfer.
     DuplicateTransfer,
     /// In the middle of a transfer whose beginning was not seen.
     MissedStart,
@@ -228,8 +228,8 @@ impl Session {
         self.active.is_some() && now.saturating_since(self.heard) >= STALL
     }
 
-    /// Order in which sessions give way, lowest first: free, quiet, stuck; of each the one heard of
-    /// longest ago. `None` if it must not. (Times stay below 2^62 µs, 146 000 years.)
+    /// Order in which sessions are replaced, lowest first: free, quiet, stuck; within each group the one with the
+    /// oldest frame. `None` if it must not be replaced. (Times stay below 2^62 µs, 146 000 years.)
     fn rank(&self, now: Instant) -> Option<u64> {
         if self.active.is_some() && !self.is_stuck(now) {
             return None;
@@ -259,7 +259,7 @@ fn parse<'f>(local: Option<NodeId>, frame: &'f Frame, ports: &[&[Port]]) -> Resu
     }
     let (tail, payload) = frame.data().split_last().ok_or(Dropped::Malformed)?;
     let tail = Tail::parse(*tail);
-    // Section 4.2.2.2: the toggle of a first frame tells the two protocol versions apart.
+    // Section 4.2.2.2: the toggle of a first frame distinguishes the two protocol versions.
     if tail.start && !tail.toggle {
         return Err(Dropped::OldProtocol);
     }
@@ -345,8 +345,8 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const BYTES: usize> Receiver<S
 
     /// Takes one frame of the bus and returns the transfer that it completes.
     ///
-    /// `local` is this node's address; without one, services are not for us. The first port in
-    /// `ports` that fits decides about the extent, which is cut to the size of the buffers.
+    /// `local` is this node's address; without an address, services are ignored. The first matching port in `ports`
+    /// sets the extent, which is cut to the size of the buffers.
     pub fn accept(
         &mut self,
         now: Instant,

@@ -1,13 +1,12 @@
-//! The node core: what every Cyphal node does, over an application that says what it is.
+//! The node core: the functions of every Cyphal node, over an application.
 //!
-//! [`NodeCore`] sends the heartbeat and the port list, answers `GetInfo`, `register.Access`,
-//! `register.List`, `ExecuteCommand`, `file.List`, `file.Read` and `file.Write`, and hands messages and
-//! responses on. [`Application`] is the one seam: a controller, a host tool and a test implement it. Together
-//! they are a [`Node`] ([`Server`]).
+//! [`NodeCore`] sends the heartbeat and the port list, answers `GetInfo`, `register.Access`, `register.List`,
+//! `ExecuteCommand`, `file.List`, `file.Read` and `file.Write`, and passes messages and responses on.
+//! [`Application`] is the one interface: a controller, a host tool and a test implement it. Together they are a
+//! [`Node`] ([`Server`]).
 //!
-//! Must not: know what a register or command does; act on a request that it could not answer (a
-//! request that finds the transmit queue full is ignored *before* it acts, and the client repeats
-//! it).
+//! Must not: know the effect of a register or command; execute a request that it could not answer. A request that
+//! finds the transmit queue full is ignored *before* it has an effect, and the client repeats it.
 
 use super::bits::{Decode, Encode, Writer};
 use super::id::{NodeId, Priority, Route, ServiceId, SubjectId, TransferId};
@@ -59,11 +58,11 @@ pub struct Register {
     pub mutable: bool,
     /// It survives a restart.
     pub persistent: bool,
-    /// What it holds; never empty for a register that exists.
+    /// Present value; never empty for a register that exists.
     pub value: ValueBuf,
 }
 
-/// What a node is, behind its Cyphal services.
+/// The application behind the Cyphal services of a node.
 ///
 /// Calls come from [`NodeCore`] in the order of the frames; each must be short and bounded.
 pub trait Application {
@@ -73,8 +72,8 @@ pub trait Application {
     /// How it is now.
     fn status(&self) -> NodeStatus;
 
-    /// Messages to listen to, and responses if the node is also a client. The extents decide how
-    /// much of a transfer is kept.
+    /// Messages to listen to, and responses if the node is also a client. The extents set how much of a transfer is
+    /// kept.
     fn subscriptions(&self) -> &[Port] {
         &[]
     }
@@ -101,14 +100,14 @@ pub trait Application {
         None
     }
 
-    /// Writes a register that said it is mutable. What does not fit (type, number of elements,
-    /// range, state) leaves the old value; the client sees it in the answer.
+    /// Writes a register whose answer says that it is mutable. A value that does not fit (type, number of elements,
+    /// range, state) changes nothing; the client sees the old value in the answer.
     fn register_write(&mut self, now: Instant, client: NodeId, index: u16, value: &Value<'_>) {
         let _ = (now, client, index, value);
     }
 
-    /// True for a command that is carried out even if there is no room for its answer: one that ends a motion. Every other
-    /// request waits for its repetition then.
+    /// True for a command that is carried out even if there is no room for its answer: one that ends a motion. Any
+    /// other request waits for its repetition.
     fn is_urgent(&self, command: u16) -> bool {
         let _ = command;
         false
@@ -165,7 +164,7 @@ pub trait Application {
     }
 }
 
-/// A subject this node sends: its counter of transfers and how long a message is worth sending.
+/// A subject that this node sends: its counter of transfers, and how long a message may wait in the queue.
 #[derive(Clone, Copy, Debug)]
 pub struct Publication {
     /// Subject.
@@ -264,7 +263,7 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const RX: usize, const SLOTS: 
         self.undecodable
     }
 
-    /// Requests without an answer because there was no room for it. Only urgent commands were carried out all the same.
+    /// Requests that were not answered because there was no room. Only urgent commands were still carried out.
     pub const fn unanswered(&self) -> u32 {
         self.unanswered
     }
@@ -300,7 +299,7 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const RX: usize, const SLOTS: 
                     deadline: now + RESPONSE_VALID,
                 };
                 let urgent = is_urgent(service, transfer.payload, app);
-                // A stop of a program that began anew has the number of an older one.
+                // A stop from a program that was restarted has the number of an older one.
                 if transfer.repeated && !urgent {
                     return;
                 }
@@ -333,8 +332,8 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const RX: usize, const SLOTS: 
         }
     }
 
-    /// Seconds since the start, counted on: a 64-bit division would cost 850 bytes of code. A gap of
-    /// more than an hour between two calls is caught up over the next ones.
+    /// Seconds since the start, counted up: a 64-bit division would cost 850 bytes of code. After a gap of more
+    /// than an hour between two calls, the next calls catch up.
     fn uptime(&mut self, now: Instant) -> u32 {
         let us = now.saturating_since(self.uptime_at).as_micros().min(u64::from(u32::MAX)) as u32;
         let whole = us / 1_000_000;
@@ -345,8 +344,8 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const RX: usize, const SLOTS: 
 
     // ---- application commands --------------------------------------------------------------------
 
-    /// Sends the heartbeat more often than once a second, for a peer that watches it; clamped to
-    /// 1 ms..=[`heartbeat::PERIOD`]. The next one stays due when it is.
+    /// Sends the heartbeat more often than once a second, for a peer that monitors it; clamped to 1
+    /// ms..=[`heartbeat::PERIOD`]. The time of the next one does not change.
     pub fn set_heartbeat_period(&mut self, period: Duration) {
         self.heartbeat_period = period.clamp(Duration::from_millis(1), heartbeat::PERIOD);
     }
@@ -398,8 +397,8 @@ fn is_urgent(service: ServiceId, payload: &[u8], app: &dyn Application) -> bool 
         && CommandRequest::from_bytes(payload).is_ok_and(|request| app.is_urgent(request.command))
 }
 
-/// Queues a message under the next number of its subject. Periodic messages ignore a refusal: when
-/// there is no room, the next period will do.
+/// Queues a message under the next number of its subject. For periodic messages a refusal is ignored: the next
+/// period sends a new one.
 #[inline(never)]
 fn publish<const SLOTS: usize, const TX: usize>(
     tx: &mut TxQueue<SLOTS, TX>,
@@ -444,7 +443,7 @@ fn serve(
         let mut buffer = [0; command::OUTPUT_LEN_MAX];
         let mut output = Writer::new(&mut buffer);
         let status = app.execute(now, client, request.command, request.parameter, &mut output);
-        // An output that did not fit says nothing rather than half of it.
+        // An output that did not fit is sent empty rather than cut.
         let len = output.finish().unwrap_or(0);
         let output = buffer.get(..len).unwrap_or(&[]);
         Some(reply(&CommandResponse { status, output }))
@@ -483,7 +482,7 @@ fn access(
     app.register_read(index)
 }
 
-/// What this node sends, hears, asks and answers.
+/// Ports on which this node sends, listens, requests and answers.
 struct OwnPorts<'a> {
     app: &'a dyn Application,
 }

@@ -1,8 +1,8 @@
-//! Transmit queue: whole transfers wait, frames leave, the most urgent first.
+//! Transmit queue: whole transfers wait; frames leave, the most urgent first.
 //!
-//! A transfer is cut into frames only when it is asked for the next one, so a waiting transfer costs
-//! its bytes once, and a more urgent transfer overtakes between two frames of a longer one (Cyphal
-//! specification v1.0, sections 4.1.1.3 and 4.2.2.3). Frames of equal id keep their order.
+//! A transfer is cut into frames only when the next frame is requested. So a waiting transfer needs its bytes once,
+//! and a more urgent transfer overtakes between two frames of a longer one (Cyphal specification v1.0, sections
+//! 4.1.1.3 and 4.2.2.3). Frames of equal id keep their order.
 //!
 //! Must not: know what the bytes mean, or read a clock.
 
@@ -23,7 +23,7 @@ const CRC_LEN: usize = 2;
 /// Why a transfer was not queued.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SendError {
-    /// Every slot open to this priority is taken; try again when frames have left.
+    /// Every slot that this priority may use is taken; try again when frames have left.
     QueueFull {
         /// Slots of the queue.
         slots: usize,
@@ -52,7 +52,7 @@ pub struct TxMeta {
     pub priority: Priority,
     /// Number within the session.
     pub transfer_id: TransferId,
-    /// Time from which the transfer is of no use: what was not sent by then is dropped.
+    /// Time from which the transfer is useless: an unsent rest is dropped then.
     pub deadline: Instant,
 }
 

@@ -1,25 +1,25 @@
-//! File transfer by `file.Write`: the bank that receives, and the sequence that sends.
+//! File transfer by `file.Write`: the receiving bank, and the sending sequence.
 //!
-//! Both ends are idempotent, so a lost answer costs a repetition and nothing else.
+//! Both ends are idempotent, so a lost answer costs only a repetition.
 
 use core::fmt;
 
 use super::crc::Crc64;
 use super::uavcan::file::{FileError, PIECE_LEN_MAX, WriteRequest};
 
-/// File of at most `SIZE` bytes in the making.
+/// A file of at most `SIZE` bytes that is being received.
 ///
 /// | write | answer |
 /// |---|---|
 /// | bytes that are already there, unchanged | accepted, nothing happens |
-/// | bytes at or before the end of what is there | stored; what lay behind them is forgotten |
+/// | bytes at or before the present end | stored; what was behind them is forgotten |
 /// | bytes after the end: a piece is missing | refused, `INVALID_VALUE` |
 /// | bytes beyond `SIZE` | refused, `FILE_TOO_LARGE` |
 /// | no bytes, at or before the end | the file ends here: complete |
 /// | no bytes, after the end | refused, `INVALID_VALUE` |
 ///
-/// A piece that changes something makes a complete file incomplete again, so a half-written new file
-/// is never taken for the old one.
+/// A piece that changes something makes a complete file incomplete again, so a half-written new file never counts
+/// as the old one.
 #[derive(Clone, Debug)]
 pub struct UploadBank<const SIZE: usize> {
     bytes: [u8; SIZE],
@@ -75,7 +75,7 @@ impl<const SIZE: usize> UploadBank<SIZE> {
         from.len().min(data.len())
     }
 
-    /// What has arrived so far, without gaps.
+    /// The bytes received so far, without gaps.
     pub fn contents(&self) -> &[u8] {
         self.bytes.get(..self.len).unwrap_or(&[])
     }
@@ -97,7 +97,7 @@ impl<const SIZE: usize> UploadBank<SIZE> {
 pub struct UploadError {
     /// First byte of the piece.
     pub offset: usize,
-    /// What the server said.
+    /// Error of the server.
     pub error: FileError,
 }
 
@@ -109,7 +109,7 @@ impl fmt::Display for UploadError {
 
 impl core::error::Error for UploadError {}
 
-/// Sequence of `file.Write` requests that stores a file: one at a time, each until it is answered.
+/// Sequence of `file.Write` requests that stores a file: one at a time, each repeated until it is answered.
 #[derive(Clone, Copy, Debug)]
 pub struct Upload<'a> {
     path: &'a [u8],
@@ -144,7 +144,7 @@ impl<'a> Upload<'a> {
         Ok(())
     }
 
-    /// Bytes stored, of how many.
+    /// Bytes stored, and bytes in all.
     pub const fn progress(&self) -> (usize, usize) {
         (self.offset, self.data.len())
     }

@@ -1,4 +1,4 @@
-//! Orders to all modules at once, id 0x100; nobody answers.
+//! Orders to all modules at once, id 0x100; no module answers.
 
 use core::fmt;
 

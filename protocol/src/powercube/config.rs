@@ -65,7 +65,7 @@ bit_word! {
 }
 
 impl Setup {
-    /// True for modules that know their position at power on and come up homed (the PRL series).
+    /// True for modules that know their position at power on and start homed (the PRL series).
     pub const fn is_absolute(self) -> bool {
         self.intersects(Self::RESOLVER_FEEDBACK.union(Self::ABSOLUTE_FEEDBACK))
     }

@@ -18,7 +18,7 @@ use crate::module::ModuleId;
 
 /// Writes the DBC file of `modules` to `out`, ASCII, lines ending in `\n`.
 ///
-/// Fails only when `out` does.
+/// Fails only when writing to `out` fails.
 pub fn write_dbc<W: Write>(out: &mut W, modules: impl Iterator<Item = ModuleId> + Clone) -> fmt::Result {
     out.write_str("VERSION \"\"\n\nNS_ :\n\nBS_:\n\nBU_: Host")?;
     modules.clone().try_for_each(|module| write!(out, " Cube{module}"))?;

@@ -1,7 +1,7 @@
 //! PowerCube M5 protocol ("m5api", "amtec"): the drives on the wire, both directions.
 //!
-//! A host is built from [`Request`] and [`Broadcast`] (encode) and [`Reply`] (decode), a module from
-//! the opposite halves; both come from one description, so neither can drift.
+//! A host is built from [`Request`] and [`Broadcast`] (encode) and [`Reply`] (decode), a module from the opposite
+//! halves. Both come from one description, so they always agree.
 //!
 //! | module | holds |
 //! |---|---|
@@ -14,22 +14,22 @@
 //! | [`state`], [`config`] | state word, short state, digital lines; configuration and set-up bits |
 //! | [`firmware`] | version words, gates between generations |
 //! | [`baud`] | bit rate codes |
-//! | [`dbc`] | the DBC file of all of it |
+//! | [`dbc`] | the DBC file of all of these |
 //!
 //! Conventions: module address 1..=31 in the low five bits of an 11-bit id; little endian; floats are
 //! IEEE-754 binary32; rad, rad/s, rad/s², A, ms; "Inc" forms in encoder ticks.
 //!
 //! # Where the sources disagree, and what this codec does
 //!
-//! No manufacturer's manual and no real module was at hand; the facts are read from independent host
-//! programs. What they disagree on is decoded tolerantly:
+//! No manufacturer's manual and no real module was at hand; the facts come from independent host programs. Where
+//! they disagree, the codec decodes tolerantly:
 //!
 //! * **GET or PUT id.** One host polls parameters on the PUT id and expects answers. Both channels
 //!   are accepted for every command; [`Request::encode`] uses the customary one.
 //! * **Broadcast length.** The manufacturer's library pads broadcasts to two bytes, others send
-//!   one. Both decode; [`broadcast::BroadcastFrame::padded`] keeps what was seen.
-//! * **SET acknowledge.** Byte 2 is 0x64 for "accepted"; one host checks it, others only want three
-//!   bytes or look at nothing. Answers of 2 to 8 bytes decode; a missing byte is `None`.
+//!   one. Both decode; [`broadcast::BroadcastFrame::padded`] keeps which form was seen.
+//! * **SET acknowledge.** Byte 2 is 0x64 for "accepted"; one host checks it, others only require three
+//!   bytes or check nothing. Answers of 2 to 8 bytes decode; a missing byte is `None`.
 //! * **Current in digits** (motions 0x0D and 0x17): int16 in three hosts, int32 in the
 //!   manufacturer's library. Both lengths decode, to different variants.
 //! * **Parameter 0x07** is a torque ratio or a current offset, **state bit 27** a set-up error or the

@@ -38,7 +38,7 @@ pub enum Reply {
     SetAck {
         /// The parameter written.
         parameter: Parameter,
-        /// Byte 2: [`ACCEPTED`], something else, or nothing (hosts exist that need none).
+        /// Byte 2: [`ACCEPTED`], another value, or `None` if the byte is missing (some hosts do not need it).
         code: Option<u8>,
     },
     /// Short answer to a motion.
@@ -59,7 +59,7 @@ pub enum Reply {
         /// Digital lines.
         dio: Dio,
     },
-    /// Answer to [`Request::SetStepInc`]; its length is not known, the rest is not kept.
+    /// Answer to [`Request::SetStepInc`]; its length is not known, and further bytes are not kept.
     SetStepInc,
     /// State word sent unasked on the module's STATE id.
     State(CubeState),
@@ -244,8 +244,8 @@ impl Reply {
         }
     }
 
-    /// False if the module said that it did not take a write or motion; `true` for answers that
-    /// cannot say so, and for the missing byte that some hosts tolerate.
+    /// False if the module reported that it refused a write or motion. True for answers that cannot report this,
+    /// and for the missing byte that some hosts tolerate.
     pub fn is_accepted(&self) -> bool {
         match self {
             Self::SetAck { code: Some(code), .. } | Self::MotionAck { code, .. } => *code == ACCEPTED,

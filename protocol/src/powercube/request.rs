@@ -12,7 +12,7 @@ use crate::frame::Frame;
 use crate::id::Id;
 use crate::module::ModuleId;
 
-/// Order or question to one module.
+/// Order or read request to one module.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Request {
     /// One-byte command.
@@ -106,7 +106,7 @@ impl core::error::Error for RequestError {}
 pub struct AddressedRequest {
     /// Module that is to act on it.
     pub module: ModuleId,
-    /// GET or PUT; modules decide by the command byte, some hosts mix the channels.
+    /// GET or PUT; modules decide by the command byte, and some hosts use either channel.
     pub channel: Channel,
     /// The request.
     pub request: Request,

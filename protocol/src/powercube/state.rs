@@ -80,7 +80,7 @@ macro_rules! bit_word {
             }
         }
 
-        /// Names of the set bits joined by `|`, then a number for bits without a name; `-` if none.
+        /// Names of the set bits joined by `|`, then a number for bits without a name; `-` if no bit is set.
         impl core::fmt::Display for $name {
             fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
                 let mut rest = self.0;
@@ -156,8 +156,8 @@ impl CubeState {
             | Self::SETUP_OR_LOGIC_VOLT.0,
     );
 
-    /// Errors that only switching the module off clears; the others yield to RESET once their cause
-    /// is gone, and [`CubeState::BEYOND_HARD`] wants the joint driven away from the limit.
+    /// Errors that only switching the module off clears. RESET clears the others once their cause is gone; for
+    /// [`CubeState::BEYOND_HARD`] the joint must be driven away from the limit.
     pub const NEEDS_POWER_CYCLE: Self = Self(
         Self::POW_FET_TEMP.0
             | Self::POW_WDG_TEMP.0
@@ -174,8 +174,8 @@ impl CubeState {
 
     /// The short state a module reports with this state.
     ///
-    /// NOT_OK summarises error, halt **and** a missing home position (two of the sources say so), so
-    /// home and halt cannot be told apart through it.
+    /// NOT_OK summarises error, halt **and** a missing home position (two of the sources state this), so home and
+    /// halt cannot be distinguished by it.
     pub const fn short(self) -> ShortState {
         let not_ok = self.intersects(Self(Self::ERROR.0 | Self::HALTED.0)) || !self.contains(Self::HOME_OK);
         ShortState::EMPTY

@@ -1,4 +1,4 @@
-//! Fixed-size text and checked bus names: what the encoders write into and what they write.
+//! Fixed-size text and checked bus names, for the encoders.
 
 use core::fmt;
 

@@ -10,7 +10,7 @@
 //! bytes (as `cansend` takes them), a raw length code behind `_` (as `candump -8` writes it, means
 //! eight bytes), a trailing `T` or `R` for sent or received (as `candump -L -x` writes it).
 //!
-//! What the format can say but a classical CAN frame is not has its own error: error frames of the
+//! Lines that the format allows but that are not classical CAN frames have their own errors: error frames of the
 //! controller (flag 20000000 in the id) and CAN FD frames (`##`).
 //!
 //! Source: `lib.c` and `candump.c` of can-utils.
@@ -178,7 +178,7 @@ fn data(cursor: &mut Cursor<'_>) -> Result<Payload, SyntaxError> {
     Ok(payload)
 }
 
-/// `_9` to `_F` behind eight bytes: length codes that mean eight all the same.
+/// `_9` to `_F` behind eight bytes: length codes that mean eight too.
 fn raw_length_code(cursor: &mut Cursor<'_>, len: usize) -> Result<(), SyntaxError> {
     if len == MAX_DATA_LEN && cursor.eat(b'_') {
         let start = cursor.position();

@@ -70,7 +70,7 @@ impl fmt::Display for Expected {
     }
 }
 
-/// A line that does not follow its grammar: where, what was wanted, what stood there.
+/// A line that does not follow its grammar: where, what was expected, what was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SyntaxError {
     /// Position in the line, in bytes, counted from 1. Of a value out of range: its first digit.
@@ -254,8 +254,8 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// An id whose value or form says which format it has: eight digits or a value above 7FF mean
-    /// 29 bits, anything else 11 bits.
+    /// An id whose form or value gives its format: eight digits or a value above 7FF mean 29 bits, anything else 11
+    /// bits.
     pub(crate) fn loose_id(&mut self) -> Result<Id, SyntaxError> {
         let start = self.at;
         let (value, digits) = self.hex_run()?;
@@ -316,7 +316,7 @@ impl Payload {
 
 /// Remote frame for a length code that was read as 0..=8.
 pub(crate) fn remote_frame(id: Id, dlc: usize) -> Frame {
-    // The clamp only tells the compiler what the callers have checked.
+    // The callers have checked the length; the clamp is for the compiler.
     Frame::remote(id, dlc.min(MAX_DATA_LEN)).unwrap_or_else(|_| Frame::from_array(id, []))
 }
 

@@ -1,14 +1,14 @@
-//! CAN frames as text: three line formats that tools of the field speak.
+//! CAN frames as text: three line formats that common tools use.
 //!
-//! | module | format | spoken by |
+//! | module | format | used by |
 //! |---|---|---|
 //! | [`candump`] | `(1.000000) can0 123#1122` in log files | can-utils, SavvyCAN, cantools, python-can |
-//! | [`slcan`] | `t12321122` over serial lines | LAWICEL adapters and their kin |
+//! | [`slcan`] | `t12321122` over serial lines | LAWICEL adapters and compatible ones |
 //! | [`socketcand`] | `< send 123 2 11 22 >` over TCP | socketcand, python-can, SavvyCAN, Kayak |
 //!
-//! Each codec works both ways and without a heap: a decoder reads a byte slice and borrows from it,
-//! an encoder returns a [`TextBuf`] that is long enough for the longest line of its kind. Streams are
-//! cut into lines by assemblers of bounded size that find their way back after garbage.
+//! Each codec works both ways and without a heap: a decoder reads a byte slice and borrows from it, an encoder
+//! returns a [`TextBuf`] that is long enough for the longest line of its kind. Assemblers of bounded size cut
+//! streams into lines and recover after garbage.
 //!
 //! Encoders do not go through [`core::fmt`], whose padding code carries panic paths into a firmware
 //! image; the `Display` implementations beside them are for hosts.

@@ -1,6 +1,6 @@
 //! Small application behind the Cyphal services: one register of every type, a file, two commands.
 //!
-//! Used by the tests of the node core and by the demo node that the interop stage talks to.
+//! Used by the tests of the node core and by the demo node for the interop stage.
 #![allow(dead_code, reason = "each user needs a part of it")]
 
 use std::cell::Cell;

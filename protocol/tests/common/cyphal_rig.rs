@@ -32,7 +32,7 @@ pub(crate) fn node(id: u8) -> NodeId {
     NodeId::new(id).unwrap()
 }
 
-/// What a host heard: payloads of answers with the zeros behind them, of messages without.
+/// What a host received: payloads of answers with the zeros behind them, of messages without.
 #[derive(Default)]
 pub(crate) struct Heard {
     pub(crate) answers: Vec<(Ticket, Result<Vec<u8>, NoAnswer>)>,

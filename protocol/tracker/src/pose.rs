@@ -2,7 +2,7 @@
 
 use protocol::{Duration, Instant};
 
-/// Largest deviation of a received matrix from a rotation: six decimals on the wire, and some for other senders.
+/// Largest deviation of a received matrix from a rotation: from six decimals on the wire, with a margin for other senders.
 const ROTATION_TOLERANCE: f64 = 1e-3;
 
 /// Pose of one body.
@@ -18,7 +18,7 @@ pub struct TrackedPose {
     pub rotation_wxyz: [f64; 4],
     /// Whether the body was seen. If not, position and rotation are the last that were seen.
     pub tracked: bool,
-    /// Time since the cameras saw it, as far as the sender tells.
+    /// Time since the cameras saw it, as far as the sender reports it.
     pub age: Duration,
 }
 

@@ -81,7 +81,7 @@ impl VrpnClient {
         }
     }
 
-    /// What a client sends first, and all that it sends.
+    /// The cookie that a client sends first; it sends nothing else.
     #[must_use]
     pub fn greeting() -> [u8; COOKIE_BYTES] {
         let mut cookie = [0; COOKIE_BYTES];
@@ -91,12 +91,12 @@ impl VrpnClient {
         cookie
     }
 
-    /// Names of the senders that the server has told: its trackers and other devices.
+    /// Names of the senders that the server has reported: its trackers and other devices.
     pub fn senders(&self) -> impl Iterator<Item = &str> {
         self.senders.values().map(String::as_str)
     }
 
-    /// Takes bytes as they arrive and gives what they complete.
+    /// Takes bytes as they arrive and returns the items that they complete.
     ///
     /// # Errors
     /// The stream cannot be read any further; every later call gives the same error.
@@ -118,7 +118,7 @@ impl VrpnClient {
         if let Err(error) = outcome {
             self.failed = Some(error);
             self.buffer.clear();
-            // Poses before the error are good; the next call tells the error.
+            // Poses before the error are valid; the next call returns the error.
             if items.is_empty() {
                 return self.push(&[]);
             }
@@ -126,7 +126,7 @@ impl VrpnClient {
         Ok(items)
     }
 
-    /// Takes the cookie or one message at `from`; gives its length, or 0 if it is not whole.
+    /// Takes the cookie or one message at `from`; returns its length, or 0 if it is incomplete.
     fn next(&mut self, from: usize, items: &mut Vec<VrpnItem>) -> Result<usize, VrpnError> {
         let rest = self.buffer.get(from..).unwrap_or_default();
         if !self.greeted {

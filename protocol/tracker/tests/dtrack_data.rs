@@ -59,7 +59,7 @@ fn lost_body_is_missing_and_gives_no_pose() {
     let frame = DataFrame::parse(b"fr 1\r\nts 1.0\r\n6dcal 1\r\n6d 0\r\n").unwrap();
     assert_eq!(frame.bodies.as_deref(), Some(&[][..]));
     assert_eq!(frame.pose(0, &mut DayClock::new()), Ok(None));
-    // A quality below zero with zeros behind it is no pose either, although its matrix is no rotation.
+    // A negative quality followed by zeros is not a pose either, although its matrix is not a rotation.
     let gone = b"fr 1\nts 1.0\n6d 1 [0 -1.000][0 0 0 0 0 0][0 0 0 0 0 0 0 0 0]\n";
     assert_eq!(DataFrame::parse(gone).unwrap().pose(0, &mut DayClock::new()), Ok(None));
 }

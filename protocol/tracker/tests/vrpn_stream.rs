@@ -77,7 +77,7 @@ fn poses_of_the_named_tracker_are_read() {
 }
 
 #[test]
-fn numbers_that_are_no_pose_are_told_and_the_stream_goes_on() {
+fn numbers_that_are_not_a_pose_are_reported_and_the_stream_continues() {
     let good = [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0];
     let mut stream = server();
     for (place, value) in [(0, f64::NAN), (2, f64::INFINITY), (6, 1.01), (6, 0.0), (3, f64::NAN)] {

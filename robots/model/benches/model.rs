@@ -1,4 +1,4 @@
-//! What the operations of the planner's inner loop cost: `cargo bench -p robot-model`.
+//! Cost of the operations of the planner's inner loop: `cargo bench -p robot-model`.
 //!
 //! Prints the median and the smallest over batches, in ns per call, over the same seeded random configurations for all
 //! operations; compare figures of one run only, and the smallest ones if the machine is shared. A reference loop (sine and cosine of six angles) shows the machine's speed.

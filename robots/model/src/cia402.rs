@@ -13,6 +13,7 @@ pub struct Cia402Servo {
     pub rated_nm: f64,
     /// Inertia that the rotor adds, kg·m².
     pub rotor_kg_m2: f64,
-    /// The encoder knows the joint at power-on; else a person leads it to its zero, which is taken there.
+    /// True if the encoder knows the joint position at power-on; otherwise a person moves the joint to its zero, which is set
+    /// there.
     pub is_absolute: bool,
 }

@@ -1,8 +1,8 @@
 //! The cubic between two states: position and velocity at both ends.
 //!
-//! The one evaluator of the host: motions of joints, flights on a grid, references of the tuner. Others exist on purpose: the
-//! controller has one in single precision, the verifier of the planner shares no formula with it, and the planner's own
-//! throw has the release as origin and derivatives by its variables.
+//! The one evaluator of the host: motions of joints, flights on a grid, references of the tuner. Other evaluators
+//! exist for a reason: the controller has one in single precision, the verifier of the planner shares no formula
+//! with it, and the planner's own throw has the release as origin and derivatives by its variables.
 
 use std::ops::{Add, Div, Mul, Sub};
 

@@ -75,18 +75,18 @@ pub enum Problem {
     /// A generic drive follows from the torque of its joint.
     #[error("joint `{0}` has no torque_max_nm, from which its generic drive follows")]
     GenericWithoutTorque(String),
-    /// A pair of links names one that is not there.
+    /// A pair of links names a link that does not exist.
     #[error("there is no link `{0}` (`base` is what does not move)")]
     UnknownLink(String),
-    /// Some joints have a drive and some have none.
+    /// Some joints have a drive and others do not.
     #[error("joint `{0}` has no drive, though others have: all or none")]
     DriveMissing(String),
-    /// Some joints have a drive of this family and some have none.
+    /// Some joints have a drive of this family and others do not.
     #[error("joint `{joint}` has no {what}, though others have: all or none")]
     FamilyMissing {
         /// The drive, for people.
         what: &'static str,
-        /// The joint without.
+        /// A joint without one.
         joint: String,
     },
     /// A joint has two drives.
@@ -108,7 +108,7 @@ pub enum Problem {
         /// Joint that has it first.
         owner: String,
     },
-    /// The gripper has an MIT motor, the joints have none.
+    /// The gripper has an MIT motor, but the joints do not.
     #[error("the gripper has an MIT motor, but the joints have none")]
     MitGripperAlone,
     /// A gripper that does not move.
@@ -146,7 +146,7 @@ pub enum Problem {
         "no body has these moments of inertia: {0:?} (principal moments must be positive, none above the sum of the others)"
     )]
     ImpossibleInertia([f64; 3]),
-    /// The link has neither an inertial nor boxes that all have a mass.
+    /// The link has no inertial, and not all of its boxes have a mass.
     #[error("the link needs a mass on every box, or an `inertial` table")]
     NoMass,
     /// Fingers that close along the throw: the ball could not leave.
@@ -243,7 +243,7 @@ pub enum FamilyMismatch {
         /// Distance between the intersections.
         gap_m: f64,
     },
-    /// A link that must have length has none.
+    /// A link of the family has zero length.
     #[error("the distance between axes {a} and {b} must not be zero")]
     NoLength {
         /// First joint.

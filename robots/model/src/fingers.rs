@@ -104,7 +104,7 @@ impl Fingers {
         [-0.5 * self.lag_s, 0.5 * self.lag_s]
     }
 
-    /// From the start of fingers without lag to the instant when the pads leave a ball that nothing pushes, in s.
+    /// Time from the start of fingers without lag until the pads leave a ball on which no other force acts, in s.
     #[must_use]
     pub fn freeing_s(&self) -> f64 {
         let (a, v, x) = (self.opening_m_s2, self.opening_m_s, self.give_m);

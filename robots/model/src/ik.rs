@@ -24,7 +24,7 @@ impl RobotModel {
     /// Jacobian: `δq = J⁻¹ [δp; δφ]`.
     ///
     /// # Errors
-    /// [`NoClosedForm`] if the robot is of no family with a closed form. Out of reach is not an error: no solutions.
+    /// [`NoClosedForm`] if the robot's family has no closed form. A pose out of reach is not an error: there are no solutions.
     pub fn ik(&self, x_we: &Pose) -> Result<IkSolutions, NoClosedForm> {
         self.ik_near(x_we, &((self.q_min() + self.q_max()) * 0.5))
     }

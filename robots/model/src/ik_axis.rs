@@ -23,7 +23,7 @@ pub struct AxisTool {
 }
 
 impl RobotModel {
-    /// The tool whose point is `ahead_m` from the end effector along its z axis; `None` for other families than
+    /// The tool whose point is `ahead_m` from the end effector along its z axis; `None` for families other than
     /// ortho-parallel, and if that axis is not the axis of the last joint.
     #[must_use]
     pub fn axis_tool(&self, ahead_m: f64) -> Option<AxisTool> {
@@ -65,9 +65,9 @@ mod tests {
         RobotModel::load("powercube6").unwrap()
     }
 
-    /// Every posture reaches point and direction, and the one that the target was made of is among them.
+    /// Every posture reaches point and direction, and the posture that the target was made from is among them.
     #[test]
-    fn postures_reach_point_and_direction_and_none_is_missing() {
+    fn postures_reach_point_and_direction_and_no_posture_is_missing() {
         let arm = arm();
         let tool = arm.axis_tool(0.05).unwrap();
         assert!((tool.length_m - 0.267).abs() < 1e-12);

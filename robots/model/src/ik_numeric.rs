@@ -1,8 +1,8 @@
 //! Inverse kinematics by iteration, for arms without a closed form.
 //!
-//! One solution: damped least squares (Levenberg-Marquardt) on position and rotation from a start. All solutions: the
-//! same from many starts that cover the joint ranges evenly; equal solutions are kept once. A finite number of starts
-//! proves nothing about branches that were not found.
+//! One solution: damped least squares (Levenberg-Marquardt) on position and rotation from a start. All solutions:
+//! the same from many starts that cover the joint ranges evenly; equal solutions are kept once. A finite number of
+//! starts cannot prove that all branches were found.
 
 use nalgebra::{Matrix3, Vector3, Vector6};
 
@@ -26,7 +26,7 @@ const SOLUTIONS_MAX: usize = 32;
 const PRIMES: [u32; 8] = [2, 3, 5, 7, 11, 13, 17, 19];
 
 impl RobotModel {
-    /// The solution that damped least squares reaches from `q_start`, for an end-effector pose in the world.
+    /// The solution that damped least squares finds from `q_start`, for an end-effector pose in the world.
     ///
     /// Angles are not limited to the joint ranges and not moved by whole turns: a start near a solution gives that
     /// solution, so that a path can be followed. Works for every arm, of any family. `None` if no solution is reached

@@ -75,8 +75,8 @@ pub struct IkSolutions {
     singular: u8,
     /// How far inside the reach of upper arm and forearm the wrist centre lies, shoulder forward and back, in m.
     ///
-    /// Negative: out of reach by that distance (too far out, or too close to the shoulder). Smooth enough to
-    /// serve a solver as a constraint where no solution exists.
+    /// Negative: out of reach by that distance (too far out, or too close to the shoulder). Smooth enough to be a
+    /// constraint of a solver at poses without a solution.
     pub reach_margin_m: [f64; 2],
 }
 
@@ -134,7 +134,7 @@ impl IkSolutions {
         self.reached.count_ones() as usize
     }
 
-    /// Whether the pose is out of reach whatever the joint ranges.
+    /// True if the pose is out of reach for any joint ranges.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.reached == 0

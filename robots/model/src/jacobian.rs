@@ -202,7 +202,7 @@ impl Frames {
 
 /// Joint speeds that give the point of `jacobian` the twist `[v; ω]`; `None` at a singularity.
 ///
-/// Six joints: the one solution. More: the one of least norm. Fewer: the one that comes nearest in the sum of squares.
+/// Six joints: the one solution. More: the one of least norm. Fewer: the one with the least sum of squared deviations.
 #[must_use]
 pub fn joint_rates(jacobian: &Jacobian, twist: &Vector6<f64>) -> Option<JointVec> {
     let n = jacobian.n();
@@ -219,7 +219,7 @@ pub fn joint_rates(jacobian: &Jacobian, twist: &Vector6<f64>) -> Option<JointVec
     Some(Cholesky::new(&square)?.solve(&jacobian.tr_mul(twist)))
 }
 
-/// Singular values of a Jacobian, largest first; metres and radians are weighed alike.
+/// Singular values of a Jacobian, largest first; metres and radians have equal weight.
 ///
 /// Allocates; for reports, not for inner loops.
 #[must_use]

@@ -8,7 +8,7 @@ use crate::pose::Pose;
 
 /// Poses of all joint frames in the world for one configuration.
 ///
-/// Computed once by [`RobotModel::fk`]; Jacobians, end effector, ball and collision boxes are then read off it.
+/// Computed once by [`RobotModel::fk`]; Jacobians, end effector, ball and collision boxes are then computed from it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frames {
     /// `X_Wi`: joint frame `i` in the world; its z axis is the axis of joint `i`. Index 0 is joint 1.
@@ -72,7 +72,7 @@ pub(crate) fn turned(x: &Pose, q_rad: f64) -> Pose {
 /// `r · Rz(q)`.
 #[inline]
 pub(crate) fn turned_rot(r: &Matrix3<f64>, q_rad: f64) -> Matrix3<f64> {
-    // Of libm, not of the system: the same bits on every host, so that simulations can be compared.
+    // From libm, not from the system: the same bits on every host, so that simulations can be compared.
     let (s, c) = libm::sincos(q_rad);
     let [x, y, z] = &r.data.0;
     Matrix3::from_data(ArrayStorage([

@@ -1,7 +1,7 @@
 //! Robot arms from TOML: kinematics, dynamics, currents and collision of serial arms with revolute joints.
 //!
-//! A robot file (`robots/*.toml`) holds everything about a machine; the loader turns it into a
-//! [`RobotModel`], whose existence is the proof that every check passed. Everything else is a method on it.
+//! A robot file (`robots/*.toml`) holds everything about a machine. The loader turns it into a [`RobotModel`]; a
+//! model exists only if every check has passed. Everything else is a method on it.
 //!
 //! # Map
 //! | module | holds |
@@ -26,7 +26,7 @@
 //! | `boxes` | boxes around the links, and which pairs of them are tested |
 //! | [`collision`] | contact and clearance of a configuration, of a whole motion |
 //! | [`survey`] | what is missing, assumed or implausible in a robot file |
-//! | [`uses`] | what a robot file lacks to simulate and to move drives |
+//! | [`uses`] | what a robot file still needs to simulate and to move drives |
 //! | [`urdf`] | export for other tools, import of serial arms as a robot file |
 //! | `per_joint` | values of the joints of one arm, on the stack |
 //! | [`linalg`] | LU and Cholesky of small square matrices on the stack |
@@ -36,7 +36,7 @@
 //! arm base, z up. `X_AB` is the pose of B in A. A twist is `[v; ω]`, linear part first. Joint `i` turns about the z
 //! axis of joint frame `i`, which is also the frame of link `i`, whatever convention the robot file is written in.
 //!
-//! # The number of joints is a number
+//! # Vectors with a variable number of joints
 //! The planner evaluates kinematics and dynamics millions of times, so vectors and matrices live on the stack: they have room
 //! for [`JOINTS_MAX`] joints, and know how many there are ([`PerJoint`], [`linalg::SquareMatrix`]). A vector has the length of
 //! the arm that it is used with; debug builds check it.

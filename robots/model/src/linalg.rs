@@ -25,7 +25,7 @@ impl SquareMatrix {
         Self { rows: [[0.0; JOINTS_MAX]; JOINTS_MAX], n }
     }
 
-    /// The entry `of` each row and column.
+    /// Matrix with the entry `of(row, column)`.
     ///
     /// # Panics
     /// With more than [`JOINTS_MAX`] rows.

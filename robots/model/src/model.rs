@@ -1,4 +1,4 @@
-//! The validated robot: what a robot file says, in SI units, with every check passed.
+//! The validated robot: the content of a robot file in SI units, with every check passed.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -13,9 +13,9 @@ use crate::pose::Pose;
 
 /// A serial arm of four to seven revolute joints, read from a robot file and checked.
 ///
-/// Immutable: its holder may rely on finite numbers, limits in order, positive masses and inertias (so the
-/// mass matrix is positive definite), supplies that cover every drive once, and frames that fit the kinematic
-/// family. The methods are in one file per concept: `kinematics`, `ik`, `dynamics`, `currents`, `collision`.
+/// Immutable. Its user can rely on finite numbers, limits in order, positive masses and inertias (so the mass
+/// matrix is positive definite), supplies that cover every drive once, and frames that fit the kinematic family.
+/// The methods are in one file per concept: `kinematics`, `ik`, `dynamics`, `currents`, `collision`.
 #[derive(Debug, Clone)]
 pub struct RobotModel {
     pub(crate) name: String,
@@ -197,7 +197,7 @@ pub struct Drive {
 }
 
 impl Drive {
-    /// Type of a module that nobody has described, and name of its supply.
+    /// Type of a module that is not described, and name of its supply.
     pub const GENERIC: &str = "generic";
 }
 
@@ -236,7 +236,7 @@ pub struct Gripper {
     pub x_eb: Pose,
     /// Radius of the ball in m.
     pub ball_radius_m: f64,
-    /// Mass of the ball in kg, part of the dynamics until the release; zero means that it is neglected.
+    /// Mass of the ball in kg, part of the dynamics until the release; zero: the mass is neglected.
     pub ball_mass_kg: f64,
 }
 
@@ -250,8 +250,8 @@ pub struct World {
 }
 
 impl RobotModel {
-    /// The same arm with its ball in the hand, as a point mass bolted to the last link at the release frame; `None` for a
-    /// ball without mass, which changes nothing.
+    /// The same arm with its ball in the hand, as a point mass fixed to the last link at the release frame; `None`
+    /// for a ball without mass, which has no effect.
     #[must_use]
     pub fn holding_ball(&self) -> Option<Self> {
         let mass_kg = self.gripper.ball_mass_kg;
@@ -306,7 +306,7 @@ impl RobotModel {
         &self.gripper
     }
 
-    /// How the fingers of the gripper let go; `None` if the robot file does not say.
+    /// How the fingers of the gripper open; `None` if the robot file does not describe them.
     ///
     /// Not part of [`Gripper`]: throws are planned without it, so that stored throws of a robot do not depend on it.
     #[must_use]
@@ -320,19 +320,19 @@ impl RobotModel {
         &self.family
     }
 
-    /// The drive modules, if the robot file describes them (all joints or none).
+    /// The drive modules, if the robot file describes them (for all joints or for no joint).
     #[must_use]
     pub fn drives(&self) -> Option<&[Drive]> {
         self.drives.as_deref()
     }
 
-    /// Damiao motors with MIT frames, if the robot file describes them (all joints or none).
+    /// Damiao motors with MIT frames, if the robot file describes them (for all joints or for no joint).
     #[must_use]
     pub fn mit_motors(&self) -> Option<&MitMotors> {
         self.mit_motors.as_ref()
     }
 
-    /// CANopen servos of profile CiA 402, base first, if the robot file describes them (all joints or none).
+    /// CANopen servos of profile CiA 402, base first, if the robot file describes them (for all joints or for no joint).
     #[must_use]
     pub fn cia402_servos(&self) -> Option<&[Cia402Servo]> {
         self.cia402_servos.as_deref()
@@ -344,7 +344,8 @@ impl RobotModel {
         self.odrive_axes.as_deref()
     }
 
-    /// Whether the drives follow from speed and torque of the joints (`[generic_drives]`), so that no real ones are described.
+    /// True if the drives are computed from speed and torque of the joints (`[generic_drives]`): the file describes no real
+    /// drives.
     #[must_use]
     pub fn drives_are_assumed(&self) -> bool {
         self.drives().is_some_and(|drives| drives.iter().all(|drive| drive.module == Drive::GENERIC))
@@ -392,8 +393,9 @@ impl RobotModel {
         JointVec::from_fn(self.n(), |i| pick(&self.joints[i].limits))
     }
 
-    /// Largest torque that gravity asks of each joint, Nm, over a grid of poses: six angles of each of the first four joints, the others
-    /// at zero or as near to it as they go. The wrist's angles change little of it. The first axis need not be upright.
+    /// Largest torque that gravity causes at each joint, Nm, over a grid of poses: six angles of each of the first
+    /// four joints, the others at zero or as near to it as their range allows. The wrist's angles have little
+    /// influence. The first axis need not be upright.
     #[must_use]
     pub fn holding_torques(&self) -> JointVec {
         let mut worst = JointVec::zeros(self.n());
@@ -430,8 +432,9 @@ impl RobotModel {
         self.with_hand(&[], [])
     }
 
-    /// The same robot with another hand for the tests of collision: boxes of the last link with the names in `gone` go; `boxes`
-    /// (name, pose in the end-effector frame, half edge lengths in m, all positive) come. Masses stay as they are.
+    /// The same robot with another hand for the collision tests: boxes of the last link with the names in `gone`
+    /// are removed; `boxes` (name, pose in the end-effector frame, half edge lengths in m, all positive) are added.
+    /// Masses stay as they are.
     #[must_use]
     pub fn with_hand(
         mut self,

@@ -8,7 +8,7 @@ pub const JOINTS_MAX: usize = 8;
 
 /// One value per joint, on the stack.
 ///
-/// It derefs to a slice of as many values as there are joints. What stands behind them is never read.
+/// It derefs to a slice of as many values as there are joints. The values behind them are never read.
 #[derive(Clone, Copy)]
 pub struct PerJoint<T> {
     items: [T; JOINTS_MAX],
@@ -154,7 +154,7 @@ impl JointVec {
     /// Zero for each of `n` joints.
     ///
     /// # Panics
-    /// With more than [`JOINTS_MAX`] joints, as every way to make one.
+    /// With more than [`JOINTS_MAX`] joints, as in every other constructor.
     #[must_use]
     #[inline]
     pub fn zeros(n: usize) -> Self {

@@ -23,7 +23,7 @@ impl Default for Pose {
 }
 
 impl Pose {
-    /// From rotation matrix and origin; the caller vouches for `rot` being a rotation (see [`Pose::rotation_error`]).
+    /// From rotation matrix and origin; the caller guarantees that `rot` is a rotation (see [`Pose::rotation_error`]).
     #[must_use]
     #[inline]
     pub fn new(rot: Matrix3<f64>, pos: Vector3<f64>) -> Self {
@@ -44,8 +44,8 @@ impl Pose {
 
     /// Rotation about x by an angle in radians.
     ///
-    /// Multiples of a quarter turn give exact zeros and ones, so that tables written in degrees do not leave
-    /// 1e-17 dust in matrices that are structurally sparse.
+    /// Multiples of a quarter turn give exact zeros and ones, so that tables written in degrees leave no entries of
+    /// 1e-17 in sparse matrices.
     #[must_use]
     pub fn rot_x(angle_rad: f64) -> Self {
         let (s, c) = exact_sin_cos(angle_rad);

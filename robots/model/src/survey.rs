@@ -1,8 +1,8 @@
-//! What the owner of a robot file should look at: values that are missing, assumed or implausible, each with its line.
+//! What the owner of a robot file should check: values that are missing, assumed or implausible, each with its line.
 //!
-//! The loader refuses a file at its first error. Somebody who writes a file wants all of them, and also what is allowed
-//! but hardly true: an arm that cannot hold itself up, a link of the density of air. Bounds are wide on purpose: what is
-//! told here is nearly always a wrong unit or a forgotten value.
+//! The loader refuses a file at its first error. A person who writes a file needs all errors, and also values that
+//! are allowed but implausible: an arm that cannot hold its own weight, a link with the density of air. The bounds
+//! are wide: a finding is nearly always a wrong unit or a forgotten value.
 
 use toml_reader::{Problem as DocumentProblem, Source, Value};
 
@@ -13,7 +13,7 @@ use crate::per_joint::JointVec;
 
 type Section<'a> = toml_reader::Section<'a, Problem>;
 
-/// Comment that marks a value which nobody has looked up: `velocity_max_deg_s = 90  # assumed: why`.
+/// Comment that marks a value which was not looked up: `velocity_max_deg_s = 90  # assumed: why`.
 pub const ASSUMED: &str = "# assumed:";
 
 /// How bad a finding is.
@@ -23,11 +23,11 @@ pub enum Weight {
     Error,
     /// It can be used; the value is hardly true.
     Implausible,
-    /// It can be used; nobody has looked the value up.
+    /// The value can be used, but was not looked up.
     Assumed,
 }
 
-/// Something to look at.
+/// A finding about a robot file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Finding {
     /// How bad it is.
@@ -74,10 +74,10 @@ const COLLISION: [(&str, &str); 2] = [
     ("floor_from_link", "2: the first link that may touch the floor"),
 ];
 
-/// Looks through the text of a robot file; `file` is only used in messages. Findings come in order of their lines.
+/// Checks the text of a robot file; `file` is only used in messages. Findings come in order of their lines.
 ///
 /// # Errors
-/// The text is no TOML, or a table is something else.
+/// The text is not TOML, or a table has another type.
 pub fn survey(file: &str, text: &str) -> Result<Vec<Finding>, LoadError> {
     let source = Source { file, text };
     let document = source.parse()?;
@@ -150,7 +150,7 @@ fn missing(root: &Section<'_>, findings: &mut Vec<Finding>) -> Result<(), LoadEr
     Ok(())
 }
 
-/// Bounds of what arms do: from the slowest data sheet at hand to the fastest, and a factor of three beyond.
+/// Bounds for real arms: from the slowest to the fastest data sheet at hand, with a factor of three on both sides.
 const TIME_TO_TOP_SPEED_S: [f64; 2] = [0.01, 5.0];
 const TIME_TO_FULL_ACCELERATION_S: [f64; 2] = [0.0005, 2.0];
 const DENSITY_KG_M3: [f64; 2] = [30.0, 12_000.0];
@@ -161,7 +161,7 @@ fn is_outside(value: f64, [low, high]: [f64; 2]) -> bool {
 }
 
 fn implausible(arm: &RobotModel, root: &Section<'_>, findings: &mut Vec<Finding>) -> Result<(), LoadError> {
-    let mut tell = |section: &Section<'_>, key: &str, what: String, next: &str| {
+    let mut add = |section: &Section<'_>, key: &str, what: String, next: &str| {
         findings.push(at(section, key, Weight::Implausible, what, next));
     };
     let (worlds, joints, links) =
@@ -170,7 +170,7 @@ fn implausible(arm: &RobotModel, root: &Section<'_>, findings: &mut Vec<Finding>
         && is_outside(arm.world().gravity_m_s2, GRAVITY_M_S2)
     {
         let what = format!("{} m/s² is not the gravity of the Earth", arm.world().gravity_m_s2);
-        tell(world, "gravity_m_s2", what, "9.81");
+        add(world, "gravity_m_s2", what, "9.81");
     }
     let hold_nm = arm.holding_torques();
     for ((joint, section), hold_nm) in arm.joints().iter().zip(&joints).zip(hold_nm.iter()) {
@@ -178,18 +178,18 @@ fn implausible(arm: &RobotModel, root: &Section<'_>, findings: &mut Vec<Finding>
         let ramp_s = limits.v_max_rad_s / limits.a_max_rad_s2;
         if is_outside(ramp_s, TIME_TO_TOP_SPEED_S) {
             let what = format!("top speed after {ramp_s:.3} s of full acceleration");
-            tell(section, "acceleration_max_deg_s2", what, "degrees per second squared, at the joint");
+            add(section, "acceleration_max_deg_s2", what, "degrees per second squared, at the joint");
         }
         let ramp_s = limits.a_max_rad_s2 / limits.j_max_rad_s3;
         if is_outside(ramp_s, TIME_TO_FULL_ACCELERATION_S) {
             let what = format!("full acceleration after {ramp_s:.5} s of full jerk");
-            tell(section, "jerk_max_deg_s3", what, "degrees per second cubed, at the joint");
+            add(section, "jerk_max_deg_s3", what, "degrees per second cubed, at the joint");
         }
         if let Some(max) = limits.torque_max_nm
             && max < *hold_nm
         {
             let what = format!("{max} Nm do not hold the arm up: {hold_nm:.1} Nm are needed at worst");
-            tell(
+            add(
                 section,
                 "torque_max_nm",
                 what,
@@ -203,10 +203,10 @@ fn implausible(arm: &RobotModel, root: &Section<'_>, findings: &mut Vec<Finding>
         let density = link.inertia.mass_kg() / volume_m3;
         if volume_m3 == 0.0 {
             let what = "the link has no box: nothing keeps it from a collision".to_owned();
-            tell(section, "box", what, "one to three boxes around the link");
+            add(section, "box", what, "one to three boxes around the link");
         } else if is_outside(density, DENSITY_KG_M3) {
             let what = format!("{density:.0} kg/m³: {} kg in its boxes", link.inertia.mass_kg());
-            tell(
+            add(
                 section,
                 if section.has("inertial") { "inertial" } else { "box" },
                 what,
@@ -217,19 +217,19 @@ fn implausible(arm: &RobotModel, root: &Section<'_>, findings: &mut Vec<Finding>
     let scene = Scene::default();
     let mut checker = CollisionChecker::new(arm, &scene);
     let zero = JointVec::zeros(arm.n());
-    // Outside its range the zero of a joint is no pose of the arm.
+    // Outside its range the zero of a joint is not a pose of the arm.
     let contact = arm.in_range(&zero, 0.0).then(|| checker.first_contact(&arm.fk(&zero))).flatten();
     if let Some((a, b)) = contact {
         let what = format!("{} touches {} with all joints at zero", checker.name(a), checker.name(b));
         if let Some(section) = root.optional("collision", Value::section)? {
             let next = "`cubectl robot show` draws the boxes; smaller boxes, or a larger link_distance_min";
-            tell(&section, "link_distance_min", what, next);
+            add(&section, "link_distance_min", what, next);
         }
     }
     for (k, (joint, section)) in arm.joints().iter().zip(&joints).enumerate() {
         if is_outside(0.0, [joint.limits.q_min_rad, joint.limits.q_max_rad]) {
             let what = format!("zero is outside the range of joint {}", k + 1);
-            tell(section, "range_deg", what, "the zero of the joint is where its frames line up");
+            add(section, "range_deg", what, "the zero of the joint is where its frames line up");
         }
     }
     Ok(())

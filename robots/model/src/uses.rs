@@ -1,6 +1,6 @@
 //! What a robot file still lacks for each use: to plan, to simulate, to move drives on a real bus.
 //!
-//! A file that loads is enough to plan. The rest is asked for here, each with the lines to add.
+//! A file that loads is enough to plan. What the other uses need is checked here, each with the lines to add.
 
 use toml_reader::{Source, Value};
 
@@ -21,7 +21,7 @@ pub enum Use {
 /// Something that a use needs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Missing {
-    /// What it is needed for.
+    /// The use that needs the key.
     pub purpose: Use,
     /// Key, such as `joint[2].drive`.
     pub key: String,
@@ -31,7 +31,7 @@ pub struct Missing {
     pub lines: String,
 }
 
-/// Drives that follow from speed and torque of the joints: key, value, why. Their voltage stands before.
+/// Drives computed from speed and torque of the joints: key, value, why. Their voltage comes before.
 pub(crate) const GENERIC_DRIVES: [(&str, &str, &str); 3] = [
     ("efficiency", "0.8", "motor and gear at full torque and top speed"),
     ("motor_speed_max_rad_s", "314", "3000 rpm at top speed of the joint"),
@@ -46,10 +46,10 @@ pub(crate) const DRIVE_LOOP: [(&str, &str, &str); 5] = [
     ("delay_periods", "1", "a command acts one period later"),
 ];
 
-/// What the text of a robot file that loads as `robot` lacks.
+/// What is missing in the text of a robot file that loads as `robot`.
 ///
 /// # Errors
-/// The text is no TOML.
+/// The text is not TOML.
 pub fn missing(robot: &RobotModel, file: &str, text: &str) -> Result<Vec<Missing>, LoadError> {
     let source = Source { file, text };
     let document = source.parse()?;

@@ -1,6 +1,6 @@
 //! Kinematics and dynamics against vectors from Pinocchio, checked by MuJoCo, made from our URDF export.
 //!
-//! `oracle/golden.py` made the files in `tests/data`; it says how to make them again.
+//! `oracle/golden.py` made the files in `tests/data`; its text describes how to make them again.
 
 use nalgebra::{DMatrix, SMatrix};
 use robot_model::{JointVec, RobotModel};

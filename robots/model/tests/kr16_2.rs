@@ -64,7 +64,7 @@ proptest! {
         let arm = arm();
         let q = configuration(arm, &u);
         let pose = arm.ee_at(&q);
-        // Ranges of A4 and A6 are wider than a turn: only the reference tells which turn is meant.
+        // Ranges of A4 and A6 are wider than a turn: only the reference determines which turn is meant.
         let solutions = arm.ik_near(&pose, &q).expect("closed form");
         prop_assert!(solutions.len() == 8 || solutions.len() == 4, "{}", solutions.len());
         for s in solutions.iter() {

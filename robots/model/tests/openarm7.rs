@@ -11,7 +11,7 @@ fn arm() -> RobotModel {
 }
 
 #[test]
-fn values_that_are_not_of_the_description_are_marked_and_none_is_implausible() {
+fn values_that_are_not_from_the_description_are_marked_and_all_are_plausible() {
     let findings = survey("openarm7.toml", TEXT).expect("TOML");
     let wrong: Vec<_> = findings.iter().filter(|f| f.weight != Weight::Assumed).collect();
     assert!(wrong.is_empty(), "{wrong:#?}");
@@ -24,7 +24,7 @@ fn its_limits_are_those_of_motors_that_the_mit_group_leads() {
     for (joint, no_load_rad_s) in arm().joints().iter().zip([16.8, 16.8, 5.4, 5.4, 20.9, 20.9, 20.9]) {
         let limits = &joint.limits;
         assert!(limits.v_max_rad_s <= 0.61 * no_load_rad_s && limits.v_max_rad_s <= 10.0, "{}", joint.name);
-        // Absolute within a turn: the shaft says where the joint is only if its range is less.
+        // Absolute within a turn: the angle of the shaft determines the joint position only if the range is less than a turn.
         assert!(limits.q_max_rad - limits.q_min_rad < std::f64::consts::TAU, "{}", joint.name);
     }
 }

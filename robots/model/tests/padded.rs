@@ -63,7 +63,7 @@ fn agree<const N: usize>(at: &[f64; 100]) -> Result<(), TestCaseError> {
 
 proptest! {
     #[test]
-    fn padded_arithmetic_is_that_of_fixed_sizes(at in prop::array::uniform::<_, 100>(-9.0..9.0_f64)) {
+    fn padded_arithmetic_equals_that_with_fixed_sizes(at in prop::array::uniform::<_, 100>(-9.0..9.0_f64)) {
         prop_assume!(at.iter().all(|x| x.abs() > 1e-3));
         agree::<1>(&at)?;
         agree::<2>(&at)?;

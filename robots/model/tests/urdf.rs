@@ -1,4 +1,4 @@
-//! URDF: our own export comes back as the same robot; other files are read or refused with a reason.
+//! The URDF export is read back as the same robot; other files are read or refused with a reason.
 
 use nalgebra::Vector3;
 use robot_model::urdf::{UrdfOptions, UrdfProblem, robot_file_from_urdf};
@@ -210,6 +210,6 @@ fn what_is_behind_the_arm_is_held_at_zero_as_a_hand() {
     }
     // In the chain: the arm ends there.
     assert_eq!(import(Some("third")).expect("three joints").joints, 3);
-    let nobody = import(Some("tcp")).expect_err("no such link").to_string();
-    assert!(nobody.contains("`tcp` is not a link of this file (there: world, first"), "{nobody}");
+    let refused = import(Some("tcp")).expect_err("no such link").to_string();
+    assert!(refused.contains("`tcp` is not a link of this file (there: world, first"), "{refused}");
 }

@@ -8,7 +8,7 @@ use std::path::Path;
 /// has 20 kB.
 pub const DESCRIPTION_MAX_BYTES: u64 = 4 << 20;
 
-/// What to do where the system refuses a file; `None` for other errors, and for those that the system did not report.
+/// Next step if the system refuses a file; `None` for other errors, and for those that the system did not report.
 #[must_use]
 pub fn next_of_file(error: &io::Error) -> Option<&'static str> {
     error.raw_os_error()?;
@@ -28,7 +28,7 @@ pub fn next_of_file(error: &io::Error) -> Option<&'static str> {
 /// The bytes of a file.
 ///
 /// # Errors
-/// What the system says; [`io::ErrorKind::FileTooLarge`] if there are more than `max_bytes`. No more than those are read.
+/// The error of the system; [`io::ErrorKind::FileTooLarge`] if there are more than `max_bytes`. No more than those are read.
 pub fn read_bytes(path: &Path, max_bytes: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     File::open(path)?.take(max_bytes.saturating_add(1)).read_to_end(&mut bytes)?;

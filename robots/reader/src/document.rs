@@ -40,7 +40,7 @@ impl<'a> Source<'a> {
     }
 }
 
-/// One table of the document. It remembers which keys were asked for.
+/// One table of the document. It remembers which keys were requested.
 #[derive(Debug)]
 pub struct Section<'a, P = Problem> {
     pub(crate) source: Source<'a>,
@@ -75,7 +75,7 @@ impl<'a, P> Section<'a, P> {
         self.source.refusal(at, path, problem.into())
     }
 
-    /// True if the key is there; does not count as asked for.
+    /// True if the key is there; this does not count as a request.
     #[must_use]
     pub fn has(&self, key: &str) -> bool {
         self.table.contains_key(key)

@@ -48,9 +48,9 @@ pub enum Problem {
     /// The file could not be read.
     #[error("cannot read the file: {text}")]
     Unreadable {
-        /// What the system says.
+        /// Error text of the system.
         text: String,
-        /// What to do, if the system's code says it.
+        /// Next step, if it is known for the system's code.
         next: Option<&'static str>,
     },
     /// Not TOML.
@@ -78,7 +78,7 @@ pub enum Problem {
     /// The value has another type.
     #[error("expected {expected}, found {found}")]
     WrongType {
-        /// What the schema asks for.
+        /// Type or value that the schema requires.
         expected: &'static str,
         /// What the file has.
         found: &'static str,
@@ -86,7 +86,7 @@ pub enum Problem {
     /// A list has another length.
     #[error("expected {expected} values, found {found}")]
     WrongLength {
-        /// Number of values the schema asks for.
+        /// Number of values that the schema requires.
         expected: usize,
         /// Number of values in the file.
         found: usize,
@@ -110,7 +110,7 @@ pub enum Problem {
         /// Largest value accepted.
         max: f64,
     },
-    /// The word is none of those known.
+    /// The word is not one of the known words.
     #[error("unknown value `{found}` (known: {})", .known.join(", "))]
     UnknownWord {
         /// Text in the file.
@@ -126,7 +126,7 @@ pub enum Problem {
         /// What to do.
         next: Option<String>,
     },
-    /// Anything else; says what would be right.
+    /// Any other problem; the text names the right form.
     #[error("{0}")]
     Invalid(String),
 }

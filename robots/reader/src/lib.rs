@@ -1,8 +1,8 @@
-//! TOML walked with its places: every refusal names file, line, key path and reason.
+//! Reads TOML with positions: every refusal names file, line, key path and reason.
 //!
-//! Deserialising into structs loses the key path of type errors and the line of range errors, so the document is
-//! walked with its spans instead: each key is asked for together with what its value must be, and
-//! [`Section::finish`] refuses what nobody asked for.
+//! Deserialising into structs loses the key path of type errors and the line of range errors. Therefore the
+//! document is read with its spans: each key is requested together with the condition on its value, and
+//! [`Section::finish`] refuses keys that were not requested.
 //!
 //! ```
 //! use toml_reader::{DocumentError, Problem, Source, Value};
@@ -28,14 +28,14 @@
 //!
 //! | file | holds |
 //! |---|---|
-//! | `bounded` | [`read_text`], [`read_bytes`]: files of bounded size; [`next_of_file`]: what to do where the system refuses one |
-//! | `document_error` | [`DocumentError`]: where and why; [`Problem`]: what can be wrong with any document |
+//! | `bounded` | [`read_text`], [`read_bytes`]: files of bounded size; [`next_of_file`]: the next step if the system refuses one |
+//! | `document_error` | [`DocumentError`]: where and why; [`Problem`]: problems of any document |
 //! | `document` | [`Source`], [`Section`], [`Value`]: text, tables and values, each with its place |
-//! | `section` | reading the keys of a table, and which of them were asked for |
-//! | `value` | reading a value: what it must be |
+//! | `section` | reading the keys of a table, and which of them were requested |
+//! | `value` | reading a value with its condition |
 //! | `write` | [`quoted`]: text as TOML |
 //!
-//! A reader with problems of its own wraps [`Problem`] in its own type `P: From<Problem>`; all refusals are then
+//! A reader with problems of its own wraps [`Problem`] in a type `P: From<Problem>`; all refusals are then
 //! [`DocumentError<P>`].
 
 #![warn(missing_docs)]

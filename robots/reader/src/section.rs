@@ -4,10 +4,10 @@ use crate::document::{Section, Value};
 use crate::document_error::{DocumentError, Problem};
 
 impl<'a, P: From<Problem>> Section<'a, P> {
-    /// What `read` makes of the value, or `None` if the key is absent.
+    /// The value read by `read`, or `None` if the key is absent.
     ///
     /// # Errors
-    /// What `read` refuses.
+    /// The problem that `read` returns.
     pub fn optional<T>(
         &self,
         key: &'static str,
@@ -16,10 +16,10 @@ impl<'a, P: From<Problem>> Section<'a, P> {
         self.get(key).map(|value| read(&value)).transpose()
     }
 
-    /// What `read` makes of the value, or `default` if the key is absent.
+    /// The value read by `read`, or `default` if the key is absent.
     ///
     /// # Errors
-    /// What `read` refuses.
+    /// The problem that `read` returns.
     pub fn or<T>(
         &self,
         key: &'static str,
@@ -29,10 +29,10 @@ impl<'a, P: From<Problem>> Section<'a, P> {
         Ok(self.optional(key, read)?.unwrap_or(default))
     }
 
-    /// What `read` makes of the value.
+    /// The value read by `read`.
     ///
     /// # Errors
-    /// What `read` refuses, and an absent key.
+    /// The problem that `read` returns, or an absent key.
     pub fn required<T>(
         &self,
         key: &'static str,
@@ -41,10 +41,10 @@ impl<'a, P: From<Problem>> Section<'a, P> {
         self.optional(key, read)?.ok_or_else(|| self.error(key, Problem::Missing))
     }
 
-    /// The tables of an array of tables (`[[key]]`); none if the key is absent.
+    /// The tables of an array of tables (`[[key]]`); empty if the key is absent.
     ///
     /// # Errors
-    /// The value is something else.
+    /// The value has another type.
     pub fn sections(&self, key: &'static str) -> Result<Vec<Self>, DocumentError<P>> {
         self.or(key, Vec::new(), |value| {
             let items = value.items().map_err(|_| value.wrong_type("an array of tables ([[..]])"))?;
@@ -55,7 +55,7 @@ impl<'a, P: From<Problem>> Section<'a, P> {
     /// Refuses another version of the schema than `supported`.
     ///
     /// # Errors
-    /// [`Problem::Schema`], or the key is absent or no number.
+    /// [`Problem::Schema`], or the key is absent or not a number.
     pub fn schema(&self, key: &'static str, supported: i64) -> Result<(), DocumentError<P>> {
         let found = self.required(key, Value::any_integer)?;
         if found == supported {
@@ -64,10 +64,10 @@ impl<'a, P: From<Problem>> Section<'a, P> {
         Err(self.error(key, Problem::Schema { found, supported }))
     }
 
-    /// Refuses keys that nobody has asked for.
+    /// Refuses keys that were not requested.
     ///
     /// # Errors
-    /// [`Problem::UnknownKey`] for the first of them.
+    /// [`Problem::UnknownKey`] for the first such key.
     pub fn finish(&self) -> Result<(), DocumentError<P>> {
         let asked = self.asked.borrow();
         for key in self.table.keys() {
@@ -117,7 +117,7 @@ mod tests {
         let refusal = c.finish().unwrap_err();
         assert_eq!((refusal.line, refusal.key.as_str()), (Some(5), "b[1].c.d_deg"));
         assert!(refusal.to_string().ends_with("as `d_rad` (mind the unit)"), "{refusal}");
-        // `b` was asked for, `a` was not.
+        // `b` was requested, `a` was not.
         assert_eq!(root.finish().unwrap_err().key, "a");
     }
 }

@@ -12,7 +12,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     /// A finite number.
     ///
     /// # Errors
-    /// No number, or not finite.
+    /// The value is not a finite number.
     pub fn number(&self) -> Result<f64, DocumentError<P>> {
         let parsed = match self.value.get_ref() {
             DeValue::Float(float) => float.as_str().replace('_', "").parse::<f64>().ok(),
@@ -30,7 +30,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     /// A finite number within `min..=max`.
     ///
     /// # Errors
-    /// No such number.
+    /// The value is not such a number.
     pub fn number_in(&self, min: f64, max: f64) -> Result<f64, DocumentError<P>> {
         let value = self.number()?;
         if (min..=max).contains(&value) {
@@ -42,7 +42,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     /// A finite number above zero.
     ///
     /// # Errors
-    /// No such number.
+    /// The value is not such a number.
     pub fn positive(&self) -> Result<f64, DocumentError<P>> {
         let value = self.number()?;
         if value > 0.0 { Ok(value) } else { Err(self.error(Problem::NotPositive(value))) }
@@ -51,7 +51,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     /// A finite number, zero or above.
     ///
     /// # Errors
-    /// No such number.
+    /// The value is not such a number.
     pub fn non_negative(&self) -> Result<f64, DocumentError<P>> {
         let value = self.number()?;
         if value >= 0.0 { Ok(value) } else { Err(self.error(Problem::Negative(value))) }
@@ -60,7 +60,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     /// A whole number.
     ///
     /// # Errors
-    /// No such number, or one beyond 64 bits.
+    /// The value is not a whole number, or is beyond 64 bits.
     pub fn any_integer(&self) -> Result<i64, DocumentError<P>> {
         match self.value.get_ref() {
             DeValue::Integer(integer) => {
@@ -75,7 +75,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     /// A whole number within `range`.
     ///
     /// # Errors
-    /// No such number.
+    /// The value is not such a number.
     pub fn integer(&self, range: RangeInclusive<i64>) -> Result<i64, DocumentError<P>> {
         let value = self.any_integer()?;
         if range.contains(&value) {
@@ -88,7 +88,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     /// A whole number, zero or above.
     ///
     /// # Errors
-    /// No such number.
+    /// The value is not such a number.
     pub fn count(&self) -> Result<u64, DocumentError<P>> {
         let value = self.any_integer()?;
         u64::try_from(value).map_err(|_| self.error(Problem::Negative(value as f64)))
@@ -97,7 +97,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     /// True or false.
     ///
     /// # Errors
-    /// Something else.
+    /// The value has another type.
     pub fn boolean(&self) -> Result<bool, DocumentError<P>> {
         match self.value.get_ref() {
             DeValue::Boolean(value) => Ok(*value),
@@ -108,7 +108,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     /// A string.
     ///
     /// # Errors
-    /// Something else.
+    /// The value has another type.
     pub fn text(&self) -> Result<&'a str, DocumentError<P>> {
         match self.value.get_ref() {
             DeValue::String(text) => Ok(text.as_ref()),
@@ -119,7 +119,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     /// The meaning of one of a fixed set of words.
     ///
     /// # Errors
-    /// Another word, or no string.
+    /// The word is unknown, or the value is not a string.
     pub fn word<T: Copy>(&self, known: &[(&'static str, T)]) -> Result<T, DocumentError<P>> {
         let found = self.text()?;
         known.iter().find(|(word, _)| *word == found).map(|(_, meaning)| *meaning).ok_or_else(|| {
@@ -131,7 +131,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     /// A table.
     ///
     /// # Errors
-    /// Something else.
+    /// The value has another type.
     pub fn section(&self) -> Result<Section<'a, P>, DocumentError<P>> {
         match self.value.get_ref() {
             DeValue::Table(table) => {
@@ -144,7 +144,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     /// The values of a list, each with its place.
     ///
     /// # Errors
-    /// No list.
+    /// The value is not a list.
     pub fn items(&self) -> Result<Vec<Self>, DocumentError<P>> {
         let DeValue::Array(items) = self.value.get_ref() else {
             return Err(self.wrong_type("a list"));
@@ -162,7 +162,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     /// A list of exactly `K` finite numbers.
     ///
     /// # Errors
-    /// Another length, or an item that is no finite number.
+    /// The list has another length, or an item is not a finite number.
     pub fn numbers<const K: usize>(&self) -> Result<[f64; K], DocumentError<P>> {
         let items = self.items()?;
         if items.len() != K {

@@ -20,7 +20,7 @@ use robot_model::RobotModel;
 
 /// Mailboxes of the board's CAN controller.
 const MAILBOXES: usize = 3;
-/// Place of the board among the nodes, behind the six drives.
+/// Index of the board among the nodes, after the six drives.
 const BOARD: usize = 6;
 /// Node-ID of the controller in its built-in settings, and one for the pendant.
 const CONTROLLER: NodeId = NodeId::from_low_bits(10);
@@ -117,7 +117,7 @@ impl Node for Port {
     }
 }
 
-/// Somebody with a pendant: heartbeats all the time, and from 1.5 s on a jog of joint 6 at 0.2 rad/s for one second.
+/// A pendant: heartbeats all the time, and from 1.5 s on a jog of joint 6 at 0.2 rad/s for one second.
 struct Pendant {
     next: Instant,
     transfer: TransferId,
@@ -135,7 +135,7 @@ impl Pendant {
         self.transfer = self.transfer.next();
         let deadline = now + Duration::from_millis(100);
         let meta = TxMeta { route, priority: Priority::Nominal, transfer_id: self.transfer, deadline };
-        // A full queue: what is in it goes first, and the next message comes 50 ms later anyway.
+        // If the queue is full, its messages go first; the next message comes 50 ms later anyway.
         let _ = self.queue.push(&meta, message);
     }
 }

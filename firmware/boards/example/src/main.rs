@@ -25,10 +25,10 @@ use protocol::Instant;
 use lab::Lab;
 use parts::{LabCan, LabClock, LabPin};
 
-/// What a run showed.
+/// Result of a run.
 #[derive(Debug)]
 struct Outcome {
-    /// How far joint 6 has turned, rad, as the simulated arm knows it.
+    /// How far joint 6 of the simulated arm has turned, rad.
     moved_rad: f64,
     /// Levels that the enable pin had, in order.
     enable: Vec<bool>,

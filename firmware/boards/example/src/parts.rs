@@ -19,7 +19,7 @@ impl Can for LabCan {
     type Frame = Frame;
     type Error = ErrorKind;
 
-    /// `Ok(Some(frame))`: another frame had to leave its mailbox for this one. `WouldBlock`: no room.
+    /// `Ok(Some(frame))`: another frame lost its mailbox to this one. `WouldBlock`: no room.
     fn transmit(&mut self, frame: &Frame) -> nb::Result<Option<Frame>, ErrorKind> {
         if self.0.borrow_mut().send(*frame) { Ok(None) } else { Err(nb::Error::WouldBlock) }
     }

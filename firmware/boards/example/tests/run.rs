@@ -1,7 +1,7 @@
-//! The program as a newcomer starts it.
+//! The example program as a whole.
 
 #[test]
-fn the_program_tells_pins_and_angle() {
+fn the_program_prints_pins_and_angle() {
     let output = std::process::Command::new(env!("CARGO_BIN_EXE_board-example")).output().unwrap();
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(output.status.success(), "{text}{}", String::from_utf8_lossy(&output.stderr));

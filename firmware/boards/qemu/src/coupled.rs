@@ -1,8 +1,9 @@
 //! The controller as a node of a simulated cell in virtual time, coupled through two named pipes of the host.
 //!
-//! A bridge (`tests/examples/board.rs`) writes one call into `cell.in`: a frame, or a deadline that is due. The board makes
-//! it and answers in `cell.out` with the frames that it sends and a last record: when it wants to be called next, and
-//! how many instructions the call took. Between two calls it waits in a read, and no time passes.
+//! A bridge (`tests/examples/board.rs`) writes one call into `cell.in`: a frame, or a deadline that is due. The
+//! board executes the call and answers in `cell.out` with the frames that it sends and a last record: the time of
+//! its next deadline, and the number of instructions of the call. Between two calls it waits in a read, and no time
+//! passes.
 
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
@@ -12,8 +13,8 @@ use protocol::{Instant, Node as _};
 use crate::Node;
 use crate::lockstep::{DEADLINE, File, RECORD, emit, instructions, parse};
 
-/// Control period, µs. At 8 ns per instruction a step and the frames between two steps take so long that 3 ms are refused
-/// (fault 713: 3.1 ms would do); the host brings the gains for this one.
+/// Control period, µs. At 8 ns per instruction a step and the frames between two steps take too long for 3 ms
+/// (fault 713: 3.1 ms would be enough). The host brings the gains for this period.
 const PERIOD_US: u32 = 5_000;
 
 /// Settings of the arm at that period.

@@ -6,11 +6,11 @@
 //!
 //! # Time
 //!
-//! Without `-icount` the emulator's timers follow the clock of the machine it runs on, so the board lives in real time like
-//! everybody else on the simulated bus, and instructions take whatever the machine needs. With `-icount` time would
-//! follow the instructions, which is what a repeatable script wants and a live bus does not. Timer 2 is read, not
-//! counted by interrupts: a machine that stops for a while loses no time, only calls come late. SysTick does nothing but
-//! end a sleep at the next deadline.
+//! Without `-icount` the emulator's timers follow the clock of its machine, so the board runs in real time like the
+//! other nodes on the simulated bus, and the duration of an instruction depends on the machine. With `-icount` time
+//! would follow the instructions: right for a repeatable script, wrong for a live bus. Timer 2 is read, not counted
+//! by interrupts: if the machine stops for a while, no time is lost, only calls come late. SysTick only ends a
+//! sleep at the next deadline.
 //!
 //! # Period
 //!
@@ -81,8 +81,8 @@ impl Clock for TimerClock {
     }
 }
 
-/// Settings for an arm at the end of a UART: a reply takes about a millisecond on it, and all of a cycle's wait for each other
-/// and for telemetry.
+/// Settings for an arm at the end of a UART: a reply takes about a millisecond on it, and the replies of a cycle
+/// wait for each other and for telemetry.
 ///
 /// Gains and certificate: `host/tuner/gains/powercube6-34ms.toml`, made by `host/tuner/gains/make`.
 #[inline(never)]
@@ -102,7 +102,7 @@ pub fn settings() -> Settings {
     settings.reply_age_us = 1_500;
     // One at a time: several replies would wait for each other on the line, and look older than they are.
     settings.in_flight_max = 1;
-    // The write to the gripper's drive takes its time on the UART too.
+    // The write to the gripper's drive also takes time on the UART.
     settings.gripper_opening_us += 1_500;
     settings.reply_deadline_us = 16_000;
     settings.monitor_period_us = 40_000;
@@ -127,8 +127,8 @@ pub fn run(node: &mut Node, mut peripherals: Peripherals) -> ! {
     }
 }
 
-/// Sleeps so long, or until a byte comes. Waiting awake is no choice: each look at a register keeps the emulator from moving
-/// bytes.
+/// Sleeps for the given time, or until a byte comes. It must sleep: polling a register keeps the emulator from
+/// moving bytes.
 fn sleep(timer: &mut SYST, span: Duration) {
     let us = u32::try_from(span.min(SLEEP_MAX).as_micros()).unwrap_or(0).max(1);
     timer.set_reload(us * CORE_MHZ);

@@ -1,5 +1,5 @@
-//! Plays a script of calls from a file of the host, through semihosting: no clock, no interrupts, so every run is the
-//! same run.
+//! Plays a script of calls from a file of the host, through semihosting. No clock and no interrupts, so every run
+//! is the same.
 
 use core::hint::black_box;
 
@@ -101,7 +101,7 @@ impl Script {
 
     /// Plays it; true if it could be read and written.
     pub fn play(self, node: &mut Node, mut clock: SYST) -> bool {
-        // Making the node takes more stack than it ever needs later; both are told.
+        // To build the node takes more stack than it needs later; both figures are printed.
         let made = stack::deepest();
         stack::paint();
         clock.set_clock_source(SystClkSource::Core);
@@ -158,7 +158,7 @@ impl Script {
         print(b" with the node on it, ");
         print_number(made as u32);
         print(b" while it was made\n");
-        // What an offer to arm and an upload cost besides.
+        // Additional cost of an offer to arm and of an upload.
         let (mut settings, mut file) = (Cost::default(), Cost::default());
         let kibibyte = [0x5A; 1024];
         for _ in 0..8 {

@@ -60,7 +60,7 @@ fn main() -> ! {
     assert!(core::hint::black_box(false), "planted");
     let Some(peripherals) = cortex_m::Peripherals::take() else { exit(false) };
     let identity = Identity { unique_id: *b"emulated-board\0\0", hardware: (0, 1) };
-    // On the stack of a function that does not return, in two steps: made where it stays, and never moved.
+    // On the stack of a function that does not return, in two steps: built in its final place, and never moved.
     // The emulated chip has no random number generator, and a script must play the same way each time.
     let mut node = Node::blank(Instant::ZERO, STORAGE, SPLINE, identity, Seed::FORESEEABLE);
     #[cfg(feature = "script")]

@@ -80,7 +80,7 @@ pub fn receive() -> Option<u8> {
 
 /// Sleeps until an interrupt, unless a byte is there.
 pub fn sleep_unless_received() {
-    // With interrupts off, one that comes between the look and the sleep stays pending, and ends the sleep at once.
+    // With interrupts off, an interrupt between the check and the sleep stays pending, and ends the sleep at once.
     critical_section::with(|_| {
         if with_received(|received| received.is_empty()).unwrap_or(false) {
             cortex_m::asm::wfi();

@@ -1,4 +1,4 @@
-//! Depth of the stack: painted at start, looked at in the end.
+//! Depth of the stack: filled with a pattern at start, read at the end.
 
 use core::ptr;
 
@@ -19,7 +19,7 @@ pub fn paint() {
     let high = (cortex_m::register::msp::read() as usize - 256) as *mut u32;
     let mut place = low;
     while place < high {
-        // SAFETY: between the static data and the stack pointer nothing lives.
+        // SAFETY: nothing is stored between the static data and the stack pointer.
         unsafe {
             ptr::write_volatile(place, PAINT);
             place = place.add(1);

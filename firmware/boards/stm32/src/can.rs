@@ -61,7 +61,7 @@ unsafe fn DefaultHandler(number: i16) {
     critical_section::with(|cs| {
         let Ok(mut received) = RECEIVED.borrow(cs).try_borrow_mut() else { return };
         let Received { fifo: Some(fifo), ring, overrun } = &mut *received else { return };
-        // The peripheral holds three; an overrun costs the frame that was too much.
+        // The peripheral holds three frames; an overrun loses the frames beyond them.
         for _ in 0..4 {
             match fifo.receive() {
                 Ok(frame) => {

@@ -31,7 +31,7 @@ fn modify(address: usize, clear: u32, set: u32) {
 }
 
 fn wait_for(address: usize, bits: u32, value: u32) {
-    // A crystal that never starts: the board stays here, silent, and the drives never get a sign of life.
+    // If the crystal never starts, the board stays here, silent, and the drives never get a sign of life.
     while read(address) & bits != value {}
 }
 
@@ -160,8 +160,8 @@ fn next_random() -> u32 {
     loop {
         let status = read(RNG + 0x04);
         if status & (1 << 5 | 1 << 6) != 0 {
-            // Error of the clock or of the source: the generator is started again. One that never recovers keeps the board
-            // here.
+            // Error of the clock or of the source: the generator is started again. If it never recovers, the board
+            // stays here.
             write(RNG + 0x04, 0);
             write(RNG, 0);
             write(RNG, 1 << 2);

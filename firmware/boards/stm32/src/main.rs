@@ -9,14 +9,14 @@
 //! | lamp | PC3, high = on | warning lamp |
 //! | crystal | PH0, PH1 | 8 MHz |
 //!
-//! * Received frames are taken by interrupt into a ring: the peripheral holds three, a control step lasts longer than that.
+//! * Received frames are taken by interrupt into a ring: the peripheral holds three, and a control step lasts longer.
 //! * The independent watchdog (100 ms) is fed only while deadlines are served in time; a loop that hangs resets the
 //!   board, and the drives stop by their own watchdogs.
-//! * Tokens and challenges are drawn from the chip's random number generator. A generator that fails keeps the board from
-//!   starting: the drives get no sign of life.
-//! * Trajectory, settings and key live in RAM: erasing the chip's flash stalls the processor for up to two seconds, longer than
-//!   the drives' watchdogs wait. After power on there is no trajectory and no
-//!   key, and the settings are the built-in ones.
+//! * Tokens and challenges are drawn from the chip's random number generator. If the generator fails, the board does not
+//!   start, and the drives get no sign of life.
+//! * Trajectory, settings and key are kept in RAM: erasing the chip's flash stalls the processor for up to two seconds,
+//!   longer than the time-out of the drives' watchdogs. After power on there is no trajectory and no key, and the settings
+//!   are the built-in ones.
 //!
 //! It has never run on hardware. What is known is that it builds, that the same core runs bit for bit on the emulated
 //! processor, and what the reference manual (RM0090) says about the registers used here.

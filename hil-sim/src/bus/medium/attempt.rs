@@ -78,7 +78,7 @@ impl Bus {
         true
     }
 
-    /// All that have the lowest key among those who start, and the frame of the one that sends dominant longest.
+    /// All nodes with the lowest key among those that start, and the frame of the node that sends dominant longest.
     fn arbitrate(&mut self, candidates: u64, ready_ns: u64, start_ns: u64) -> Option<(u64, Frame)> {
         let (mut starters, mut winners) = (0_u64, 0_u64);
         let mut best: Option<(u32, Frame)> = None;
@@ -108,7 +108,7 @@ impl Bus {
 
     pub(super) fn ready_to_send_ns(&self, port: usize, ready_ns: u64) -> u64 {
         let node = &self.ports[port];
-        // Whatever waits longest decides when the node may start; in both orders it is the first.
+        // The frame that waits longest determines when the node may start; in both orders it is the first one.
         let queued_ns = node.queue.get(0).map_or(0, |waiting| waiting.since_ns);
         queued_ns.max(ready_ns).max(node.suspend_until_ns)
     }

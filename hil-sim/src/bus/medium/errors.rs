@@ -1,15 +1,15 @@
 //! Attempts that fail, and a line that is held dominant.
 //!
-//! | what goes wrong | first error flag | who counts (rules of part A section 8) |
+//! | error | first error flag | counters that change (rules of part A section 8) |
 //! |---|---|---|
 //! | a sender reads a bit wrongly | after that bit | senders 8 (rule 3), receivers 1 (rule 1) |
 //! | a receiver reads a bit wrongly | after the acknowledge delimiter, or after a later bit | senders 8, that receiver 1 + 8 (rule 2), others 1 |
 //! | the same, error-passive | none: it misses the frame | that receiver 1 |
-//! | nobody acknowledges | after the acknowledge slot | the sender 8, nothing once it is error-passive (rule 3, exception 1) |
+//! | no node acknowledges | after the acknowledge slot | the sender 8, nothing once it is error-passive (rule 3, exception 1) |
 //! | two nodes send one id with other data | after the first byte that differs | both 8, receivers 1 |
-//! | the line is held dominant | - | everybody as a receiver: 1, then 8 per eight bits (rules 1, 2 and 6) |
+//! | the line is held dominant | - | all nodes as receivers: 1, then 8 per eight bits (rules 1, 2 and 6) |
 //!
-//! Flags of several nodes overlap and take up to twelve bits together; twelve are counted.
+//! Flags of several nodes overlap and take up to twelve bits together; the model uses twelve.
 
 use protocol::Frame;
 use protocol::bits::{FIXED_FORM, INTERFRAME_SPACE};
@@ -77,8 +77,8 @@ impl Bus {
         self.ports[port].controller.counters.state() == Confinement::Passive
     }
 
-    /// Two nodes send one id with other data. One that reads a dominant bit for its recessive one ends the frame of all if it
-    /// is error-active, and only its own if it is error-passive.
+    /// Two nodes send one id with different data. A node that reads a dominant bit for its recessive one ends the
+    /// frame for all nodes if it is error-active, and only its own if it is error-passive.
     pub(super) fn collide(&mut self, attempt: &mut Attempt) -> Option<Failure> {
         let differs = |port: &usize| self.sent_by(*port).is_some_and(|other| other != attempt.frame);
         let losers: Vec<usize> = indices(attempt.senders).filter(differs).collect();
@@ -111,7 +111,7 @@ impl Bus {
         };
         let bit = bit.min(attempt.bits - 1);
         let wrong = seen_by & receivers;
-        // A receiver has the frame one bit before its end. What it reads in the last bit is no error.
+        // A receiver has the frame one bit before its end. A wrong last bit is not an error for it.
         let (last, last_but_one) = (bit == attempt.bits - 1, bit == attempt.bits - 2);
         if seen_by & attempt.senders != 0 {
             let is_form = bit >= attempt.bits - AFTER_ACK_SLOT;
@@ -149,7 +149,7 @@ impl Bus {
         }
     }
 
-    /// Before a node vanishes: ends the attempt if nobody else sends it, or nobody else acknowledges it.
+    /// Before a node is disconnected: ends the attempt if no other node sends it, or no other node acknowledges it.
     pub(super) fn leave_attempt(&mut self, port: usize, now_ns: u64) {
         let Stage::Attempt(mut attempt) = self.stage else { return };
         if attempt.delivered {
@@ -265,8 +265,8 @@ impl Bus {
     }
 }
 
-/// Bits from the start of frame to the end of the length code or the data byte in which two frames with one id differ, with as many
-/// stuff bits as there can be.
+/// Bits from the start of frame to the end of the first length code or data byte that differs in two frames with
+/// one id, with the largest possible number of stuff bits.
 fn bits_to_difference(a: &Frame, b: &Frame) -> u32 {
     let header = if a.is_extended() { 39 } else { 19 };
     let bytes = if a.dlc() == b.dlc() {

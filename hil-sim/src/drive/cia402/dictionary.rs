@@ -148,7 +148,7 @@ fn of_drive(options: &ServoOptions) -> Vec<(u16, u8, Row)> {
     ]
 }
 
-/// As they are shipped: the first pair runs by event with control and status word, the others are not valid.
+/// As delivered: the first pair runs by event with control and status word, the others are not valid.
 fn process_data(node: NodeId) -> Vec<(u16, u8, Row)> {
     let mut rows = Vec::new();
     for pdo in 0..PDOS {

@@ -1,6 +1,6 @@
 //! One CANopen servo of profile CiA 402 behind the wire: network management, dictionary, process data, drive.
 //!
-//! Written from what is public of CiA 301 and CiA 402-2; no real node was at hand.
+//! Written from the public contents of CiA 301 and CiA 402-2; no real node was at hand.
 //!
 //! # Map
 //!
@@ -11,16 +11,16 @@
 //! | `path` | the reference as closed forms of time |
 //! | `dictionary` | objects: type, access, range, value |
 //! | `server` | service data: expedited and in segments |
-//! | `options` | [`ServoOptions`]: the servo as it is delivered; [`ServoFaults`]: what is wrong with it |
+//! | `options` | [`ServoOptions`]: the servo as delivered; [`ServoFaults`]: its faults |
 //!
-//! # Choices where the standard leaves them
+//! # Choices that the standard leaves open
 //!
-//! * Set points act with the SYNC after them. From SYNC to SYNC the reference moves on a straight line, in the time of object 60C2. What
-//!   happens without a new set point is an option: hold, or one more period with the same speed.
+//! * Set points act with the SYNC after them. From SYNC to SYNC the reference moves on a straight line, in the time of object 60C2.
+//!   The reaction to a missing set point is an option: hold, or one more period with the same speed.
 //! * Objects 1400 to 1BFF are written outside of the operational state only, and a map only while its PDO is not valid.
 //! * The brake is closed whenever there is no torque.
 //! * A target that came while the drive had no torque acts with the first SYNC after it is enabled: the worst case for a host.
-//! * Frames that were lost (emergency 8110) are reported and change no state.
+//! * Lost frames (emergency 8110) are reported and change no state.
 
 mod dictionary;
 mod motion;

@@ -146,7 +146,7 @@ impl CanopenServo {
         }
     }
 
-    /// Brakes as object 605A says.
+    /// Brakes as object 605A requires.
     pub(super) fn quick_stop(&mut self, now: Instant) {
         if self.state != State::OperationEnabled {
             return;
@@ -159,7 +159,7 @@ impl CanopenServo {
         self.state = State::QuickStopActive;
     }
 
-    /// An error: it is reported, then the drive reacts as object 605E says.
+    /// An error: it is reported, then the drive reacts as object 605E requires.
     pub fn fail(&mut self, now: Instant, code: u16) {
         self.emergency(now, code);
         self.fail_silently(now, code);

@@ -8,11 +8,11 @@ use protocol::Duration;
 pub enum MissingTarget {
     /// It stands.
     Hold,
-    /// It goes on for one period, then stands.
+    /// It continues for one period, then stands.
     Extrapolate,
 }
 
-/// A servo as it is delivered. Torques and speeds at the shaft, behind the gear.
+/// A servo as delivered. Torques and speeds at the shaft, behind the gear.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ServoOptions {
     /// Its number.
@@ -27,7 +27,7 @@ pub struct ServoOptions {
     pub encoder_counts: u32,
     /// Turns of the motor per turn of the shaft (object 6091).
     pub gear: u32,
-    /// Torque that it can give for ever, N·m; the unit of torques (object 6076).
+    /// Continuous torque, N·m; the unit of torques (object 6076).
     pub rated_nm: f64,
     /// Torque that it can give at rest, N·m.
     pub peak_nm: f64,
@@ -59,7 +59,7 @@ impl ServoOptions {
     /// Homing and the cyclic modes.
     pub const MODES: u32 = 1 << 5 | 1 << 7;
 
-    /// A servo of 50 N·m with an absolute encoder behind a gear of 100.
+    /// A servo of 50 N·m with an absolute encoder and a gear of 100.
     pub fn of(node: NodeId) -> Self {
         Self {
             node,
@@ -95,16 +95,16 @@ impl ServoOptions {
 pub struct ServoFaults {
     /// It takes and sends nothing.
     pub is_silent: bool,
-    /// Its heartbeat stays away; all else goes on.
+    /// Its heartbeat is missing; everything else works.
     pub heartbeat_is_lost: bool,
     /// The heartbeat of others can be supervised, and nothing happens when it stays away.
     pub supervision_is_dead: bool,
-    /// Object 6061 never shows the mode that is asked for.
+    /// Object 6061 never shows the ordered mode.
     pub mode_is_never_shown: bool,
-    /// So many positions to come are torn: their upper half is that of another moment.
+    /// The next positions of this number are torn: their upper half is from another time.
     pub torn_answers: u32,
     /// Process data hold what the last ones before held.
     pub answers_are_stale: bool,
-    /// One set of process data in this many is not sent; 0: none is lost.
+    /// One set of process data in this many is not sent; 0: all are sent.
     pub answer_lost_every: u32,
 }

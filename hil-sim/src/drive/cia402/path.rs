@@ -38,7 +38,8 @@ impl Path {
         }
     }
 
-    /// From where it is to rest. A line that has just ended still has its speed: the SYNC is never on time by the microsecond.
+    /// From the present state to rest. A line that has just ended still has its speed: the SYNC is never on time to the
+    /// microsecond.
     pub(super) fn braking(&self, now: Instant, a_rad_s2: f64) -> Self {
         let (from_rad, mut v_rad_s) = self.at(now);
         if let Self::Line { since, period, .. } = *self

@@ -17,14 +17,14 @@ pub(super) enum Server {
     Writing { object: Object, bytes: Vec<u8>, toggle: bool },
 }
 
-/// What the objects say.
+/// Access to the objects.
 pub(super) trait Objects {
     fn read(&mut self, object: Object) -> Result<Vec<u8>, AbortCode>;
     fn write(&mut self, object: Object, value: &[u8]) -> Result<(), AbortCode>;
 }
 
 impl Server {
-    /// Answers a request; `None`: there is nothing to answer.
+    /// Answers a request; `None`: no answer is needed.
     pub(super) fn answer(&mut self, request: Option<Request>, objects: &mut impl Objects) -> Option<Answer> {
         let abort = |object, code| Some(Answer::Abort(object, code));
         match request {

@@ -114,7 +114,7 @@ impl CanopenServo {
         self.axis.q_rad - self.origin_rad
     }
 
-    /// Value of an object, for tests; `None`: there is no such object.
+    /// Value of an object, for tests; `None`: the object does not exist.
     pub fn object(&self, index: u16, sub: u8) -> Option<Vec<u8>> {
         self.dictionary.read(Object::new(index, sub)).ok()
     }
@@ -165,7 +165,7 @@ impl CanopenServo {
         self.send_at(now, emergency.encode(self.options.node));
     }
 
-    /// The errors are gone.
+    /// Reports that the errors are cleared.
     pub(super) fn cleared(&mut self, now: Instant) {
         self.dictionary.set(0x1001, 0, 0);
         self.dictionary.set(0x603F, 0, 0);
@@ -311,7 +311,7 @@ impl CanopenServo {
         self.link_lost(now);
     }
 
-    /// What object 6007 says.
+    /// Reaction that object 6007 requires.
     fn link_lost(&mut self, now: Instant) {
         match self.dictionary.get(0x6007, 0) {
             1 => self.fail_silently(now, HEARTBEAT_LOST),

@@ -7,7 +7,7 @@
 //! | file | holds |
 //! |---|---|
 //! | `motor` | [`MitMotor`]: power, frames, torque; the [`protocol::Node`] |
-//! | `options` | [`MitOptions`]: the motor as it is delivered; [`MitFaults`]: what is wrong with it |
+//! | `options` | [`MitOptions`]: the motor as delivered; [`MitFaults`]: its faults |
 //! | `registers` | settings in RAM and flash |
 //!
 //! # State
@@ -19,12 +19,12 @@
 //!                  └──────────────── FB clear ───────────────────────┘
 //! ```
 //!
-//! # Choices where the sources are silent
+//! # Choices that the sources leave open
 //!
 //! * A set point that arrives while the motor is off is kept. It acts as soon as the motor is enabled, unless another one arrives
 //!   first: the worst case for a host. Power-on and a change of the mode clear it.
 //! * `FE` sets the zero in every state.
-//! * A motor that is told to store while it is on does nothing.
+//! * An order to store is ignored while the motor is on.
 //! * Modes 2 to 4 lead a reference at the largest velocity behind a position loop that is critically damped at 30 rad/s for the
 //!   rotor alone.
 

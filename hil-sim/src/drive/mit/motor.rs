@@ -18,12 +18,12 @@ const LOOP_RAD_S: f64 = 30.0;
 /// Temperature of the room, and at which a motor stops, °C.
 const ROOM_C: f64 = 25.0;
 const ROTOR_MAX_C: f64 = 100.0;
-/// Rise of the rotor at rated torque for ever, K, and how fast it comes, s.
+/// Final rise of the rotor at rated torque, K, and its time constant, s.
 const RISE_K: f64 = 55.0;
 const RISE_S: f64 = 300.0;
 /// Rise of the transistors beside it.
 const TRANSISTORS_SHARE: f64 = 0.6;
-/// Answers that wait at most; a host that asks faster than the bus carries loses the rest.
+/// Most answers that wait; if a host requests faster than the bus carries, further answers are lost.
 const ANSWERS_MAX: usize = 16;
 
 /// One motor.
@@ -83,7 +83,7 @@ impl MitMotor {
         &mut self.faults
     }
 
-    /// What it says about itself.
+    /// Status that the motor reports.
     pub fn status(&self) -> Status {
         self.status
     }

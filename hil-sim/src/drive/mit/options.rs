@@ -3,22 +3,22 @@
 use mit_protocol::{MOTORS, MotorId, MotorType};
 use protocol::{Duration, StandardId};
 
-/// A motor as it is delivered. Torques and speeds at the shaft, behind the gear.
+/// A motor as delivered. Torques and speeds at the shaft, behind the gear.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MitOptions {
     /// Id to which it listens.
     pub id: MotorId,
     /// Id on which it answers.
     pub master: StandardId,
-    /// Ranges and gear.
+    /// Ranges and gear ratio.
     pub motor: MotorType,
-    /// Torque that it can give for ever, N·m.
+    /// Continuous torque, N·m.
     pub rated_nm: f64,
     /// Torque that it can give at rest, N·m.
     pub peak_nm: f64,
     /// Speed at which it gives no torque any more, rad/s.
     pub no_load_rad_s: f64,
-    /// Inertia of the rotor behind the gear, kg·m².
+    /// Inertia of the rotor at the shaft, kg·m².
     pub rotor_kg_m2: f64,
     /// Time without a command after which it gives no torque, in 50 µs; 0: never.
     pub time_out: u32,
@@ -26,17 +26,17 @@ pub struct MitOptions {
     pub mode: u32,
     /// From a command to its answer.
     pub answer_after: Duration,
-    /// Where the zero lies, rad of the shaft. A turn is known within half of one at power-on.
+    /// Position of the zero, rad of the shaft. At power-on it is known within half a turn.
     pub zero_rad: f64,
 }
 
-/// Rated and largest torque, speed without load at 24 V, by name; and the inertia of the rotor behind the gear, of which only that of the
-/// 4340 is published: the others are assumed.
+/// Rated and largest torque, speed without load at 24 V, by name; and the inertia of the rotor at the shaft. Only
+/// that inertia of the 4340 is published: the others are assumed.
 const FIGURES: [(&str, [f64; 4]); 3] =
     [("4310", [3.0, 7.0, 20.9, 0.01]), ("4340", [9.0, 27.0, 5.4, 0.16]), ("8009", [20.0, 40.0, 16.8, 0.03])];
 
 impl MitOptions {
-    /// A motor of the makers' table as it is shipped: MIT mode, no time-out. `None` if its figures are not known.
+    /// A motor of the makers' table as delivered: MIT mode, no time-out. `None` if its figures are not known.
     pub fn of(name: &str, id: MotorId, master: StandardId) -> Option<Self> {
         let motor = *MOTORS.iter().find(|motor| motor.name == name)?;
         let (_, [rated_nm, peak_nm, no_load_rad_s, rotor_kg_m2]) =
@@ -60,11 +60,11 @@ impl MitOptions {
 /// What is wrong with a motor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MitFaults {
-    /// One answer in this many is not sent; 0: none is lost.
+    /// One answer in this many is not sent; 0: all are sent.
     pub answer_lost_every: u32,
     /// The time-out can be set and read, and nothing happens when it is over.
     pub time_out_is_dead: bool,
-    /// It counts velocities with a range this many times the one in its register; 0: as the register says.
+    /// Its velocities have a range this many times the one in its register; 0: the range of the register.
     pub velocity_range_factor: f32,
     /// Answers hold the state of the last one before.
     pub answers_are_stale: bool,

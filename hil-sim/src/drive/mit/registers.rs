@@ -38,7 +38,7 @@ impl Registers {
         }
     }
 
-    /// Takes a value; one that makes no sense leaves the old one.
+    /// Takes a value; an invalid one leaves the old one.
     pub(super) fn write(&mut self, register: Register, value: RegisterValue) {
         let (p, v, t) = (self.ranges.p_max_rad(), self.ranges.v_max_rad_s(), self.ranges.t_max_nm());
         let ranges = |p, v, t| Ranges::new(p, v, t).unwrap_or(self.ranges);

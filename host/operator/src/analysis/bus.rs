@@ -14,7 +14,7 @@ use crate::samples::BusFrame;
 /// Width of a step of the curve, s.
 pub const STEP_S: f64 = 0.01;
 
-/// What a frame is for.
+/// Purpose of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Traffic {
@@ -30,7 +30,7 @@ pub enum Traffic {
 }
 
 impl Traffic {
-    /// What `frame` is for.
+    /// Purpose of `frame`.
     #[must_use]
     pub fn of(frame: &Frame) -> Self {
         match (Address::of(frame.id()), frame.id()) {
@@ -48,7 +48,7 @@ impl Traffic {
 pub struct IdUse {
     /// The identifier in hexadecimal, three digits for 11-bit and eight for 29-bit ones.
     pub id: String,
-    /// What it is for.
+    /// Purpose of the frames.
     pub traffic: Traffic,
     pub frames: u64,
     /// Bus time as a share of the plan's.
@@ -138,7 +138,7 @@ pub fn usage(frames: &[BusFrame], clock: PlanClock, end_t_s: f64, bit_s: f64) ->
     }
 }
 
-/// Adds a span to the steps that it lies in.
+/// Adds a span to the steps that it covers.
 fn spread(taken_s: &mut [f64], from_t_s: f64, took_s: f64) {
     let (mut at, end) = (from_t_s + BEFORE_S, from_t_s + BEFORE_S + took_s);
     while at < end - 1e-12 {

@@ -15,7 +15,7 @@ pub struct Reading {
     pub value: f64,
 }
 
-/// A ramp that a drive was told to make.
+/// A ramp that a drive was ordered to make.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Commanded {
     /// Time of the plan at which the order was given, s.
@@ -43,7 +43,7 @@ pub struct JointLog {
     pub telemetry: Vec<(f64, JointSample)>,
 }
 
-/// What was heard of a group.
+/// Data recorded of a group.
 #[derive(Clone, Debug, Default)]
 pub struct Heard {
     /// One per joint.

@@ -1,8 +1,9 @@
-//! What the controller commanded: acceleration of each interval between two orders, beside that of the reference.
+//! Accelerations that the controller commanded, for each interval between two orders, and those of the reference.
 //!
-//! A drive turns orders into motion by its ramp generator: towards the target with at most the ramp's speed, changing its
-//! speed by the ramp's acceleration (PowerCube manual, ramp motion). The generator is followed here from order to order, so
-//! that `v` of the law (paper 002, eq. 11 and 12) is seen at each interval, also where no telemetry was sent:
+//! A drive turns orders into motion by its ramp generator: towards the target with at most the ramp's speed,
+//! changing its speed by the ramp's acceleration (PowerCube manual, ramp motion). The generator is computed here
+//! from order to order. So `v` of the law (paper 002, eq. 11 and 12) is known at each interval, also where no
+//! telemetry was sent:
 //!
 //! ```text
 //! v = Δ(speed of the generator) / Δt        commanded, |v| <= v_max
@@ -31,8 +32,8 @@ impl Control {
     }
 }
 
-/// Accelerations between the orders to joint `j`, which stands before the first one. Empty without orders that tell speed
-/// and acceleration.
+/// Accelerations between the orders to joint `j`, which stands before the first one. Empty if no order contains
+/// speed and acceleration.
 #[must_use]
 pub fn controls(motion: &Motion, j: usize, orders: &[Commanded], positions: &[Reading]) -> Vec<Control> {
     let mut v_rad_s = 0.0;
@@ -111,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn orders_without_a_ramp_tell_nothing() {
+    fn orders_without_a_ramp_give_no_accelerations() {
         let order = |t_s| Commanded { t_s, target_rad: 1.0, v_rad_s: None, a_rad_s2: None };
         assert!(controls(&standing(), 0, &[order(0.0), order(0.1)], &[]).is_empty());
     }

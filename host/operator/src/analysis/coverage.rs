@@ -1,8 +1,8 @@
 //! Whether the timing of a run stayed within what the certificate of its gains covers, from the frames alone.
 //!
-//! The certificate is about a loop that measures, computes and acts. Here a joint is measured where its answer begins (drives
-//! measure just before), and a command acts between the end of its frame and the next measurement. So for each two commands in
-//! a row there are three numbers:
+//! The certificate covers a loop that measures, computes and acts. Here the measurement of a joint is the begin of
+//! its answer (drives measure just before), and a command acts between the end of its frame and the next
+//! measurement. So two commands in a row give three numbers:
 //!
 //! | number | from | to |
 //! |---|---|---|
@@ -10,8 +10,9 @@
 //! | measurement interval | measurement after the first | measurement after the second |
 //! | delay | measurement after the first | end of the second |
 //!
-//! Both intervals must be within the certified share of the period, and the delay's share of the measurement interval, which is
-//! at most all of it, neither less nor more than certified. A command without an answer counts as outside.
+//! Both intervals must be within the certified share of the period. The delay's share of its measurement interval
+//! must be within the certified bounds, and is at most all of the interval. A command without an answer counts as
+//! outside.
 
 use serde::{Deserialize, Serialize};
 
@@ -32,7 +33,7 @@ pub struct Certified {
 }
 
 impl Certified {
-    /// The narrowest of all joints; `None` without joints, or with a certificate that knows no sampling (Theorem 1).
+    /// The narrowest of all joints; `None` without joints, or with a certificate without sampling (Theorem 1).
     #[must_use]
     pub fn of(gains: &GainsFile) -> Option<Self> {
         let sampled = |c: &CertificateTable| matches!(c, CertificateTable::Saturated { .. });
@@ -338,7 +339,7 @@ mod tests {
         assert_eq!((found.outside, found.worst.unwrap().what), (2, What::Delay));
     }
 
-    /// Found with gains for a third of the delay: told inside, although every command acts 2.8 ms after its measurement.
+    /// Found with gains for a third of the delay: reported inside, although every command acts 2.8 ms after its measurement.
     #[test]
     fn command_too_late_after_its_measurement_is_outside() {
         let soon = Certified { delay_min_s: 0.00075, delay_max_s: 0.001, ..CERTIFIED };

@@ -1,7 +1,7 @@
 //! Measured currents against the robot model's, per supply (figure 2 and 3 of the throwing paper).
 //!
-//! A drive is asked for its current once in a while, another one each time. Between two readings of a drive its current
-//! is taken to change linearly; a supply carries the sum of magnitudes, eq. (8).
+//! The current of a drive is read from time to time, of another drive each time. Between two readings of a drive
+//! its current is assumed to change linearly; a supply carries the sum of magnitudes, eq. (8).
 
 use serde::Serialize;
 
@@ -86,7 +86,7 @@ pub fn supplies(run: &Run<'_>, heard: &Heard) -> Vec<SupplyCurrents> {
         .collect()
 }
 
-/// At each time at which one of the drives was read, as far as all of them are known there.
+/// At each time at which one of the drives was read, if all of them are known at that time.
 fn sum_of_magnitudes(heard: &Heard, joints: &[usize], from_s: f64, to_s: f64) -> Vec<Reading> {
     let mut times: Vec<f64> = joints
         .iter()

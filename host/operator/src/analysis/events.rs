@@ -37,7 +37,7 @@ pub struct FirstFault {
     pub frames: Vec<String>,
 }
 
-/// A joint at the moment of a fault, as last heard.
+/// A joint at the moment of a fault, from the last messages.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct FrozenJoint {
     /// Position, rad.

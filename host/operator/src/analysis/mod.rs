@@ -1,4 +1,4 @@
-//! What a run was like: motion against plan, currents, timing, bus, events. Pure functions of its [samples](crate::samples).
+//! Analysis of a run: motion against plan, currents, timing, bus, events. Pure functions of its [samples](crate::samples).
 //!
 //! # Map
 //! | module | holds |
@@ -7,12 +7,12 @@
 //! | [`start`] | when runs began, in time of the samples |
 //! | [`tracking`] | measured motion against the plan's polynomials |
 //! | [`release`] | where the ball leaves the hand and lands, by the measured motion |
-//! | [`control`] | accelerations that the orders amount to, beside the reference's |
-//! | [`coverage`] | timing beside what the gains are certified for |
+//! | [`control`] | accelerations that result from the orders, and those of the reference |
+//! | [`coverage`] | timing compared with the timing that the gains are certified for |
 //! | [`currents`] | measured currents against the robot model's |
 //! | [`timing`] | control cycles and answer times |
 //! | [`bus`] | bus time taken, over time and per identifier; only where the link is a bus |
-//! | [`events`] | what happened, as text; the first fault with everything known at that moment |
+//! | [`events`] | events as text; the first fault with everything known at that moment |
 //! | [`distribution`] | median, 99th percentile, extremes |
 //!
 //! # Conventions
@@ -66,7 +66,7 @@ pub const SPEED_BOUND_RAD_S: f64 = 0.1;
 /// What to analyse.
 #[derive(Clone, Copy)]
 pub struct Run<'a> {
-    /// What was measured and told.
+    /// Measurements and reports.
     pub samples: &'a Samples,
     /// The motion that was run.
     pub motion: &'a Motion,
@@ -77,9 +77,9 @@ pub struct Run<'a> {
     /// When the plan began, in time of the log; `None`: of the runs that [`start::find`] finds, the one that begins
     /// most like the plan.
     pub start: Option<Instant>,
-    /// From the order to open to the free ball; `None`: not known, the ball is taken to be free when planned.
+    /// From the order to open to the free ball; `None`: not known, the ball is assumed to be free when planned.
     pub gripper_opening: Option<Duration>,
-    /// Timing that the gains of the run are certified for; `None` if nobody knows.
+    /// Timing that the gains of the run are certified for; `None` if it is not known.
     pub certified: Option<Certified>,
 }
 
@@ -92,14 +92,14 @@ pub enum AnalysisError {
     /// No run in it.
     #[error("no run of a plan is in the log: no controller reports that it follows one")]
     NoRun,
-    /// The robot file does not say which drive is which joint.
+    /// The robot file does not assign drives to joints.
     #[error("robot \"{robot}\" has no drives in its file, so the joint of an address is not known")]
     NoDrives {
         /// Name of the robot.
         robot: String,
     },
-    /// A drive that is never heard during the run.
-    #[error("{}joint {joint} tells no position during the run", .module.map_or(String::new(), |module| format!("drive {module}, ")))]
+    /// No position of a drive was received during the run.
+    #[error("{}joint {joint} has no position during the run", .module.map_or(String::new(), |module| format!("drive {module}, ")))]
     Silent {
         /// Joint, by name.
         joint: String,
@@ -138,7 +138,7 @@ pub struct RunAnalysis {
     pub release_t_s: Option<f64>,
     /// End of the plan, in its time, s.
     pub end_t_s: f64,
-    /// The controller said that it came to the end of the plan.
+    /// The controller reported the end of the plan.
     pub completed: bool,
     /// One per joint, in the order of the robot file.
     pub joints: Vec<JointTracking>,
@@ -150,9 +150,9 @@ pub struct RunAnalysis {
     pub cycles: Cycles,
     /// Whether their timing stayed within the certificate of the gains.
     pub coverage: Option<Coverage>,
-    /// Answers of the drives during the plan; `None` where the link is no bus.
+    /// Answers of the drives during the plan; `None` if the link is not a bus.
     pub answers: Option<Answers>,
-    /// Bus time taken; `None` where the link is no bus.
+    /// Bus time taken; `None` if the link is not a bus.
     pub bus: Option<BusUse>,
     /// What the controller counted between begin and end of the run.
     pub counts: Counts,
@@ -227,7 +227,7 @@ pub fn analyse(run: &Run<'_>) -> Result<RunAnalysis, AnalysisError> {
         joints,
         supplies: currents::supplies(run, &heard),
         cycles: timing::cycles(&heard, end_s),
-        // Where no orders are heard, nothing can be compared.
+        // Without recorded orders nothing can be compared.
         coverage: run
             .certified
             .filter(|_| heard.joints.iter().any(|joint| !joint.commands.is_empty()))
@@ -240,7 +240,7 @@ pub fn analyse(run: &Run<'_>) -> Result<RunAnalysis, AnalysisError> {
     })
 }
 
-/// The drives of an arm as its robot file has them.
+/// The drives of an arm in its robot file.
 ///
 /// # Errors
 /// [`AnalysisError::NoDrives`].

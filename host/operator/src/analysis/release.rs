@@ -1,4 +1,4 @@
-//! The release from the measured motion: where the ball leaves the hand, where it lands, and how certain that is.
+//! The release from the measured motion: where the ball leaves the hand, where it lands, and with which uncertainty.
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 use serde::Serialize;
@@ -29,16 +29,16 @@ pub struct ReleaseMotion {
     pub landing_m: Option<[f64; 3]>,
     /// Distance of that point from the target, m.
     pub landing_error_m: Option<f64>,
-    /// 99 % of the balls released so land within this distance of that point, m: the gripper's time and the drag vary as
-    /// the plan has it, joints and speeds as far as their readings scatter.
+    /// 99 % of the balls with such a release land within this distance of that point, m: gripper time and drag vary
+    /// as in the plan, joints and speeds by the scatter of their readings.
     pub landing_uncertainty_m: Option<f64>,
-    /// When the gripper was told to open, in time of the plan, s; `None` if that is not on the bus.
+    /// When the gripper was ordered to open, in time of the plan, s; `None` if the order is not on the bus.
     pub gripper_ordered_t_s: Option<f64>,
 }
 
 /// Ball and landing from the measured motion; `None` if nothing is thrown or a joint was not heard on both sides of the release.
 ///
-/// The ball is free the gripper's opening time after the order that is on the bus; if either is not known, when planned.
+/// The ball is free the gripper's opening time after the order on the bus; if one of them is not known, at the planned time.
 #[must_use]
 pub fn release(run: &Run<'_>, joints: &[JointTracking], heard: &Heard) -> Option<ReleaseMotion> {
     let plan = run.throw?;
@@ -115,8 +115,8 @@ fn land(
     Some((landing.p, aim.coordinates(&landing.p, since_s + landing.time_s)))
 }
 
-/// 99 % radius about the computed landing. The gripper's time is not small against the bend of the path, so the largest
-/// shift between its 99 % bounds counts; the other sources are linear.
+/// 99 % radius about the computed landing. The gripper's time is not small compared with the curvature of the path,
+/// so the largest shift between its 99 % bounds counts; the other sources are linear.
 fn uncertainty_m(
     run: &Run<'_>,
     joints: &[JointTracking],

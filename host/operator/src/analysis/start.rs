@@ -1,10 +1,10 @@
 //! When runs began, in time of the log.
 //!
-//! While a run goes on, each state message of the controller carries its own clock and the time along the plan, so their
-//! difference is the start in the controller's clock, to the microsecond. The two clocks are tied together by the
-//! message that came through fastest: nothing arrives before it was made, so the smallest difference between the time by
-//! which a message was made and its time stamp is the offset. Only messages near the run are used, because clocks drift
-//! (50 µs/s for a poor crystal).
+//! During a run, each state message of the controller contains its own clock and the time along the plan, so their
+//! difference is the start in the controller's clock, to the microsecond. The message with the shortest delay
+//! relates the two clocks: no message arrives before it was made, so the smallest difference between arrival time
+//! and time stamp is the offset. Only messages near the run are used, because clocks drift (50 µs/s for a poor
+//! crystal).
 
 use protocol::Instant;
 use protocol::cyphal::cubecell::group_state::{GroupState, State};

@@ -14,7 +14,7 @@ use crate::samples::BusFrame;
 /// Control cycles: time between two motion commands to the same drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Cycles {
-    /// Period the controller is set to, s; `None` if it does not say.
+    /// Period set in the controller, s; `None` if it is not known.
     pub nominal_s: Option<f64>,
     /// Measured, s, over all drives.
     pub period_s: Option<Distribution>,
@@ -29,7 +29,7 @@ pub struct Answers {
     pub latency_s: Option<Distribution>,
     /// By address of the drive, s.
     pub by_module: BTreeMap<u8, Distribution>,
-    /// Requests that were not answered before the same was asked again, or at all.
+    /// Requests that were not answered at all, or not before the same request was repeated.
     pub unanswered: usize,
     /// Unsolicited answers.
     pub unasked: usize,

@@ -1,9 +1,9 @@
 //! Measured motion against the plan's polynomials.
 //!
-//! Speed is not differenced from positions, whose steps of 0.02° would make 0.1 rad/s of noise at a period of 3 ms. The
-//! *error* is small and slow, so it is: its slope is that of the least-squares line through the errors within
-//! [`HALF_WINDOW_S`] on both sides, and the speed is the reference's less that slope. Nothing is asked to be causal
-//! here, so the estimate does not lag; what is faster than the window is smoothed.
+//! Speed is not differenced from positions, whose steps of 0.02° would make 0.1 rad/s of noise at a period of 3 ms.
+//! The *error* is small and slow. Its slope is that of the least-squares line through the errors within
+//! [`HALF_WINDOW_S`] on both sides, and the speed is the reference's speed less that slope. The estimate need not
+//! be causal, so it does not lag; changes faster than the window are smoothed.
 
 use serde::Serialize;
 
@@ -46,7 +46,7 @@ pub struct ErrorSize {
     pub max_after_transient: f64,
     /// Root of the mean square from the start of the plan to its end.
     pub rms: f64,
-    /// At the release, with its sign; `None` if nothing is thrown, or nothing was measured on both sides of it.
+    /// At the release, with its sign; `None` if nothing is thrown, or there are no measurements on both sides of it.
     pub at_release: Option<f64>,
 }
 
@@ -55,7 +55,7 @@ pub struct ErrorSize {
 pub struct JointTracking {
     /// Name in the robot file.
     pub name: String,
-    /// Address of its drive; `None` where the link is no bus.
+    /// Address of its drive; `None` if the link is not a bus.
     pub module: Option<u8>,
     /// Positions measured during the plan.
     pub samples_in_plan: usize,
@@ -64,9 +64,9 @@ pub struct JointTracking {
     pub speed_error_rad_s: ErrorSize,
     /// Motion commands whose acceleration was at the joint's limit for control.
     pub commands_at_limit: usize,
-    /// Largest current that its drive reported during the plan, either way, A; `None` if it reported none.
+    /// Largest current that its drive reported during the plan, in either direction, A; `None` if it reported no current.
     pub current_peak_a: Option<f64>,
-    /// Largest temperature that its drive reported during the plan, degrees Celsius; `None` if it reported none.
+    /// Largest temperature that its drive reported during the plan, degrees Celsius; `None` if it reported no temperature.
     pub temperature_peak_c: Option<f64>,
     /// From [`BEFORE_S`] before the plan to [`AFTER_S`] after it.
     #[serde(skip)]
@@ -136,8 +136,8 @@ pub fn joints(
     Ok(all)
 }
 
-/// Mean magnitude of the position errors in the first quarter of the plan, rad; infinite without any. A run that
-/// was stopped later is still like its plan there.
+/// Mean magnitude of the position errors in the first quarter of the plan, rad; infinite without errors. A run that
+/// was stopped later still follows its plan there.
 #[must_use]
 pub fn unlike(motion: &Motion, heard: &Heard) -> f64 {
     let quarter_s = 0.25 * motion.duration_s();
@@ -189,7 +189,7 @@ fn slope_at(readings: &[Reading], i: usize) -> Option<f64> {
     let near = |r: &&Reading| (r.t_s - middle_s).abs() <= HALF_WINDOW_S;
     let before = readings[..i].iter().rev().take_while(near).count().max(SIDE_MIN);
     let after = readings[i + 1..].iter().take_while(near).count().max(SIDE_MIN);
-    // The same number on both sides: then the line's slope is that of the middle of a parabola, too.
+    // The same number on both sides: then the slope of the line is also that in the middle of a parabola.
     let side = before.min(after);
     let window = readings.get(i.checked_sub(side)?..=i + side)?;
     line(window).map(|(_, _, slope)| slope)

@@ -99,7 +99,7 @@ impl CellArgs {
 pub enum Controller {
     /// A controller in this program, in the simulated cell or in a thread on the bus.
     Soft,
-    /// One that is on the bus already.
+    /// A controller that is already on the bus.
     Node(NodeId),
 }
 
@@ -198,7 +198,7 @@ impl BusArgs {
         self.session_on(medium, cell, stop, off)
     }
 
-    /// Opens a session in virtual time with `cell` and `guests` on its bus, whatever the bus of these options.
+    /// Opens a session in virtual time with `cell` and the nodes `guests` on its bus, independent of the bus of these options.
     ///
     /// # Errors
     /// As [`BusArgs::open`].

@@ -18,11 +18,11 @@ use robot_model::{Cia402Servo, MitMotor, OdriveAxis, RobotModel};
 
 use super::settings::NoSettings;
 
-/// The families, and how one of them is called whichever it is.
+/// The families: an enum of them, and a macro that calls the one that is there.
 macro_rules! families {
     ($($family:ident),*) => {
         /// The drives of one family.
-        // One controller has one of them: the smaller one may take the room of the larger.
+        // One controller has one of them: the smaller one may take the memory of the larger.
         #[allow(clippy::large_enum_variant)]
         pub enum CanDrives {
             $($family($family),)*
@@ -50,7 +50,7 @@ impl CanDrives {
     /// The drives of `robot`. PowerCubes are those that the settings name; an arm of motors, which has no brakes, is held as a whole.
     ///
     /// # Errors
-    /// [`NoSettings::Invalid`]: motors or servos that make no group.
+    /// [`NoSettings::Invalid`]: motors or servos that cannot form a group.
     pub fn of(robot: &RobotModel) -> Result<Self, NoSettings> {
         let invalid = |cause: String| NoSettings::Invalid { robot: robot.name().to_owned(), cause };
         if let Some(servos) = robot.cia402_servos() {
@@ -146,7 +146,7 @@ fn servo_of(servo: &Cia402Servo) -> Servo {
     }
 }
 
-/// Calls the drives, whichever they are.
+/// Calls the drives of the present family.
 macro_rules! forward {
     ($(fn $name:ident(&mut self $(, $arg:ident: $kind:ty)*) $(-> $out:ty)?;)* ; $(fn $look:ident(&self $(, $la:ident: $lk:ty)*) -> $lo:ty;)*) => {
         $(fn $name(&mut self $(, $arg: $kind)*) $(-> $out)? {

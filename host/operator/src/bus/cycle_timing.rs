@@ -1,4 +1,4 @@
-//! Measures, before anything moves, which control period this machine and this bus hold.
+//! Measures, before anything moves, which control period this machine and this bus can keep.
 //!
 //! For one second the host reads the drives in the rhythm of a control cycle: each drive twice per round, four drives at the
 //! same time, a round every 3 ms. The answers give three times: how late the operating system wakes this program, how long
@@ -9,7 +9,7 @@
 //! |---|---|---|
 //! | lateness of a wake-up | half a period | the controller counts a later cycle as late |
 //! | time of an answer | two thirds of a period | the controller's deadline for replies |
-//! | time of a round, plus a fifth | a period | the commands of a cycle have a fifth more bits than these questions |
+//! | time of a round, plus a fifth | a period | the commands of a cycle have a fifth more bits than these requests |
 //!
 //! The margin is what the controller tolerates beyond that: it stops after `reply_missed_max` missed replies of a drive or
 //! `cycle_late_max` late cycles in a row.
@@ -30,9 +30,9 @@ const ROUND: Duration = Duration::from_millis(3);
 pub const SPAN: Duration = Duration::from_secs(1);
 /// A drive that has not answered by then is silent.
 const ANSWER_MAX: Duration = Duration::from_millis(100);
-/// What each drive is asked in a round.
+/// Requests to each drive in a round.
 const QUESTIONS: [Parameter; 2] = [Parameter::ActPos, Parameter::CubeState];
-/// Drives asked at the same time, as the controller does.
+/// Drives with a request in flight at the same time, as with the controller.
 const WINDOW: usize = 4;
 
 /// Times in order of length.
@@ -53,14 +53,14 @@ impl Spread {
         self.sorted_us.len()
     }
 
-    /// The time that a share of all (0.0..=1.0) does not exceed; zero if there are none.
+    /// The time that the given share of all (0.0..=1.0) does not exceed; zero if there are no times.
     #[must_use]
     pub fn within(&self, share: f64) -> Duration {
         let at = (share.clamp(0.0, 1.0) * self.sorted_us.len() as f64).ceil() as usize;
         Duration::from_micros(self.sorted_us.get(at.saturating_sub(1)).copied().unwrap_or(0))
     }
 
-    /// The longest; zero if there are none.
+    /// The longest; zero if there are no times.
     #[must_use]
     pub fn worst(&self) -> Duration {
         Duration::from_micros(self.sorted_us.last().copied().unwrap_or(0))
@@ -111,8 +111,8 @@ impl CycleTiming {
         Self { round: Spread::of(&[Duration::from_micros(us * 5 / 6)]), ..Self::default() }
     }
 
-    /// A period with room for what a second does not show: half again. What it costs is little, a throw is as exact at 10 ms
-    /// as at 3 ms; what it buys is that the arm is not stopped by a computer that is held up for a moment.
+    /// A period with a margin of a half, for delays that one second does not show. It costs little: a throw is as
+    /// exact at 10 ms as at 3 ms. The arm is then not stopped by a computer that is delayed for a moment.
     #[must_use]
     pub fn comfortable(&self) -> Duration {
         Duration::from_micros(self.shortest().as_micros() * 3 / 2)
@@ -163,7 +163,7 @@ impl fmt::Display for CycleTiming {
 /// Asks `modules` on `link` for [`SPAN`], in the calling thread with the priority of a controller.
 ///
 /// # Errors
-/// The link is gone.
+/// The link has failed.
 pub fn measure(link: &mut dyn CanLink, clock: Clock, modules: &[ModuleId]) -> Result<CycleTiming, RunError> {
     let urgent = Urgent::request(Role::Controller);
     let mut probe = Probe::new(clock.now(), modules);

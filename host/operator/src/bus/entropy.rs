@@ -31,7 +31,7 @@ pub fn seed(clock: Clock) -> Result<Seed, NoEntropy> {
 /// Random bytes.
 ///
 /// # Errors
-/// The operating system gives none.
+/// The operating system gives no random bytes.
 pub fn bytes<const N: usize>() -> Result<[u8; N], NoEntropy> {
     let mut bytes = [0; N];
     getrandom::fill(&mut bytes).map_err(|error| NoEntropy(error.to_string()))?;

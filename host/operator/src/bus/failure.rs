@@ -4,13 +4,13 @@ use std::io;
 
 use crate::node::stop_watch::StopSeen;
 
-/// Why a session ended although nobody asked for it.
+/// Why a session ended although no end was ordered.
 #[derive(Debug, thiserror::Error)]
 pub enum BusFailure {
     /// The bus cannot be reached.
     #[error(transparent)]
     Open(#[from] can_link::OpenError),
-    /// The bus is gone.
+    /// The bus has failed.
     #[error(transparent)]
     Link(#[from] can_link::LinkError),
     /// Waiting for the bus failed.
@@ -25,7 +25,7 @@ pub enum BusFailure {
     /// The scenario of the simulated cell cannot be used.
     #[error(transparent)]
     Scenario(Box<hil_sim::scenario::ScenarioError>),
-    /// A controller for drives that nobody has described, on a bus with real ones.
+    /// A controller for drives that are not described, on a bus with real drives.
     #[error("the drives of {robot} are assumed ([generic_drives]), and {bus} has real ones")]
     AssumedDrives {
         /// Name of the robot.
@@ -51,13 +51,13 @@ pub enum BusFailure {
     /// A node of the simulated world broke its contract.
     #[error("simulated bus: {0}")]
     Sim(#[from] hil_sim::world::RunError),
-    /// Somebody else stopped the arm.
+    /// Another node or a person stopped the arm.
     #[error("stopped from outside: {0}; what this program moved was stopped too")]
     StoppedByOther(StopSeen),
     /// The recording cannot be written; the arm was stopped first where this session moved it.
     #[error("the recording cannot be written: {source}{}", if *.halted { " (the arm was halted first)" } else { "" })]
     Recording {
-        /// What the disk said.
+        /// Error of the disk.
         source: io::Error,
         /// A halt was sent before the session ended.
         halted: bool,

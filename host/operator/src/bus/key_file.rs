@@ -20,7 +20,7 @@ pub enum KeyFileError {
     Io {
         /// Path of the file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the system.
         source: io::Error,
     },
     /// Others can read or change it.
@@ -87,7 +87,7 @@ pub fn read_bytes(path: &Path) -> Result<[u8; KEY_LEN], KeyFileError> {
         return Err(KeyFileError::Open { path: path.to_owned(), mode });
     }
     let mut text = String::new();
-    // A key and the end of its line: more is no key file.
+    // A key and the end of its line: a longer file is not a key file.
     io::Read::read_to_string(&mut io::Read::take(file, 2 * KEY_LEN as u64 + 2), &mut text).map_err(io)?;
     parse(text.trim_end()).ok_or(KeyFileError::NoKey { path: path.to_owned() })
 }

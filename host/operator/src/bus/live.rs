@@ -14,7 +14,7 @@ use crate::tap::Way;
 
 /// Longest sleep, so that Ctrl-C is seen.
 const NAP: Duration = Duration::from_millis(20);
-/// In lock step this program hears frames up to so much late: a host reacts to none at once.
+/// In lock step this program gets frames up to this much late: a host reacts to no frame at once.
 const FRAME_DELAY: Duration = Duration::from_millis(2);
 /// Events taken before deadlines are looked at again.
 const EVENTS_PER_STEP: usize = 64;
@@ -66,10 +66,10 @@ impl LiveBus {
         Ok(Self { link: Box::new(door), soft: Some(soft), ..self })
     }
 
-    /// Measures what the machine and the bus hold, with questions to `modules`; the host node hears nothing meanwhile.
+    /// Measures what the machine and the bus can keep, with requests to `modules`; the host node gets no frames meanwhile.
     ///
     /// # Errors
-    /// The bus is gone.
+    /// The bus has failed.
     pub(super) fn measure_cycle_timing(&mut self, modules: &[ModuleId]) -> Result<CycleTiming, BusFailure> {
         self.link.bear_late_frames(Duration::ZERO);
         let measured = cycle_timing::measure(&mut *self.link, self.clock, modules);
@@ -99,8 +99,8 @@ impl LiveBus {
         self.clock.now().max(self.last)
     }
 
-    /// What is seen later bears this time or a later one. [`LiveBus::now`] does not promise that: a frame may have arrived while
-    /// this thread slept.
+    /// Events reported later have this time or a later one. [`LiveBus::now`] does not guarantee that: a frame may
+    /// have arrived while this thread slept.
     pub(super) const fn heard_until(&self) -> Instant {
         self.last
     }
@@ -162,7 +162,7 @@ impl LiveBus {
 
     fn send_out(&mut self, seen: &mut Seen<'_>) -> Result<(), BusFailure> {
         while let Some(frame) = self.host_node.poll_frame() {
-            // What comes in later may carry an earlier time, that of its arrival elsewhere; the record goes on in order.
+            // A later event may have an earlier time, that of its arrival elsewhere; the record continues in order.
             self.last = self.now();
             match self.link.send(&frame) {
                 Ok(()) => seen.frame(self.last, Way::Sent, &frame),
@@ -211,7 +211,7 @@ mod tests {
     use super::*;
     use crate::tap::Tap;
 
-    /// Every second `receive` gives a frame. Its time is that of the `receive` before, which gave none.
+    /// Every second `receive` returns a frame. Its time is that of the `receive` before, which returned no frame.
     struct Delayed {
         clock: Clock,
         arrived: Option<Instant>,
@@ -243,7 +243,7 @@ mod tests {
         }
     }
 
-    /// Times in the order they were told: of frames, and of what was heard completely.
+    /// Times in the order of the reports: of frames, and of complete reception.
     #[derive(Clone, Default)]
     struct Times(Rc<RefCell<Vec<(bool, Instant)>>>);
 
@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn no_frame_is_told_with_a_time_before_one_that_was_told_already() {
+    fn no_frame_is_reported_with_a_time_before_one_that_was_reported_already() {
         let spec: BusSpec = "vcan0".parse().unwrap();
         let clock = spec.clock();
         let (link, last) = (Box::new(Delayed { clock, arrived: None }), clock.now());

@@ -7,18 +7,18 @@
 //! |---|---|---|
 //! | [`entropy`], [`key_file`], [`storage`] | random bytes of the operating system; key files; what a controller on this machine keeps | be used for tokens in virtual time |
 //! | [`settings`], [`can_drives`] | settings of a controller for a robot, and the group of its drives | choose gains |
-//! | [`failure`], `seen` | why a bus is lost; what it saw in one step | recover |
-//! | [`cycle_timing`], [`period`] | which control period machine and bus hold, measured; the choice of one, with gains | move anything |
-//! | [`soft`], [`sim`], [`live`] | a controller in a thread; the embedded cell in virtual time; a link in real time | know what a verb wants |
-//! | [`session`] | time and frames for the host node, whatever the bus is | know what a verb wants |
-//! | [`args`] | what every verb that touches a bus takes on its command line; opens the session | talk to anybody |
+//! | [`failure`], `seen` | why a bus failed; its events in one step | recover |
+//! | [`cycle_timing`], [`period`] | which control period machine and bus can keep, measured; the choice of one, with gains | move anything |
+//! | [`soft`], [`sim`], [`live`] | a controller in a thread; the embedded cell in virtual time; a link in real time | know the task of a verb |
+//! | [`session`] | time and frames for the host node, for every bus | know the task of a verb |
+//! | [`args`] | options of every verb that uses a bus; opens the session | send anything |
 //!
 //! # Invariants
 //!
-//! * One node, [`crate::node::host_node::HostNode`], speaks for the host. The same verb therefore runs unchanged against the
-//!   simulated cell and against drives.
+//! * One node, [`crate::node::host_node::HostNode`], is the host. The same verb therefore runs unchanged with the
+//!   simulated cell and with drives.
 //! * Every frame in either direction passes the [`crate::tap::Tap`]s of the session, in order.
-//! * What moves is bounded: by a deadline, by reduced speed, by current; and a session that fails or is
+//! * Every motion is bounded: by a deadline, by reduced speed, by current; and a session that fails or is
 //!   interrupted stops it before it returns.
 
 pub mod args;

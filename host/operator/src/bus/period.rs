@@ -1,4 +1,4 @@
-//! The control period of a controller that runs as a program: measured, wished, or refused before anything moves.
+//! The control period of a controller that runs as a program: measured, requested, or refused before anything moves.
 
 use firmware::settings::Settings;
 use protocol::{Duration, JointIndex};
@@ -17,7 +17,7 @@ pub const PERIOD_MAX_US: u32 = 40_000;
 /// Who decides the period.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PeriodRequest {
-    /// Whatever is comfortable: the shortest one that the program has gains for.
+    /// Any period that the machine keeps with a margin: the shortest one that the program has gains for.
     Any,
     /// This one, µs, with the gains that come with the program.
     Period(u32),
@@ -40,16 +40,16 @@ pub struct Choice {
 /// Why there is no period.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NoPeriod {
-    /// The one that was asked for does not hold here.
+    /// The requested period cannot be kept here.
     #[error("a control period of {} ms does not hold here: {timing}\n  {granted}", f64::from(*.period_us) * 1e-3, timing = .timing, granted = .timing.granted)]
     TooShort {
-        /// Asked for, µs.
+        /// Requested period, µs.
         period_us: u32,
         timing: Box<CycleTiming>,
         /// What would hold.
         next: String,
     },
-    /// None up to the longest one.
+    /// No period up to the longest one can be kept.
     #[error("no control period holds here: {timing}; the longest one is {} ms\n  {granted}", f64::from(*.longest_us) * 1e-3, timing = .timing, granted = .timing.granted)]
     None {
         /// Longest, µs.
@@ -133,7 +133,7 @@ pub fn choose(
     Ok(Choice { period_us, gains, gains_from, why })
 }
 
-/// What would hold instead, with the word that says it.
+/// What could be kept instead, with the option for it.
 fn advice(timing: &CycleTiming) -> String {
     let shortest_us = timing.shortest().as_micros();
     if let Some(us) = PERIODS_US.into_iter().find(|us| u64::from(*us) >= shortest_us) {
@@ -158,8 +158,8 @@ fn advice(timing: &CycleTiming) -> String {
     }
 }
 
-/// Settings for `robot` with gains for it. Without any, if its file does not say enough to design them, a controller
-/// cannot be armed.
+/// Settings for `robot` with gains for it. If its file has too little data to design them, there are no gains and a
+/// controller cannot be armed.
 ///
 /// # Errors
 /// [`NoSettings`].
@@ -178,8 +178,9 @@ pub fn set_period(settings: &mut Settings, period_us: u32) {
     settings.reply_deadline_us = (period_us * 2 / 3).clamp(500, 20_000);
 }
 
-/// Lets a controller of this program begin with the choice: its period, the deadlines that follow from it, gains with the
-/// estimator and the certificate they were proven for, and no start from farther away than that is for.
+/// Applies the choice to a controller of this program: its period, the deadlines that follow from it, the gains
+/// with the estimator and the certificate that they were proven for, and the largest start distance that the
+/// certificate covers.
 pub fn apply(choice: &Choice, settings: &mut Settings) {
     set_period(settings, choice.period_us);
     let gains = &choice.gains;

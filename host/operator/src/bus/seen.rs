@@ -14,7 +14,7 @@ const BUS_ERRORS_MAX: usize = 10_000;
 pub(super) struct Seen<'a> {
     pub(super) taps: &'a mut [Box<dyn Tap>],
     pub(super) errors: &'a mut Vec<(Instant, BusError)>,
-    /// First trouble of a tap.
+    /// First error of a tap.
     pub(super) failed: Option<io::Error>,
 }
 

@@ -1,4 +1,4 @@
-//! A session on a bus: supplies time and frames to the [`HostNode`], whatever the bus is.
+//! A session on a bus: supplies time and frames to the [`HostNode`], for every kind of bus.
 
 use std::cell::Cell;
 use std::rc::Rc;
@@ -91,7 +91,7 @@ impl Session {
         }
     }
 
-    /// Takes the soft controller of this session off the bus, so that the host may ask the drives itself.
+    /// Takes the soft controller of this session off the bus, so that the host may send requests to the drives itself.
     pub fn switch_controller_off(&mut self) {
         self.controller_off.set(true);
         if let Medium::Live(live) = &mut self.medium {
@@ -99,7 +99,7 @@ impl Session {
         }
     }
 
-    /// How the soft controller's thread did, on a live bus; ends it, and with it the session's link.
+    /// Report of the soft controller's thread, on a live bus; ends it, and with it the session's link.
     pub fn finish_controller(&mut self) -> Option<SoftReport> {
         match &mut self.medium {
             Medium::Sim(_) => None,
@@ -107,12 +107,12 @@ impl Session {
         }
     }
 
-    /// Measures for [`super::cycle_timing::SPAN`] which control period this machine and this bus hold, with questions to
-    /// `modules` only; `None` in virtual time, which holds every one. Recorders do not see the questions, and no soft
-    /// controller may be on the bus yet.
+    /// Measures for [`super::cycle_timing::SPAN`] which control period this machine and this bus can keep, with
+    /// requests to `modules` only; `None` in virtual time, which keeps every period. Recorders do not see the
+    /// requests, and no soft controller may be on the bus yet.
     ///
     /// # Errors
-    /// The bus is gone.
+    /// The bus has failed.
     pub fn measure_cycle_timing(&mut self, modules: &[ModuleId]) -> Result<Option<CycleTiming>, BusFailure> {
         match &mut self.medium {
             Medium::Sim(_) => Ok(None),
@@ -164,8 +164,7 @@ impl Session {
         &self.bus_errors
     }
 
-    /// The node that speaks for the host, at the present time. What it is given to send leaves with the next
-    /// [`Session::run`].
+    /// The host's node, at the present time. Messages given to it leave with the next [`Session::run`].
     pub fn host_node(&mut self) -> &mut HostNode {
         match &mut self.medium {
             Medium::Sim(sim) => sim.host_node(),
@@ -173,7 +172,7 @@ impl Session {
         }
     }
 
-    /// Declares that from now on something may move because of this session: whatever ends it sends a halt first.
+    /// Declares that from now on something may move because of this session: every end of the session sends a halt first.
     pub fn guard_motion(&mut self) {
         self.moves = true;
         if let (Medium::Live(_), None) = (&self.medium, &self.urgent) {
@@ -192,8 +191,8 @@ impl Session {
         self.interrupt.load(Ordering::Relaxed) && !self.puts_back
     }
 
-    /// Does what must follow although a signal or a stop has come: halts what moves, lets it come to rest, and calls
-    /// `after`. A second signal still ends the process.
+    /// Continues after a signal or a stop: halts what moves, lets it come to rest, and calls `after`. A second
+    /// signal still ends the process.
     ///
     /// # Errors
     /// As [`Session::run`], before `after` was called.
@@ -215,11 +214,12 @@ impl Session {
         .map(drop)
     }
 
-    /// Runs until `done` says so, `until`, or Ctrl-C. `done` is asked after each event.
+    /// Runs until `done` returns true, `until`, or Ctrl-C. `done` is called after each event.
     ///
     /// # Errors
-    /// The bus is gone, a recording cannot be written, or somebody else stopped the arm ([`Session::watch_stops`]). If
-    /// [`Session::guard_motion`] is on, a halt was sent before (as far as the bus still took it).
+    /// The bus has failed, a recording cannot be written, or another node or a person stopped the arm
+    /// ([`Session::watch_stops`]). If [`Session::guard_motion`] is on, a halt was sent before (as far as the bus
+    /// still accepted it).
     pub fn run(
         &mut self,
         until: Instant,
@@ -229,14 +229,15 @@ impl Session {
             if self.is_interrupted() {
                 return Ok(Ended::Interrupted);
             }
-            // What the controller reports of a stop is the caller's first; without it nothing is taken from the bus any more.
+            // The caller gets the controller's report of a stop first; without the report no more events are taken from the
+            // bus.
             let stop = self.host_node().stop_due();
             let is_done = stop.is_none_or(|stop| stop.group.is_some()) && done(self.host_node());
             if is_done && stop.is_none_or(|stop| !stop.by_other) {
                 return Ok(Ended::Done);
             }
             if let Some(stop) = stop {
-                // What must follow is not ended by it once more.
+                // The stop must not end again the work that follows it.
                 self.host_node().stops.end();
                 return Err(self.give_up(BusFailure::StoppedByOther(stop)));
             }
@@ -249,13 +250,13 @@ impl Session {
         }
     }
 
-    /// From now on a stop that this session does not give ends what it does, once, with [`BusFailure::StoppedByOther`].
+    /// From now on a stop that this session does not send ends its work, once, with [`BusFailure::StoppedByOther`].
     pub fn watch_stops(&mut self) {
         self.host_node().stops.start();
     }
 
-    /// Ends the job if somebody has stopped the arm since [`Session::watch_stops`]; waits for what the controller reports of
-    /// it. Nothing may be ordered before.
+    /// Ends the job if another node or a person has stopped the arm since [`Session::watch_stops`]; waits for the
+    /// controller's report of it. Nothing may be ordered before.
     ///
     /// # Errors
     /// As [`Session::run`].
@@ -267,7 +268,7 @@ impl Session {
         Ok(())
     }
 
-    /// Lets time pass, Ctrl-C or not; for what must happen after an interruption.
+    /// Lets time pass, also after Ctrl-C; for work that must follow an interruption.
     ///
     /// # Errors
     /// As [`Session::run`].
@@ -285,7 +286,7 @@ impl Session {
     /// As [`Session::run`].
     pub fn halt(&mut self, reason: Reason) -> Result<(), BusFailure> {
         self.host_node().halt(reason);
-        // What the controller reports of it is no news.
+        // The controller's report of this halt is expected.
         self.host_node().stops.end();
         self.moves = false;
         self.pass(HALT_TIME)
@@ -352,7 +353,7 @@ impl Session {
 }
 
 impl Drop for Session {
-    /// Whoever leaves without [`Session::release_motion`], be it by a panic, leaves a standing arm.
+    /// A caller that leaves without [`Session::release_motion`], also by a panic, leaves a standing arm.
     fn drop(&mut self) {
         let _ = self.halt_if_moving();
         for tap in &mut self.taps {

@@ -28,7 +28,7 @@ pub enum NoSettings {
     Invalid {
         /// Name of the robot.
         robot: String,
-        /// What the controller says.
+        /// Reason that the controller gives.
         cause: String,
     },
 }
@@ -67,8 +67,8 @@ const _: () = assert!(robot_model::JOINTS_MAX <= protocol::JOINTS_MAX);
 
 /// Settings for `robot`: addresses, ranges, limits and currents from its file; the rest as the firmware has it built in.
 ///
-/// Gains are a matter of the robot. The built-in ones are kept for the robot that they were designed for, known by its
-/// fingerprint. Any other one gets no gains and no certificate, so that it cannot be armed before it was tuned.
+/// Gains belong to a robot. The built-in ones are kept for the robot that they were designed for, identified by its
+/// fingerprint. Any other robot gets no gains and no certificate, so that it cannot be armed before it was tuned.
 ///
 /// # Errors
 /// [`NoSettings`].

@@ -25,10 +25,10 @@ use super::seen::Seen;
 use crate::node::host_node::HostNode;
 use crate::tap::Way;
 
-/// A cell in real time waits for the clock if it is ahead of it by so much, and does not catch up with more.
+/// A cell in real time waits if it is ahead of the clock by this much; if it is later by more, it does not catch up.
 const AHEAD: std::time::Duration = std::time::Duration::from_millis(2);
 const BEHIND_MAX: std::time::Duration = std::time::Duration::from_millis(50);
-/// Virtual time between two looks at whether the verb has what it wants.
+/// Virtual time between two checks whether the verb has its result.
 const SLICE: Duration = Duration::from_micros(100);
 /// Error classes of Linux `can/error.h`.
 const CLASS_PROTOCOL: u32 = 0x08;
@@ -38,14 +38,14 @@ const CLASS_BUS_OFF: u32 = 0x40;
 /// Anything that sits on the bus beside cell and host node: a soft controller, a second cell.
 pub type Guests = Box<dyn Participants>;
 
-/// A node behind a pointer, as a guest, that can be switched off from outside.
+/// A further node on the bus that can be switched off from outside.
 pub struct Guest {
     node: Box<dyn Node>,
     off: Rc<Cell<bool>>,
 }
 
 impl Guest {
-    /// A guest that takes part until `off` is set.
+    /// A node that takes part until `off` is set.
     pub fn new(node: Box<dyn Node>, off: Rc<Cell<bool>>) -> Self {
         Self { node, off }
     }
@@ -70,12 +70,12 @@ impl Node for Guest {
     }
 }
 
-/// Nobody beside cell and host node.
+/// No nodes except cell and host node.
 pub fn no_guests() -> Guests {
     Box::new(Vec::<Solo<Guest>>::new())
 }
 
-/// The controller of the firmware, as a program on this machine: starts at time 0 and forgets when it ends.
+/// The controller of the firmware, as a program on this machine: starts at time 0, without permanent storage.
 pub fn soft_controller(
     settings: &Settings,
     drives: CanDrives,
@@ -85,17 +85,17 @@ pub fn soft_controller(
     ControllerNode::with_group(Instant::ZERO, RamStorage::new(), drives, settings, Identity::default(), seed)
 }
 
-/// The soft controller with its built-in settings as a guest.
+/// The soft controller with its built-in settings as a further node.
 pub fn soft_controller_guest() -> Guests {
     controller_guest(&Settings::powercube6(), CanDrives::default(), Rc::default())
 }
 
-/// The soft controller with `settings` for `drives` as a guest, on the bus until `off` is set.
+/// The soft controller with `settings` for `drives` as a further node, on the bus until `off` is set.
 pub fn controller_guest(settings: &Settings, drives: CanDrives, off: Rc<Cell<bool>>) -> Guests {
     Box::new(vec![Solo::new("controller", Guest::new(Box::new(soft_controller(settings, drives)), off))])
 }
 
-/// Everything about a simulated cell beside its robot and seed; by default the nominal cell on a good bus.
+/// Options of a simulated cell except robot and seed; by default the nominal cell on a good bus.
 #[derive(Clone, Debug, Default)]
 pub struct SimSetup {
     /// Drives, mechanics, supplies, gripper.
@@ -112,8 +112,8 @@ const ANSWER_BITS: f64 = 130.0;
 const SCRIPTED_SHARE_MAX: f64 = 0.9;
 
 impl SimSetup {
-    /// How long a control cycle of `joints` drives takes: its bits and the longest time that a drive thinks, on the part of the bus that
-    /// the scripted host leaves. In virtual time nothing is measured before the throw.
+    /// Duration of a control cycle of `joints` drives: its bits and the longest processing time of a drive, on the
+    /// part of the bus that the scripted host leaves. In virtual time nothing is measured before the throw.
     #[must_use]
     pub fn cycle(&self, joints: usize) -> Duration {
         let bit_s = 1.0 / f64::from(self.cell.bit_rate.bit_per_s());
@@ -130,13 +130,13 @@ impl SimSetup {
     }
 }
 
-/// Who is on the simulated bus: the cell, a scripted host, guests, and the host node last.
+/// Nodes on the simulated bus: the cell, a scripted host, further nodes, and the host node last.
 pub type SimParticipants = (((SimCell, Solo<ScriptedHost>), Guests), Solo<HostNode>);
 
 pub struct SimBus {
     world: World<SimParticipants>,
-    /// The host node while a verb talks to it, otherwise an empty one: the two change places, for making one takes longer
-    /// than a question.
+    /// The host node while a verb uses it, otherwise an empty one: the two are swapped, because to make one takes
+    /// longer than a request.
     aside: Box<HostNode>,
     is_lent: bool,
     desk_port: usize,
@@ -151,7 +151,7 @@ struct Tapped<'a, 'b> {
 
 impl Observer for Tapped<'_, '_> {
     fn on_frame(&mut self, at: Instant, from: Option<usize>, frame: &Frame) {
-        // Guests run in this program too, as a soft controller does on a real bus.
+        // Further nodes run in this program too, as a soft controller does on a real bus.
         let way = if from == Some(self.desk_port) { Way::Sent } else { Way::Received };
         self.seen.frame(at, way, frame);
     }
@@ -169,7 +169,7 @@ impl Observer for Tapped<'_, '_> {
 }
 
 impl SimBus {
-    /// The cell of `robot` as `setup` wants it, with chances from `seed` and `guests` on its bus.
+    /// The cell of `robot` with the options `setup`, random numbers from `seed` and `guests` on its bus.
     ///
     /// # Errors
     /// The robot has no drives, or there are more nodes than a bus has ports.
@@ -179,7 +179,7 @@ impl SimBus {
         let desk_port = cell.len() + script.len() + guests.len();
         let participants = (((cell, script), guests), Solo::new("cubectl", HostNode::default()));
         let mut world = World::new(participants, setup.bus, seed, setup.faults.clone())?;
-        // A piece of a file is 40 frames: what the queue of the adapter has no place for waits in the host node.
+        // A piece of a file is 40 frames: frames without a place in the queue of the adapter wait in the host node.
         world.keep_queue_short(desk_port, setup.bus.queue_depth);
         Ok(Self { world, aside: Box::default(), is_lent: false, desk_port, paced: None })
     }
@@ -189,7 +189,7 @@ impl SimBus {
         self.world.now()
     }
 
-    /// From now on virtual time passes no faster than the clock, so that people can look on.
+    /// From now on virtual time passes no faster than the clock, so that people can watch.
     pub fn pace(&mut self) {
         self.paced = Some((WallTime::now(), self.world.now()));
     }
@@ -207,7 +207,7 @@ impl SimBus {
         }
     }
 
-    /// The world, to look at and to add faults.
+    /// The world, to read it and to add faults.
     pub fn world(&mut self) -> &mut World<SimParticipants> {
         &mut self.world
     }

@@ -8,14 +8,14 @@
 //!                   Door ◀── session ──▶ host node          the program's own thread
 //! ```
 //!
-//! The thread owns the wire, so one opened adapter serves both; what one of the two sends, the other sees as a frame
-//! of the bus. A slow session (a log on a slow disk, a terminal) costs the controller nothing: frames that
+//! The thread owns the wire, so one opened adapter serves both; a frame that one of the two sends is a frame of the
+//! bus for the other. A slow session (a log on a slow disk, a terminal) does not delay the controller: frames that
 //! it does not fetch are dropped and counted.
 //!
-//! The queues are wait-free on both sides. A channel of the standard library makes its reader spin while a writer is in
-//! the middle of a write. If the controller's thread has interrupted the session's thread there, on the same core and at a
-//! higher real-time priority, the writer cannot go on: the controller stands still until the system takes the core away,
-//! on Linux after 0.95 s.
+//! The queues are wait-free on both sides. In a channel of the standard library the reader spins while a writer is
+//! in the middle of a write. If the controller's thread has interrupted the session's thread there, on the same
+//! core and at a higher real-time priority, the writer cannot continue: the controller stands still until the
+//! system takes the core away, on Linux after 0.95 s.
 
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
@@ -143,7 +143,7 @@ impl CanLink for Door {
 
     fn receive(&mut self) -> Result<Option<LinkEvent>, LinkError> {
         loop {
-            // Asked first: what the thread pushed before it ended is in the queue then.
+            // Read first: events that the thread pushed before it ended are in the queue then.
             let ended = self.events.is_abandoned();
             match self.events.pop() {
                 Ok(event) => {
@@ -151,7 +151,7 @@ impl CanLink for Door {
                     return Ok(Some(event));
                 }
                 Err(_) if ended => return Err(self.gone()),
-                // What came before it rang is in the queue now.
+                // Events from before the bell are in the queue now.
                 Err(_) if self.bell.hush() => {}
                 Err(_) => return Ok(None),
             }
@@ -171,7 +171,7 @@ impl CanLink for Door {
 struct Shared {
     wire: Box<dyn CanLink + Send>,
     clock: Clock,
-    /// The session has a connection of its own, and nobody uses the door.
+    /// The session has a connection of its own, and does not use the door.
     apart: bool,
     frames: Consumer<Frame>,
     events: Producer<LinkEvent>,
@@ -180,7 +180,7 @@ struct Shared {
 }
 
 impl Shared {
-    fn tell(&mut self, event: LinkEvent) {
+    fn forward(&mut self, event: LinkEvent) {
         if self.apart {
             return;
         }
@@ -199,7 +199,7 @@ impl CanLink for Shared {
     /// What the controller sends.
     fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
         self.wire.send(frame)?;
-        self.tell(LinkEvent::Frame { at: self.clock.now(), stamp: None, frame: *frame });
+        self.forward(LinkEvent::Frame { at: self.clock.now(), stamp: None, frame: *frame });
         Ok(())
     }
 
@@ -208,7 +208,7 @@ impl CanLink for Shared {
         self.bell.hush();
         if let Ok(frame) = self.frames.pop() {
             match self.wire.send(&frame) {
-                // A full queue is counted by the wire; a host's frame that is lost is asked for again.
+                // The wire counts a full queue; a lost frame of the host is sent again on request.
                 Ok(()) | Err(SendError::QueueFull { .. }) => {}
                 Err(SendError::Link(error)) => return Err(error),
                 Err(_) => {}
@@ -217,7 +217,7 @@ impl CanLink for Shared {
         }
         let event = self.wire.receive()?;
         if let Some(event) = event {
-            self.tell(event);
+            self.forward(event);
         }
         Ok(event)
     }
@@ -249,8 +249,8 @@ pub(super) struct SoftController {
 }
 
 impl SoftController {
-    /// Starts the controller on `wire`; the door is the session's link from now on. In lock step the thread has its own
-    /// turns, and the session a connection of its own: the door then leads nowhere.
+    /// Starts the controller on `wire`; the returned door is the session's link from now on. In lock step the
+    /// thread has its own turns, and the session a connection of its own: the door is then unused.
     ///
     /// # Errors
     /// The operating system gives no thread, no pipe or no random bytes.
@@ -306,13 +306,13 @@ impl SoftController {
         self.off.store(true, Ordering::Relaxed);
     }
 
-    /// The thread ends when it looks next.
+    /// The thread ends at its next check.
     pub(super) fn ask_to_end(&self) {
         self.off.store(true, Ordering::Relaxed);
         self.stop.store(true, Ordering::Relaxed);
     }
 
-    /// Ends the thread and tells how it did; `None` at the second call.
+    /// Ends the thread and returns its report; `None` at the second call.
     pub(super) fn finish(&mut self) -> Option<SoftReport> {
         self.ask_to_end();
         self.thread.take()?.join().ok()

@@ -44,7 +44,7 @@ const ROUND_MAX: Duration = Duration::from_secs(60);
 pub const OTHERS_LISTEN: Duration = Duration::from_millis(100);
 
 impl Session {
-    /// Asks several modules at once; answers in the order of the questions.
+    /// Sends requests to several modules at once; answers in the order of the requests.
     ///
     /// # Errors
     /// [`AskError::Bus`], [`AskError::Interrupted`]; what single modules do is in the list.
@@ -55,7 +55,7 @@ impl Session {
         self.ask_all_with(questions, &mut |_, _| {})
     }
 
-    /// As [`Session::ask_all`]; `progress` is told how many of how many have ended.
+    /// As [`Session::ask_all`]; `progress` gets the number of ended requests and of all requests.
     ///
     /// # Errors
     /// As [`Session::ask_all`].
@@ -100,7 +100,7 @@ impl Session {
             .collect())
     }
 
-    /// Asks one module.
+    /// Sends a request to one module.
     ///
     /// # Errors
     /// [`AskError`].
@@ -146,7 +146,7 @@ impl Session {
         self.ask(module, Request::Simple(command)).map(drop)
     }
 
-    /// Listens for [`OTHERS_LISTEN`]: does anybody else speak to the drives?
+    /// Listens for [`OTHERS_LISTEN`]: true if another node sends requests or orders to the drives.
     ///
     /// # Errors
     /// [`AskError::Bus`], [`AskError::Interrupted`].

@@ -1,9 +1,9 @@
-//! The controller's clock as seen from here: an offset with bounds that hold, not an estimate with a deviation.
+//! The controller's clock as seen from here: an offset with guaranteed bounds, not an estimate with a deviation.
 //!
-//! A reading u that the controller took between our sending at t₀ and our receiving at t₁ says that the offset (its time
-//! less ours) is within u - t₁ ..= u - t₀. Readings are intersected; between them the bounds widen by [`DRIFT`], what two
-//! crystals may differ by. A reading that does not fit into the bounds is a clock that has jumped: a controller that was
-//! started again.
+//! A reading u that the controller took between the request at t₀ and the answer at t₁ shows that the offset (its
+//! time less ours) is within u - t₁ ..= u - t₀. Readings are intersected; between them the bounds widen by
+//! [`DRIFT`], the largest difference of two crystals. If a reading does not fit into the bounds, the clock has
+//! jumped: the controller was started again.
 
 use protocol::cyphal::bits::Decode;
 use protocol::cyphal::cubecell::command::{CLOCK, ClockReading};
@@ -15,7 +15,7 @@ use crate::bus::session::Session;
 
 /// Largest rate between the two clocks: 100 ppm each.
 pub const DRIFT: f64 = 200e-6;
-/// Readings of one look: the shortest of their round trips says most.
+/// Readings of one comparison: the one with the shortest round trip is the most exact.
 const READINGS: usize = 5;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -65,7 +65,7 @@ impl ControllerClock {
         Ok(())
     }
 
-    /// Time of the controller at a time of ours, and by how much it may be off either way; `None` before the first reading.
+    /// Time of the controller at a time of ours, and its largest error either way; `None` before the first reading.
     #[must_use]
     pub fn controller_time(&self, ours: Instant) -> Option<(Instant, Duration)> {
         let bounds = self.bounds?.widened(ours);
@@ -87,11 +87,11 @@ impl ControllerClock {
 }
 
 impl Session {
-    /// Reads the clock of a controller several times into `clock`. Again every few seconds, it stays within some tenths of
-    /// a millisecond on a quiet bus.
+    /// Reads the clock of a controller several times into `clock`. Repeated every few seconds, it is known to some
+    /// tenths of a millisecond on a quiet bus.
     ///
     /// # Errors
-    /// [`OperatorError::ClockJumped`] if the readings do not go on from those before, and the others.
+    /// [`OperatorError::ClockJumped`] if the readings contradict those before, and the others.
     pub fn read_clock(&mut self, node: NodeId, clock: &mut ControllerClock) -> Result<(), OperatorError> {
         (0..READINGS).try_for_each(|_| self.look_at_clock(node, clock))
     }
@@ -118,7 +118,7 @@ mod tests {
     const US: fn(u64) -> Instant = Instant::from_micros;
 
     #[test]
-    fn a_clock_that_was_never_read_tells_nothing() {
+    fn a_clock_that_was_never_read_gives_no_time() {
         assert_eq!(ControllerClock::default().controller_time(US(5)), None);
         assert_eq!(ControllerClock::default().our_time(US(5)), None);
     }

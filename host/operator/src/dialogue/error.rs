@@ -17,7 +17,7 @@ use crate::node::stop_watch::{StopSeen, is_stop_by_other};
 /// Why an order was not carried out.
 #[derive(Debug, thiserror::Error)]
 pub enum OperatorError {
-    /// The bus failed, or somebody else stopped the arm.
+    /// The bus failed, or another node or a person stopped the arm.
     #[error(transparent)]
     Bus(BusFailure),
     /// Ctrl-C.
@@ -35,13 +35,13 @@ pub enum OperatorError {
     /// The answer cannot be read.
     #[error("the answer of controller {} cannot be read", .node.get())]
     Unreadable { node: NodeId },
-    /// It says no.
+    /// The controller refuses.
     #[error("the controller refuses {what}: {}", refusal_text(.status, .refusal))]
     Refused {
         /// The order.
         what: &'static str,
         status: Status,
-        /// Cause, joint and place, if it says so.
+        /// Cause, joint and place, if the controller gives them.
         refusal: Option<Refusal>,
     },
     /// A piece of the file was refused.
@@ -50,13 +50,13 @@ pub enum OperatorError {
     /// The file is longer than a file can be.
     #[error("a file of {0} bytes is too long for a controller")]
     TooLong(usize),
-    /// It has no such register.
+    /// The controller has no such register.
     #[error("the controller has no register {name}")]
     NoRegister {
-        /// Name asked for.
+        /// Requested name.
         name: String,
     },
-    /// It keeps its value because it works for somebody.
+    /// The controller keeps the value because it is in use.
     #[error("the controller is {state}: another program works with the arm, so {name} cannot be changed")]
     InUse {
         /// What it does.
@@ -91,7 +91,7 @@ pub enum OperatorError {
         /// It was ready to be led before.
         was_ready: bool,
     },
-    /// A robot that is heard and cannot be led.
+    /// A robot that sends telegrams but is not ready.
     #[error("the robot is not ready to be led after 10 s; {heard}")]
     RobotNotReady { heard: String },
     /// The socket of a robot.
@@ -122,7 +122,7 @@ pub enum OperatorError {
     /// An end state that was not sent.
     #[error("the end state was not sent: {what}")]
     TargetNotSaid { what: &'static str },
-    /// The clock of the controller does not go on from where it was.
+    /// The clock of the controller contradicts its earlier readings.
     #[error("the clock of controller {} has jumped by about {jump_ms:.1} ms; it may have been started again", .node.get())]
     ClockJumped {
         node: NodeId,
@@ -161,7 +161,7 @@ impl OperatorError {
             Self::Socket(..) => "check the network interface, then run it again".to_owned(),
             Self::NotPassed { next, .. } => return next.clone(),
             Self::Lost => "`cubectl doctor`, then start the controller again".to_owned(),
-            Self::NotStarted { .. } => "`cubectl explain` tells \
+            Self::NotStarted { .. } => "`cubectl explain` explains \
          the refusal in its trace (`cubectl doctor`); arm again".to_owned(),
             Self::TargetNotSaid { .. } => "send one that fits".to_owned(),
             Self::ClockJumped { .. } => "look whether the arm stands, then read the clock again".to_owned(),
@@ -187,13 +187,13 @@ impl From<BusFailure> for OperatorError {
 }
 
 impl OperatorError {
-    /// Somebody stopped the arm, and no fault did.
+    /// Another node or a person stopped the arm; it was not a fault.
     #[must_use]
     pub fn is_stop_by_other(&self) -> bool {
         match self {
             Self::Bus(failure) => matches!(failure, BusFailure::StoppedByOther(_)),
             Self::Stopped { cause, .. } => is_stop_by_other(*cause),
-            // The stop button of a robot and the end of its program look like that.
+            // The stop button of a robot and the end of its program look the same.
             Self::RobotStopped { cause, was_ready: true, .. } => {
                 [Cause::DriveSilent, Cause::RobotRestarted].iter().any(|known| known.code() == *cause)
             }
@@ -213,7 +213,7 @@ fn next_of_refusal(refusal: &Refusal) -> Option<String> {
     recovery(refusal.cause).map(|step| step + &detail(refusal))
 }
 
-/// What the place of a refusal says.
+/// Text for the place of a refusal.
 fn detail(refusal: &Refusal) -> String {
     let index = refusal.index;
     let period_ms = f64::from(index) / 1e3;
@@ -265,7 +265,7 @@ fn robot_text(cause: &u16, joint: &u8, by_itself: &Option<String>) -> String {
     format!("{what}{axis}, fault {code}{by_itself}")
 }
 
-/// What to do where a robot that is led was stopped.
+/// Next step after a robot that is led was stopped.
 fn next_of_robot(cause: u16, start_moves: bool) -> String {
     match Cause::from_code(cause) {
         Some(Cause::RobotRestarted) if start_moves => {

@@ -39,8 +39,9 @@ impl<'a> Extending<'a> {
         Self { node, segments, asked: None, due: Instant::ZERO }
     }
 
-    /// Takes the answer, and sends what is due. One segment is on its way at a time. What the controller does not take lets the plan
-    /// run dry: it stops along its path, and its state says so.
+    /// Takes the answer, and sends the next segment when it is due. One segment is in flight at a time. If the
+    /// controller refuses a segment, the plan ends early: the controller stops along its path, and its state shows
+    /// it.
     pub(super) fn go_on(&mut self, host_node: &mut HostNode) {
         let Some(segment) = self.segments.first() else { return };
         let now = host_node.now();
@@ -65,7 +66,7 @@ impl<'a> Extending<'a> {
         } else if has_room && self.due <= now {
             let request = CommandRequest { command: command::EXTEND, parameter: &segment.bytes };
             let (link, now) = host_node.link();
-            // Without a place for the request it is tried again at the next look.
+            // If there is no room for the request, it is tried again at the next call.
             self.asked = link.request(now, self.node, SERVICE, POLICY, &request).ok();
         }
     }

@@ -1,4 +1,4 @@
-//! Follows a run by the states that a controller tells.
+//! Follows a run by the states that a controller reports.
 
 use protocol::Instant;
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
@@ -16,12 +16,12 @@ impl Following {
         Self { ordered_at, last: None, seen_running: false }
     }
 
-    /// True once it was told that the plan runs.
+    /// True if the controller has reported that the plan runs.
     pub(crate) const fn has_run(&self) -> bool {
         self.seen_running
     }
 
-    /// Takes what was told last, at `at`; `progress` gets each message once. True if the run has ended.
+    /// Takes the last report, received at `at`; `progress` gets each message once. True if the run has ended.
     pub(crate) fn has_ended(
         &mut self,
         at: Instant,
@@ -33,7 +33,7 @@ impl Following {
             progress(at, state);
         }
         self.seen_running |= state.state == State::Running;
-        // States come ten times a second: a run that was stopped within the first of them was never seen to run.
+        // States come ten times a second: a run that was stopped before its first state was never seen to run.
         let ended_early = at > self.ordered_at && matches!(state.state, State::Fault | State::Stopped);
         ended_early || (self.seen_running && !matches!(state.state, State::Running | State::Stopping))
     }

@@ -1,4 +1,4 @@
-//! What a controller tells of its past: freeze frame and trace, read over the wire and put into words.
+//! Past events of a controller: freeze frame and trace, read over the wire, as text.
 
 use std::fmt::Write as _;
 
@@ -72,7 +72,7 @@ impl Session {
 }
 
 impl Frozen {
-    /// From the file of a controller; `None`: it is none.
+    /// From the file of a controller; `None` if it is not a freeze frame.
     #[must_use]
     pub fn read(bytes: &[u8]) -> Option<Self> {
         let head = FrozenHead::from_bytes(bytes).ok()?;
@@ -83,7 +83,7 @@ impl Frozen {
     }
 }
 
-/// The events of the file of a controller, oldest first; `None`: it is none.
+/// The events of the file of a controller, oldest first; `None` if it is not a trace.
 #[must_use]
 pub fn events(bytes: &[u8]) -> Option<Vec<TraceEntry>> {
     let head = TraceHead::from_bytes(bytes).ok()?;

@@ -1,4 +1,4 @@
-//! Homing of one joint by a controller, and what is heard of its drive meanwhile.
+//! Homing of one joint by a controller, and the answers of its drive meanwhile.
 
 use protocol::cyphal::cubecell::command::{HOME, Home};
 use protocol::cyphal::cubecell::group_state::State;
@@ -20,9 +20,9 @@ pub struct Homed {
     pub took: Duration,
     /// Where the joint stands now, rad.
     pub position_rad: f64,
-    /// Largest current that was heard, A; 0 where drives are not heard.
+    /// Largest current that the drive reported, A; 0 if the answers of drives are not visible.
     pub current_max_a: f64,
-    /// How far its reading was off before, if that was looked at and can be said.
+    /// Error of its reading before the homing, if it was measured and is clear.
     pub zero: Option<ZeroOffset>,
 }
 
@@ -79,7 +79,7 @@ impl Session {
     }
 }
 
-/// The state that was told after `since`.
+/// The state that was reported after `since`.
 pub(super) fn told_since(
     told: Option<(Instant, NodeId, protocol::cyphal::cubecell::group_state::GroupState)>,
     since: Instant,

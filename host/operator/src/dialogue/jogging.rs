@@ -1,7 +1,7 @@
 //! Jogging of one joint by a controller, while an operator holds a key.
 //!
-//! The order holds for [`JOG_HOLD`] and is repeated every `JOG_PERIOD`. Nothing has to reach the controller for the joint to
-//! stop: an order that is not repeated ends by itself, and the drive is never sent farther than to where the order ends.
+//! The order is valid for [`JOG_HOLD`] and is repeated every `JOG_PERIOD`. The joint stops without any message: an
+//! order that is not repeated expires, and the drive's target is never farther than where the order ends.
 
 use firmware::fault::Cause;
 use protocol::cyphal::bits::to_bytes;
@@ -47,8 +47,9 @@ fn order(joint: JointIndex, qd_rad_s: f64) -> Jog {
 }
 
 impl Session {
-    /// Moves one joint while `held` says so, at `qd_rad_s` (its sign is the direction), not beyond its soft limits if it is
-    /// homed. `held` is asked with the time before each order. On Ctrl-C the joint stops too; that is no error here.
+    /// Moves one joint while `held` returns true, at `qd_rad_s` (its sign is the direction), not beyond its soft
+    /// limits if it is homed. `held` is called with the time before each order. On Ctrl-C the joint stops too; that
+    /// is not an error here.
     ///
     /// # Errors
     /// [`OperatorError`]; the drives were halted, by the controller or when this session ends.
@@ -83,13 +84,13 @@ impl Session {
         pose.get(joint.get()).copied().ok_or(OperatorError::Unreadable { node })
     }
 
-    /// Position of a joint that was told last, rad.
+    /// Last reported position of a joint, rad.
     fn heard_position(&mut self, joint: JointIndex) -> Option<f64> {
         let (_, _, state) = self.host_node().inbox()?.joints.as_ref()?;
         state.joint(joint).map(|joint| joint.q_rad.into())
     }
 
-    /// The soft limit that a motion at `qd_rad_s` comes to; `None` for a joint that is not homed.
+    /// The soft limit in the direction of `qd_rad_s`; `None` for a joint that is not homed.
     fn limit_ahead(
         &mut self,
         node: NodeId,
@@ -120,8 +121,8 @@ impl Session {
             let now = self.now();
             match self.order_jog(node, &order(joint, qd_rad_s), begun.is_none()) {
                 Ok(()) => (begun, taken_at) = (begun.or(Some(now)), Some(now)),
-                // A repetition came too late: the joint ramps to rest, and then begins again. Or the controller stops it, and
-                // will say why.
+                // A repetition came too late: the joint ramps to rest, and then begins again. Or the controller
+                // stops it, and reports why.
                 Err(OperatorError::Refused { refusal: Some(refusal), .. })
                     if taken_at.is_some_and(|at| now < at + REST_MAX)
                         && refusal.cause == Cause::OrderNotNow.code() =>
@@ -150,7 +151,7 @@ impl Session {
         Ok(false)
     }
 
-    /// The order; only the first one of a jog carries a code, because a controller with a key computes none while it moves.
+    /// The order; only the first one of a jog has a code, because a controller with a key computes no code while it moves.
     fn order_jog(&mut self, node: NodeId, jog: &Jog, is_first: bool) -> Result<(), OperatorError> {
         if is_first {
             return self.order(node, "the jog", JOG, jog).map(drop);
@@ -160,8 +161,8 @@ impl Session {
         self.order_plain(node, "the jog", JOG, bytes.get(..len).unwrap_or_default()).map(drop)
     }
 
-    /// Orders no more speed, and waits until the controller tells that the joint stands. Works after Ctrl-C too; without
-    /// an answer everything is halted.
+    /// Stops ordering speed, and waits until the controller reports that the joint stands. Works after Ctrl-C too;
+    /// without an answer everything is halted.
     fn let_go(&mut self, node: NodeId, joint: JointIndex) -> Result<(), OperatorError> {
         let let_go_at = self.now();
         let mut bytes = [0; 16];
@@ -175,7 +176,7 @@ impl Session {
             let told = self.host_node().inbox().and_then(|inbox| inbox.group);
             match told_since(told, let_go_at) {
                 Some(State::Ready | State::Idle) => {
-                    // What is told of the joints from now on is where they stand.
+                    // Positions reported from now on are those at rest.
                     return self.settle(let_go_at);
                 }
                 Some(State::Fault | State::Stopped) => {

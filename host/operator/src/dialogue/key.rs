@@ -17,12 +17,12 @@ use super::registers::{Numbers, settings_of};
 use crate::bus::session::Session;
 
 impl Session {
-    /// Orders from now on carry codes of this key, where a controller with a key wants one.
+    /// Orders from now on have codes of this key, if a controller requires codes.
     pub fn set_key(&mut self, key: Option<Key>) {
         self.key = key;
     }
 
-    /// Writes the key of a controller, or removes it with no bytes. The answer does not tell whether it was taken.
+    /// Writes the key of a controller, or removes it with no bytes. The answer does not show whether it was accepted.
     ///
     /// # Errors
     /// [`OperatorError`].

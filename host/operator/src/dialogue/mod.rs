@@ -1,9 +1,9 @@
-//! What is said on a bus: questions to drives, orders to a controller. Nothing here prints.
+//! Communication on a bus: requests to drives, orders to a controller. Nothing here prints.
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`ask`], [`survey`] | a question to a drive; rounds of questions to all |
-//! | [`presence`] | who else is on the bus, by listening |
+//! | [`ask`], [`survey`] | a request to a drive; rounds of requests to all |
+//! | [`presence`] | other nodes on the bus, found by listening |
 //! | [`homing`], [`jogging`], [`zero_check`] | bounded motions of one joint by a controller; whether a drive has lost counts |
 //! | [`operator`], `following`, `extending`, `key` | orders to a controller, upload, arming, following a run, the segments of a long one; the codes that orders need |
 //! | `error` | why an order was not carried out |

@@ -5,12 +5,12 @@
 //!                                              read_clock       └──▶ target_answers
 //! ```
 //!
-//! * **When it acts.** A message takes 1 to 6 ms on a bus that the drives share at a cycle of 3 ms. From then on it takes two
-//!   control periods and the lag of the drives (11 ms with PowerCubes) until the new way begins; the end state must be reached
+//! * **When it acts.** A message takes 1 to 6 ms on a bus that the drives share at a cycle of 3 ms. After that it takes two
+//!   control periods and the lag of the drives (11 ms with PowerCubes) until the new motion begins; the end state must be reached
 //!   at least 20 ms later ([`REACH_MIN_US`]).
 //! * **The way.** Per joint the least peak acceleration that keeps the time, within the envelope ([`firmware::retarget`]), then
 //!   braking to rest. A host that plans with [`Course`] plans what the controller does, to single precision.
-//! * **Refused.** The answer has the cause ([`Cause`]) and the joint. The way before goes on.
+//! * **Refused.** The answer has the cause ([`Cause`]) and the joint. The motion before continues.
 //! * **Times** are those of the controller's clock: [`ControllerClock`](super::clock::ControllerClock).
 //!
 //! [`REACH_MIN_US`]: firmware::retarget::REACH_MIN_US
@@ -70,8 +70,8 @@ impl Session {
     /// Sends a new end state and does not wait. `sequence` comes back with the answer.
     ///
     /// # Errors
-    /// [`OperatorError::TargetNotSaid`] for what the message has no place for, and when the queue to the bus is full; nothing
-    /// is sent then.
+    /// [`OperatorError::TargetNotSaid`] if the message cannot hold the end state, or the queue to the bus is full;
+    /// nothing is sent then.
     pub fn send_target(&mut self, sequence: u8, end: &EndStates) -> Result<(), OperatorError> {
         let message = message_of(sequence, end)?;
         self.host_node()

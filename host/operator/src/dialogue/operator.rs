@@ -4,8 +4,8 @@
 //! upload ──▶ commit (by hash) ──▶ arm: offer, then confirm ──▶ run ──▶ follow to the end
 //! ```
 //!
-//! The host's heartbeat keeps a motion alive: it is sent every [`crate::node::inbox::HEARTBEAT`], and stops when this program does, upon
-//! which the controller ramps down.
+//! The host's heartbeat keeps a motion alive. It is sent every [`crate::node::inbox::HEARTBEAT`], and stops when
+//! this program stops; then the controller ramps down.
 
 use firmware::authority::sha256;
 use firmware::fault::Cause;
@@ -33,7 +33,7 @@ use crate::trajectory::Segment;
 
 /// Validity of an offer to arm, and of an arming, ms.
 pub(crate) const ARMING_VALID_MS: u16 = 5_000;
-/// Time in which a controller at rest has read every drive again, with room: it looks at four things of each in turn,
+/// Time in which a controller at rest has read every drive again, with a margin: it reads four values of each in turn,
 /// 10 ms apart by default.
 pub(crate) const FRESH: Duration = Duration::from_millis(500);
 /// Time between two confirmations while it does.
@@ -42,7 +42,7 @@ pub(crate) const FRESH_LOOK: Duration = Duration::from_millis(50);
 /// drive has five attempts of 0.11 s. Six steps take 3.3 s at most, 3.3 s more if they are repeated because a drive is halted,
 /// and the proof of the watchdogs reads each drive up to six times, 3.3 s.
 pub const FINDING_MAX: Duration = Duration::from_secs(10);
-/// A halted arm is at rest after a few tenths of a second; one that still moves then is moved from outside.
+/// A halted arm is at rest after a few tenths of a second; if it still moves then, it is moved from outside.
 const REST_MAX: Duration = Duration::from_secs(2);
 /// Longest time for one request with all its attempts.
 const REQUEST_MAX: Duration = Duration::from_secs(30);
@@ -59,7 +59,7 @@ pub fn name_of(file: &[u8]) -> Result<Trajectory, OperatorError> {
 }
 
 impl Session {
-    /// Waits for a controller to be heard; `node` narrows it to one.
+    /// Waits for a message of a controller; `node` selects one.
     ///
     /// # Errors
     /// [`OperatorError::NoController`].
@@ -86,12 +86,12 @@ impl Session {
         self.wait_for(FINDING_MAX, &|state| state != State::Boot)
     }
 
-    /// State of the controller heard last.
+    /// Last reported state of the controller.
     pub fn group(&mut self) -> Option<GroupState> {
         self.host_node().inbox().and_then(|inbox| inbox.group).map(|(_, _, state)| state)
     }
 
-    /// Joint angles of the controller's next message, rad: what it measures from now on.
+    /// Joint angles of the controller's next message, rad: measured from now on.
     ///
     /// # Errors
     /// [`OperatorError::NoAnswer`] if none comes within 1.5 s, and the others.
@@ -216,7 +216,7 @@ impl Session {
     pub fn home_group(&mut self, node: NodeId, joint_mask: u8, limit: Duration) -> Result<(), OperatorError> {
         self.guard_motion();
         self.order(node, "homing", command::HOME, &Home { joint_mask })?;
-        // The order is answered before the state that it leads to is told.
+        // The order is answered before the state that it leads to is reported.
         self.wait_for(limit, &|state| state == State::Homing)?;
         self.wait_for(limit, &|state| matches!(state, State::Ready | State::Idle))?;
         self.release_motion();
@@ -248,8 +248,8 @@ impl Session {
         Ok(name)
     }
 
-    /// Arms for `name`: asks for an offer and takes it. The arming expires by itself. With a key the session confirms only what
-    /// it has uploaded itself, with the settings that it has read.
+    /// Arms for `name`: requests an offer and confirms it. The arming expires by itself. With a key the session
+    /// confirms only content that it has uploaded itself, with the settings that it has read.
     ///
     /// # Errors
     /// [`OperatorError::OtherContent`] if the controller would arm something else, and the others.
@@ -271,9 +271,9 @@ impl Session {
         self.wait_for(Duration::from_secs(2), &|state| state == State::Armed)
     }
 
-    /// Lets the controller forget its latched fault, which is `cause`, and look at every drive again. Errors and halts of
-    /// the drives are reset by it; nothing moves. A controller that still measures a motion refuses, and is asked again for
-    /// two seconds at most.
+    /// Makes the controller forget its latched fault, which is `cause`, and read every drive again. This resets
+    /// errors and halts of the drives; nothing moves. A controller that still measures a motion refuses; the order
+    /// is repeated for two seconds at most.
     ///
     /// # Errors
     /// [`OperatorError::Stopped`] if a cause is still there, and the others.
@@ -284,7 +284,7 @@ impl Session {
             (Cause::StillMoving, REST_MAX),
         )?;
         let cleared_at = self.now();
-        // Its next message may still tell the earlier state.
+        // Its next message may still contain the earlier state.
         let ended = self.run(cleared_at + FINDING_MAX, &mut |host_node| {
             let group =
                 host_node.inbox().and_then(|inbox| inbox.group).filter(|(at, ..)| *at > cleared_at + FRESH);
@@ -307,9 +307,9 @@ impl Session {
         self.order(node, "to disarm", command::DISARM, &()).map(drop)
     }
 
-    /// Runs the armed trajectory and follows it to its end; `progress` gets each message of the controller's state with
-    /// the time of its arrival. Ctrl-C orders a stop along the path, and a halt if the
-    /// controller does not obey.
+    /// Runs the armed trajectory and follows it to its end; `progress` gets each message of the controller's state
+    /// with the time of its arrival. Ctrl-C orders a stop along the path, and a halt if the controller does not
+    /// obey.
     ///
     /// # Errors
     /// [`OperatorError`]; what moved stands.
@@ -395,7 +395,7 @@ impl Session {
         Ok(self.halt(protocol::cyphal::cubecell::stop::Reason::OPERATOR)?)
     }
 
-    /// Waits until the controller tells a state that `wanted` takes. A fault or a stop on the way is an error.
+    /// Waits until the controller reports a state that `wanted` accepts. A fault or a stop on the way is an error.
     ///
     /// # Errors
     /// [`OperatorError::Stopped`], [`OperatorError::NoProgress`], [`OperatorError::Lost`] and the others.

@@ -1,4 +1,4 @@
-//! Who else is on a bus, by listening alone; and what controllers say there.
+//! Other nodes on a bus, found by listening alone; and the messages of controllers.
 
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant};
@@ -12,29 +12,29 @@ use crate::node::inbox::Said;
 
 /// A controller that is there has sent its state by then.
 pub(crate) const PRESENCE: Duration = Duration::from_millis(1_500);
-/// A host tool that is a node has said so by then: once a second.
+/// A host tool that is a node has sent a heartbeat by then: once a second.
 const CLAIM: Duration = Duration::from_millis(1_200);
 
 /// Who else is on the bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Presence {
-    /// The controller that was heard.
+    /// The controller on the bus.
     pub controller: Option<NodeId>,
-    /// Another node asks or orders drives.
+    /// Another node sends requests or orders to drives.
     pub drives_are_asked: bool,
-    /// Another host tool is a node: a `cubectl` that speaks to a controller.
+    /// Another host tool is a node: a `cubectl` that uses a controller.
     pub tool: bool,
 }
 
 impl Session {
-    /// Lines of text that controllers said since the last call, oldest first. They are heard once this session has listened
-    /// or spoken to one.
+    /// Lines of text that controllers sent since the last call, oldest first. They are received after this session
+    /// has listened to a controller or sent to one.
     pub fn take_said(&mut self) -> Vec<(Instant, Said)> {
         self.host_node().inbox().map_or_else(Vec::new, |inbox| inbox.records.drain(..).collect())
     }
 
-    /// Makes this session a Cyphal node, once, with a node-ID that no other tool has. A cell inside this program has no other
-    /// tools, so nothing is listened for there.
+    /// Makes this session a Cyphal node, once, with a node-ID that no other tool has. A cell inside this program
+    /// has no other tools, so this does not listen there.
     ///
     /// # Errors
     /// [`OperatorError::Bus`], [`OperatorError::Interrupted`].
@@ -50,8 +50,8 @@ impl Session {
         Ok(())
     }
 
-    /// Listens for at least [`OTHERS_LISTEN`] without a word, until `done` or for `span`. The first time it takes a node-ID that was
-    /// not heard, before the session may speak.
+    /// Listens for at least [`OTHERS_LISTEN`] without sending, until `done` or for `span`. The first time it takes
+    /// a node-ID that was not seen, before the session may send.
     fn only_listen(
         &mut self,
         span: Duration,
@@ -70,7 +70,7 @@ impl Session {
         ended
     }
 
-    /// Listens for 1.5 s at most: a controller that is there has told its state by then. Nothing is sent.
+    /// Listens for 1.5 s at most: a controller on the bus has reported its state by then. Nothing is sent.
     ///
     /// # Errors
     /// [`AskError::Bus`], [`AskError::Interrupted`].
@@ -78,8 +78,8 @@ impl Session {
         self.listen_for(PRESENCE, true)
     }
 
-    /// As [`Session::listen`]. If modules are asked and no controller is heard, this session becomes a node, so that a
-    /// `cubectl arm monitor` gives way, and listens once more.
+    /// As [`Session::listen`]. If modules get requests and no controller was found, this session becomes a node, so
+    /// that a `cubectl arm monitor` gives way, and listens once more.
     ///
     /// # Errors
     /// As [`Session::listen`].
@@ -92,8 +92,8 @@ impl Session {
         self.listen()
     }
 
-    /// Listens for `span`, at least [`OTHERS_LISTEN`], or with `until_told` until a controller was heard and had time to show its host. Nothing is
-    /// sent; before it returns the session may speak again.
+    /// Listens for `span`, at least [`OTHERS_LISTEN`], or with `until_told` until a controller was found and had
+    /// time to show its host. Nothing is sent; before it returns the session may send again.
     ///
     /// # Errors
     /// As [`Session::listen`].
@@ -101,7 +101,7 @@ impl Session {
         let (begun, before) = (self.now(), self.host_node().tally());
         let heard_since = |at: Instant| at > begun;
         let ended = self.only_listen(span, &mut |host_node| {
-            // A host tells of itself every 30 ms.
+            // A host sends a heartbeat every 30 ms.
             until_told
                 && host_node.inbox().and_then(|inbox| inbox.group).is_some_and(|(at, ..)| heard_since(at))
         })?;

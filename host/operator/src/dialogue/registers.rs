@@ -25,11 +25,11 @@ pub enum Numbers {
     Natural(Vec<u64>),
     /// Truth values.
     Bit(Vec<bool>),
-    /// A text; nobody can write one.
+    /// A text; no text register can be written.
     Text(String),
 }
 
-/// A register as its controller tells of it.
+/// A register as its controller reports it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RegisterEntry {
     pub name: String,
@@ -48,13 +48,13 @@ impl Numbers {
                 each.map(|at| value.f32(at)).collect::<Option<_>>().map(Self::Real)
             }
             ValueType::String => value.text().map(|text| Self::Text(text.to_owned())),
-            // Nothing of this kind is ever told: a key.
+            // A value of this kind is never returned: a key.
             ValueType::Unstructured => Some(Self::Text(String::new())),
             _ => each.map(|at| value.u64(at)).collect::<Option<_>>().map(Self::Natural),
         }
     }
 
-    /// As the wire carries it; `None` for numbers that no register of a controller holds.
+    /// Form on the wire; `None` for numbers that no register of a controller holds.
     fn to_value(&self) -> Option<ValueBuf> {
         match self {
             Self::Real(numbers) => ValueBuf::try_from(numbers.as_slice()).ok(),
@@ -101,10 +101,10 @@ pub(crate) fn to_host(numbers: &[Number]) -> Numbers {
     }
 }
 
-/// Settings with what `read` finds in the registers that `wanted` takes, and the number of joints. The others are as built in.
+/// Settings with the registers that `wanted` accepts, read by `read`, and the number of joints. The others are as built in.
 ///
 /// # Errors
-/// Those of `read`; [`OperatorError::NoRegister`] for one that holds what this program does not know.
+/// Errors of `read`; [`OperatorError::NoRegister`] for a register with a value that this program does not know.
 pub fn settings_of(
     wanted: impl Fn(&RegisterInfo) -> bool,
     read: &mut dyn FnMut(&str) -> Result<Numbers, OperatorError>,
@@ -144,7 +144,7 @@ impl std::fmt::Display for Numbers {
 }
 
 impl Session {
-    /// What a register of `node` holds.
+    /// Value of a register of `node`.
     ///
     /// # Errors
     /// [`OperatorError::NoRegister`] for a name that the controller does not know, and the others.
@@ -152,7 +152,7 @@ impl Session {
         self.access(node, name, Value::EMPTY).map(|told| told.value)
     }
 
-    /// A register of `node` with what it tells of it.
+    /// A register of `node` with its properties.
     ///
     /// # Errors
     /// As [`Session::register`].
@@ -189,7 +189,7 @@ impl Session {
         }
     }
 
-    /// Writes a register and looks whether the value was taken. Nothing is sent if it is there already.
+    /// Writes a register and checks whether the value was accepted. Nothing is sent if the register has it already.
     ///
     /// # Errors
     /// [`OperatorError::RegisterRefused`] if the controller keeps another value, and the others.

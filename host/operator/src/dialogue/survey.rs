@@ -7,10 +7,10 @@ use super::ask::AskError;
 use crate::bus::session::Session;
 use crate::node::drive_client::Policy;
 
-/// How often a module that may not be there is asked: a second of silence for all 31 addresses.
+/// Attempts for a module that may not be there: a second of silence for all 31 addresses.
 const SCAN_TRIES: u8 = 3;
 
-/// What is known of one module; `None` for what its firmware does not have or it did not answer.
+/// Data of one module; `None` for what its firmware does not have or it did not answer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ModuleReport {
     /// Address.
@@ -38,7 +38,7 @@ pub struct ModuleReport {
 }
 
 impl ModuleReport {
-    /// Rotary or linear, as the configuration says.
+    /// Rotary or linear, by the configuration.
     pub fn kind(&self) -> &'static str {
         match self.config {
             Some(config) if config.contains(Config::LINEAR) => "linear",
@@ -90,7 +90,7 @@ pub fn condition(state: Option<CubeState>) -> String {
 /// Progress of a survey: what is done, done and all.
 pub type OnSurveyProgress<'a> = &'a mut dyn FnMut(&'static str, usize, usize);
 
-/// Finds the modules among `candidates` by asking for their version, then asks each found one for the rest.
+/// Finds the modules among `candidates` by requests for their version, then requests the other data from each one found.
 ///
 /// # Errors
 /// The bus failed, or Ctrl-C.
@@ -127,7 +127,7 @@ pub fn survey(
         let readable = DETAILS.into_iter().filter(|parameter| parameter.info().readable(*version));
         details.extend(readable.map(|parameter| (*module, Request::Get(parameter))));
     }
-    // Whoever has answered is there.
+    // A module that has answered is there.
     session.host_node().drives.set_policy(Policy { linger, ..Policy::PATIENT });
     let answers = session.ask_all_with(&details, &mut |done, all| progress("asking them", done, all))?;
     let mut reports: Vec<ModuleReport> = found

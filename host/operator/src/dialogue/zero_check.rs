@@ -1,11 +1,13 @@
 //! Whether a drive had lost encoder counts: its reading leaps when homing finds the switch.
 //!
-//! At the switch the drive sets its counter to the known place of the switch. A counter that was right goes on without
-//! a step. One that had lost counts steps by what was lost. The readings are taken some milliseconds apart, while the
-//! joint moves slowly, so the step stands out from the motion as soon as it is larger than the way between two readings.
+//! At the switch the drive sets its counter to the known place of the switch. A counter that was right continues
+//! without a step. If counts were lost, it steps by the lost counts. The readings are taken some milliseconds
+//! apart, while the joint moves slowly, so the step is visible as soon as it is larger than the way between two
+//! readings.
 //!
-//! A joint with many lost counts meets its end stop on the way, and moves faster than homing for a moment when it leaves
-//! the stop. Such leaps are not the switch's: the largest leap is the offset, and the others count as its uncertainty.
+//! A joint with many lost counts meets its end stop on the way, and moves faster than homing for a moment when it
+//! leaves the stop. Such leaps are not caused by the switch: the largest leap is the offset, and the others count
+//! as its uncertainty.
 
 use protocol::Instant;
 
@@ -13,7 +15,7 @@ use protocol::Instant;
 const QUANTUM_RAD: f64 = 3.5e-4;
 /// Room for the times of the readings.
 const MOTION_FACTOR: f64 = 1.5;
-/// Leaps beside the largest, as a share of it: above it nobody can say which one is the switch's.
+/// Second largest leap as a share of the largest: above it the leap of the switch is not clear.
 const OTHERS_SHARE_MAX: f64 = 0.5;
 
 /// A step larger than the motion, rad, with the time it took and the speed before it.
@@ -40,7 +42,7 @@ pub struct ZeroCheck {
     is_clear: bool,
 }
 
-/// What the comparison says.
+/// Result of the comparison.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ZeroOffset {
     /// Reading before homing, less what it should have been, rad; 0 if it is below the resolution.
@@ -92,8 +94,8 @@ impl ZeroCheck {
         self.others_rad += smaller_rad;
     }
 
-    /// The result; `None` if the readings do not allow one: fewer than two, a motion faster than homing, or leaps of
-    /// which none stands out.
+    /// The result; `None` if the readings do not allow one: fewer than two, a motion faster than homing, or no leap
+    /// that is clearly the largest.
     #[must_use]
     pub fn finish(self) -> Option<ZeroOffset> {
         let enough = self.is_clear && self.candidate.is_none() && self.resolution_rad > 0.0;
@@ -123,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_at_the_switch_is_the_offset_and_motion_alone_is_none() {
+    fn a_step_at_the_switch_is_the_offset_and_motion_alone_is_not() {
         let found = check((0..200).map(motion)).unwrap();
         assert_eq!(found.offset_rad, 0.0);
         assert!((0.001..0.003).contains(&found.resolution_rad), "{found:?}");

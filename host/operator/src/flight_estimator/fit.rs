@@ -54,7 +54,7 @@ pub struct Air {
     pub drag_sigma_1_m: f64,
 }
 
-/// What is known of a flight before it is seen: the plan of the thrower.
+/// Knowledge of a flight before it is seen: the plan of the thrower.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FlightPrior {
     /// Time that position and velocity belong to, s.
@@ -77,7 +77,7 @@ pub struct Flight {
     gravity_m_s2: f64,
     /// Sum of squared residuals of the samples over the variance of one, and their number.
     pub chi2: (f64, usize),
-    /// The same with what was believed before: its squared distance from the solution over its variance added.
+    /// The same with the prior: its squared distance from the solution over its variance added.
     pub chi2_with_belief: f64,
 }
 
@@ -138,7 +138,7 @@ fn rows(at: &Flown) -> SMatrix<f64, 3, UNKNOWNS> {
 }
 
 impl Flight {
-    /// The flight that the prior tells, without samples.
+    /// The flight of the prior alone, without samples.
     #[must_use]
     pub fn of_prior(prior: &FlightPrior, air: &Air) -> Self {
         let mut covariance = Information::zeros();
@@ -154,8 +154,8 @@ impl Flight {
         }
     }
 
-    /// From samples (in order of time) with the standard deviation `sigma_m` per axis, and a prior if there is one; `None` with fewer than three samples and
-    /// no prior, or if the samples do not tell a velocity.
+    /// From samples (in order of time) with the standard deviation `sigma_m` per axis, and a prior if there is one;
+    /// `None` with fewer than three samples and no prior, or if the samples do not determine a velocity.
     #[must_use]
     pub fn fit(samples: &[Sample], sigma_m: f64, air: &Air, prior: Option<&FlightPrior>) -> Option<Self> {
         let (first, last) = (samples.first()?, samples.last()?);
@@ -165,7 +165,7 @@ impl Flight {
         }
         let t0_s = prior.map_or(first.t_s, |prior| prior.t_s);
         let mut information0 = Information::zeros();
-        // A drag that is known keeps its value: a weight far above what samples tell.
+        // A known drag keeps its value: a weight far above that of the samples.
         let drag_sigma = air.drag_sigma_1_m.max(1e-7);
         information0[(6, 6)] = drag_sigma.powi(-2);
         let mut mean = vars(&Vector3::zeros(), &Vector3::zeros(), air.drag_1_m);
@@ -312,8 +312,9 @@ mod tests {
         }
     }
 
-    /// Over many flights the error of the prediction is as large as the covariance says, at 50, 100 and 200 ms, with the drag
-    /// unknown within its prior. The band is the 99.9 % band of a chi-square mean over 3 × 400 degrees of freedom.
+    /// Over many flights the error of the prediction agrees with the covariance, at 50, 100 and 200 ms, with the
+    /// drag unknown within its prior. The band is the 99.9 % band of a chi-square mean over 3 × 400 degrees of
+    /// freedom.
     #[test]
     fn errors_of_the_prediction_are_as_large_as_the_covariance_says() {
         let mut rng = SplitMix64::new(2);

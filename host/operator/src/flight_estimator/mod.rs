@@ -4,9 +4,9 @@
 //! |---|---|
 //! | [`fit`] | position, velocity and drag from samples: Gauss-Newton over the whole batch, with a prior |
 //! | [`stream`] | tracker datagrams to samples: stamps, order, several markers per frame |
-//! | [`watch`] | which marker is the ball, since when it flies, what is left out; the forecast for the planner |
+//! | [`watch`] | which marker is the ball, when its flight began, which samples are left out; the forecast for the planner |
 //!
-//! Samples count by the time of their exposure, in whatever order they arrive. Times are seconds on the tracker's clock.
+//! Samples count by the time of their exposure, in any order of arrival. Times are seconds on the tracker's clock.
 
 pub mod fit;
 pub mod stream;

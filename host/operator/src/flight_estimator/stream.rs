@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use protocol::Instant;
 use tracker_protocol::dtrack::{DataError, DataFrame, DayClock};
 
-/// Stamps of this many frames are kept to tell a datagram that came twice.
+/// Stamps of this many frames are kept to recognise a repeated datagram.
 const STAMPS_MAX: usize = 64;
 
 /// Single markers of one flash.
@@ -20,8 +20,8 @@ pub struct MarkerFrame {
 
 /// Reads datagrams and relates the tracker's clock to the local one.
 ///
-/// The offset is the smallest of arrival minus stamp minus the latency that the tracker tells: a datagram can only be late. It
-/// needs some frames to settle, so the stream should run before there is anything to see.
+/// The offset is the smallest value of arrival minus stamp minus the latency that the tracker reports: a datagram
+/// can only be late. It needs some frames to settle, so the stream should run before the flight.
 #[derive(Debug, Clone, Default)]
 pub struct MarkerStream {
     clock: DayClock,
@@ -41,7 +41,7 @@ impl MarkerStream {
     /// Takes a datagram that arrived at `arrived_s` on the local clock; `None` for one that came before.
     ///
     /// # Errors
-    /// It is no frame; also counted in [`MarkerStream::refused`].
+    /// It is not a frame; also counted in [`MarkerStream::refused`].
     pub fn push(&mut self, datagram: &[u8], arrived_s: f64) -> Result<Option<MarkerFrame>, DataError> {
         let frame = DataFrame::parse(datagram).inspect_err(|_| self.refused += 1)?;
         let Some(stamp) = frame.stamp(&mut self.clock) else {
@@ -106,7 +106,7 @@ mod tests {
             assert!((frame.markers[0].1 - Vector3::new(1.0, -0.02, 0.003)).norm() < 1e-9);
         }
         assert!((stream.offset_s().unwrap() - 100.0).abs() < 1e-9);
-        // The same datagram again says nothing new; rubbish is refused.
+        // The same datagram again adds nothing; other bytes are refused.
         assert_eq!(stream.push(&datagram(25_000), 101.0).unwrap(), None);
         assert!(stream.push(b"6d 1 [", 101.0).is_err() && stream.refused == 1);
     }

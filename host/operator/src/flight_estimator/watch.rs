@@ -1,8 +1,9 @@
-//! Which marker is the ball, and since when it flies.
+//! Which marker is the ball, and when its flight began.
 //!
-//! A ball that flies is a chain of markers, one per frame, that lie on one flight. Without a flight, chains are sought backwards from the
-//! newest frame; with one, the marker nearest to the prediction continues it if it is inside the gate. Samples that the batch as a
-//! whole contradicts go: the worst one, or the oldest, which may still be from the hand.
+//! A ball in flight is a chain of markers, one per frame, that fit one flight. Without a flight, chains are
+//! searched backwards from the newest frame. With a flight, the marker nearest to the prediction continues it if it
+//! is inside the gate. Samples that contradict the batch are removed: the worst one, or the oldest, which may still
+//! be from the hand.
 
 use nalgebra::Vector3;
 use planner::catch::forecast::{Forecast, Foreseen, Watch};
@@ -18,12 +19,13 @@ const PRIOR_GATE: f64 = 22.46;
 const GATE_SIGMAS: f64 = 3.09;
 /// Balls begin between these speeds, m/s.
 const SPEED_M_S: (f64, f64) = (1.0, 12.0);
-/// After this many frames without a marker inside the gate a flight is sought again: what was followed may have been the hand.
+/// After this many frames without a marker inside the gate a flight is searched again: the markers so far may have been the
+/// hand.
 const MISSES_MAX: usize = 3;
 /// Frames that are kept while there is no flight, and samples at most in a batch.
 const FRAMES_MAX: usize = 24;
 const SAMPLES_MAX: usize = 160;
-/// So many frames after the planned release without the ball: it was not released.
+/// After this many frames after the planned release without the ball, it was not released.
 const UNSEEN_MIN: usize = 24;
 /// A flight that was not seen for this long is over, s.
 const LOST_AFTER_S: f64 = 1.0;
@@ -106,7 +108,7 @@ impl BallWatch {
         }
     }
 
-    /// Seeks a ball that flies, or one where the plan says that it is.
+    /// Searches a ball in flight, or one near the planned flight.
     fn begin(&mut self, frame: &MarkerFrame) -> bool {
         let release_s = self.options.prior.as_ref().map(|prior| prior.t_s);
         if let Some(chain) = self.newest_chain()
@@ -212,8 +214,8 @@ impl BallWatch {
         (off < GATE).then_some(Sample { t_s: frame.t_s, p_m: *near })
     }
 
-    /// A plan that the samples contradict is not believed any more: the fit with it is worse than the one without by more than chance
-    /// makes it.
+    /// A plan that the samples contradict is dropped: the fit with it is worse than the fit without it by more than
+    /// chance explains.
     fn test_prior(&mut self) {
         let WatchOptions { sigma_m, air, first_samples, .. } = &self.options;
         let n = self.samples.len();
@@ -240,7 +242,7 @@ impl BallWatch {
                 return;
             };
             let (chi2, n) = flight.chi2;
-            // Only a batch that tells more than its unknowns can contradict itself.
+            // Only a batch with more data than unknowns can contradict itself.
             let free = if prior.is_some() { 0 } else { 6 };
             if n < 5 || chi2 < quantile(3 * n - free) {
                 self.flight = Some(flight);
@@ -365,7 +367,7 @@ mod tests {
         assert!((mean - 1.0).abs() < band, "{mean} outside 1 ± {band}");
     }
 
-    /// The hand carries the ball on an arc with 15 m/s² before it lets go: what remains of it in the batch is too little to matter.
+    /// The hand carries the ball on an arc with 15 m/s² before the release: the part of it in the batch is too small to matter.
     #[test]
     fn samples_of_the_hand_are_shed() {
         let mut rng = SplitMix64::new(2);
@@ -402,7 +404,8 @@ mod tests {
         assert!(apart.norm() < 1e-6, "{apart}");
     }
 
-    /// The plan is wrong by 60 mm and 0.3 m/s, or right: the ball is followed from the first samples on, and foreseen as well as without.
+    /// The plan is wrong by 60 mm and 0.3 m/s, or right: the ball is followed from the first samples on, and predicted as well
+    /// as without a plan.
     #[test]
     fn a_plan_that_the_ball_does_not_follow_is_given_up_and_one_that_it_follows_helps() {
         let spread =

@@ -1,7 +1,7 @@
 //! A joint turned within bounds, and what is measured on it meanwhile (`samples`).
 //!
-//! Every order is a ramp to a checked position, so a drive that hears no more stands at its end. Whatever
-//! goes wrong, Ctrl-C included, halts everything on the bus.
+//! Every order is a ramp to a checked position, so a drive without further orders stands at its end. Every failure,
+//! also Ctrl-C, halts everything on the bus.
 
 mod samples;
 
@@ -153,7 +153,7 @@ struct Look {
 }
 
 impl<'a> Experiment<'a> {
-    /// Looks at every module: there, homed, without error.
+    /// Checks every module: present, homed, without error.
     ///
     /// # Errors
     /// [`ExperimentError`]; nothing has moved.

@@ -11,7 +11,7 @@ use tuner::identify::findings::{Findings, Holds, Measured, Subject};
 use tuner::identify::poses::{HOLDS, Ways};
 use tuner::model::DriveLag;
 
-/// What is asked for.
+/// Requested experiment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointExperiments {
     /// Joint number from 1.
@@ -65,9 +65,9 @@ impl JointError {
     }
 }
 
-/// Measures and concludes; `progress` hears the part that begins and how many there are at most.
+/// Measures and evaluates; `progress` gets the part that begins and the largest number of parts.
 ///
-/// The arm ends where it began. `mounting` says which angle of a joint a drive reads.
+/// The arm ends where it began. `mounting` gives the angle of a joint that a drive reads.
 ///
 /// # Errors
 /// [`JointError`]; what moved was halted.

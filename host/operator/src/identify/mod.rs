@@ -4,9 +4,9 @@
 //! |---|---|---|
 //! | [`experiment`] | turns the joint within bounds and takes the samples | conclude |
 //! | [`joint`] | all experiments on one joint, in order, and the way back | know how a current is measured |
-//! | [`mounting`] | which angle of a joint a drive reads, and who says so | move |
+//! | [`mounting`] | which angle of a joint a drive reads, and the source of this | move |
 //!
-//! What the samples mean: `tuner::identify`.
+//! The evaluation of the samples: `tuner::identify`.
 
 pub mod experiment;
 pub mod joint;

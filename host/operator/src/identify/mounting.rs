@@ -1,4 +1,4 @@
-//! How the drives of a robot sit on their joints, and who says so.
+//! Mounting of a robot's drives on their joints, and the source of this knowledge.
 
 use std::fmt;
 
@@ -12,14 +12,14 @@ use crate::bus::Session;
 use crate::dialogue::operator::OperatorError;
 use crate::dialogue::registers::{Numbers, settings_of};
 
-/// Who says how the drives are mounted.
+/// Source of the mounting of the drives.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Source {
     /// A controller on the bus.
     Controller(NodeId),
     /// A file of `cubectl controller registers export`.
     File(String),
-    /// Nobody.
+    /// No source.
     Assumed,
 }
 
@@ -51,10 +51,10 @@ impl Mounting {
         Self { settings: Settings::BUILT_IN, source: Source::Assumed }
     }
 
-    /// As `read` finds it in registers, by name.
+    /// From registers, by name, read by `read`.
     ///
     /// # Errors
-    /// Those of `read`, or a register that holds what this program does not know.
+    /// Errors of `read`, or a register with a value that this program does not know.
     pub fn of(
         source: Source,
         read: &mut dyn FnMut(&str) -> Result<Numbers, OperatorError>,
@@ -62,7 +62,7 @@ impl Mounting {
         Ok(Self { settings: settings_of(is_of_mounting, read)?, source })
     }
 
-    /// As a controller on the bus has it.
+    /// From a controller on the bus.
     ///
     /// # Errors
     /// [`OperatorError`].
@@ -70,7 +70,7 @@ impl Mounting {
         Self::of(Source::Controller(node), &mut |name| session.register(node, name))
     }
 
-    /// Who says so.
+    /// The source.
     #[must_use]
     pub const fn source(&self) -> &Source {
         &self.source

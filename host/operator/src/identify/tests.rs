@@ -48,7 +48,7 @@ fn constants_of_the_simulator_come_back_within_the_interval() {
     let findings = run(&mut session(3, 0.05), 2).unwrap();
     let (k_b, k_m) = (findings.k_b.as_ref().unwrap(), findings.k_m.as_ref().unwrap().as_ref().unwrap());
     assert!(k_b.k.covers(K_B_A_S_RAD) && k_m.k.covers(K_M_A_NM), "{}", findings.text());
-    // An interval that covers everything says nothing.
+    // An interval that covers everything would prove nothing.
     assert!(
         k_b.k.half_width < 0.05 * K_B_A_S_RAD && k_m.k.half_width < 0.05 * K_M_A_NM,
         "{}",

@@ -4,8 +4,8 @@ use hil_sim::CellOptions;
 use hil_sim::mechanics::Plane;
 use planner::plan::file::PlanFile;
 
-/// Lets the ball of `cell` leave the fingers, fly and land as the plan reckons with. Drag that a scenario names stays: it is what is
-/// true there, whatever the plan believes.
+/// Lets the ball of `cell` leave the fingers, fly and land as in the plan. Drag in a scenario stays: it is the true
+/// one there, whatever the plan assumes.
 pub fn take_plan(cell: &mut CellOptions, plan: &PlanFile) {
     // The ball lands where the target is, not only on the floor.
     let met_m = plan.meeting_m();

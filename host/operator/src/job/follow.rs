@@ -20,9 +20,9 @@ pub enum Ball {
     InHand,
     /// The axes were so far from their path at the release, rad, that it was not given.
     Withheld(f64),
-    /// The gripper was ordered to open, and the finger sensor says that it did not.
+    /// The gripper was ordered to open, but the finger sensor reports that it did not.
     FingersClosed,
-    /// The finger sensor says open at a time at which nothing had ordered that.
+    /// The finger sensor reports open at a time without an order to open.
     FingersOpenBefore,
     /// Whether it left the hand, or where it went, cannot be known.
     Unknown(&'static str),
@@ -30,9 +30,9 @@ pub enum Ball {
     Lost,
     /// It was seen to land so far from the target, m.
     Landed(f64),
-    /// Nobody watched it; the measured axes send it so far from the target, m.
+    /// The ball was not observed; the measured axes send it this far from the target, m.
     Predicted(f64),
-    /// As before, from the time at which the finger sensor says open: so much later than the delay of the gripper, s.
+    /// As before, from the time at which the finger sensor reports open: this much later than the delay of the gripper, s.
     PredictedLate(f64, f64),
 }
 
@@ -79,7 +79,7 @@ pub fn error_m(landing_m: &Vector3<f64>, target_m: &[f64; 3]) -> f64 {
     (landing_m - Vector3::from(*target_m)).xy().norm()
 }
 
-/// What the simulated ball or the measured axes say.
+/// Data of the simulated ball or of the measured axes.
 pub(super) fn observe(operator: &mut dyn Operator, order: &Order<'_>, record: &mut Record) {
     let Judge::Follow { plan, gripper, .. } = &order.judge else { return };
     record.followed = match operator.ball() {
@@ -110,7 +110,7 @@ pub(super) fn observe(operator: &mut dyn Operator, order: &Order<'_>, record: &m
     };
 }
 
-/// Adds what only the link knows: why the robot stopped, why the ball was kept, and when it was free by the time of the plan.
+/// Adds what only the link knows: why the robot stopped, why the ball was kept, and when it was free in time of the plan.
 pub(super) fn conclude(order: &Order<'_>, record: &mut Record) {
     let (Judge::Follow { plan, .. }, Some(led)) = (&order.judge, &record.led) else { return };
     let fault = led.seen.as_ref().and_then(|seen| seen.fault);
@@ -131,7 +131,7 @@ pub(super) fn ball_after_stop(record: &Record) -> String {
     record.followed.map_or_else(String::new, |ball| format!("; {}", ball.words()))
 }
 
-/// A throw whose ball has landed is no success if the robot stopped by itself.
+/// A throw whose ball has landed is not a success if the robot stopped by itself.
 pub(super) fn verdict(record: &Record, tolerance_m: f64) -> (Outcome, String) {
     let ball = record.followed.unwrap_or(Ball::Unknown("no telegrams came"));
     if let Some(fault) = record.led.as_ref().and_then(|led| led.seen.as_ref()?.fault.as_ref()) {
@@ -162,15 +162,15 @@ pub fn of_ball(ball: Ball, tolerance_m: f64) -> (Outcome, String) {
     (outcome, format!("{word}: {}{tolerance}", ball.words()))
 }
 
-/// Time on each side of the release through which the path of an axis is fitted, s. What happens to the set points while the
-/// order to open is under way reaches the axes later.
+/// Time on each side of the release through which the path of an axis is fitted, s. Changes of the set points while
+/// the order to open is in flight reach the axes later.
 const NEAR_S: f64 = 0.048;
 /// Farthest measured axis from its fitted path, deg: at the root of its place in time, 5 mm of the landing of a throw over 2.5 m. The
 /// axes of a smooth motion are 0.002 deg from it.
 const PATH_OFF_MAX_DEG: f64 = 0.01;
 /// Coefficients of the fitted path of an axis.
 const COEFFICIENTS: usize = 4;
-/// Cycles by which a finger sensor may say open later than the delay of the gripper: it is read once per cycle.
+/// Cycles by which a finger sensor may report open later than the delay of the gripper: it is read once per cycle.
 const SENSOR_CYCLES: f64 = 2.0;
 
 /// The ball is in the hand for at least this time before its release: the arm moves.
@@ -203,11 +203,11 @@ impl GripperKnown {
     }
 }
 
-/// What the measured axes say about the ball: where it comes down at the height of the target.
+/// Landing computed from the measured axes: where the ball comes down at the height of the target.
 ///
-/// The ball is free a delay after the first cycle in which the output is in force, or when the finger sensor says so, if it does
-/// later. A cubic through the measured axes of the cycles around gives position and speed of the hand there. Cycles have the
-/// times that their numbers say, so a lost telegram moves nothing.
+/// The ball is free a delay after the first cycle in which the output is in force, or when the finger sensor
+/// reports open, if that is later. A cubic through the measured axes of the cycles around gives position and speed
+/// of the hand there. Cycles have the times of their numbers, so a lost telegram shifts nothing.
 #[must_use]
 pub fn measured(
     arm: &Arm,
@@ -255,8 +255,8 @@ pub fn measured(
     let Some(next) = next.filter(|_| since_s(last) >= gripper.jitter_s) else {
         return Ball::Unknown("too few telegrams came around the release");
     };
-    // Where the axes leap after the release, the time before it alone has the path that the ball was on. The next telegram says
-    // that they did not leap in the cycle of the release.
+    // If the axes leap after the release, only the time before it shows the path of the ball. The next telegram
+    // shows that they did not leap in the cycle of the release.
     let around = Path::through(near(NEAR_S, NEAR_S)).filter(|path| path.off_deg <= PATH_OFF_MAX_DEG);
     let path = around.or_else(|| {
         Path::through(near(2.0 * NEAR_S, 0.0))
@@ -291,7 +291,7 @@ struct Path {
 }
 
 impl Path {
-    /// Through these places, each with its time after the one that is asked for, s; `None` for too few of them.
+    /// Through these places, each with its time after the requested one, s; `None` for too few places.
     fn through<'a>(places: impl Iterator<Item = Place<'a>>) -> Option<Self> {
         let places: Vec<Place<'a>> = places.collect();
         if places.len() < 2 * COEFFICIENTS - 1 {

@@ -1,4 +1,4 @@
-//! The one job: what an arm is to do, done over any link, judged, and kept as one record.
+//! The one job: order to an arm, executed over any link, judged, and kept as one record.
 //!
 //! ```text
 //! find the controller ─▶ drives ─▶ home ─▶ gains ─▶ to the start ─▶ upload ─▶ arm ─▶ run ─▶ flight ─▶ back
@@ -6,19 +6,19 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`order`] | what is to be done, made from a plan, and how it is judged |
+//! | [`order`] | the order, made from a plan, and its judge |
 //! | [`mod@perform`] | the steps above, in order, for any [operator](crate::port::Operator) |
-//! | [`record`] | the steps, what is known of them, and why a job ends early |
+//! | [`record`] | the steps, their data, and why a job ends early |
 //! | [`verdict`] | how a job ended |
 //! | [`throw`], [`follow`], [`reach`] | the judges: a ball released at an instant, by a hand that follows its flight; a motion |
-//! | [`target`] | where a motion is to go, and the way there |
-//! | [`cell`](mod@cell) | the simulated cell that a plan reckons with |
+//! | [`target`] | target of a motion, and the way there |
+//! | [`cell`](mod@cell) | the simulated cell that a plan assumes |
 //! | [`mod@summary`] | a record in numbers, as JSON |
 //!
 //! # Invariants
 //!
-//! * Nothing here prints or asks a person; the caller learns what begins and ends.
-//! * Whatever ends a step early, the arm stands when it returns.
+//! * Nothing here prints or asks a person; the caller gets begin and end of each step.
+//! * If a step ends early, for any reason, the arm stands when it returns.
 //! * A stop that this program did not send ends the job, in every step.
 //! * The record is complete when [`perform()`] returns: nothing is judged later.
 

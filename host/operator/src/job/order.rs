@@ -1,4 +1,4 @@
-//! What an arm is to do and how it is judged.
+//! An order to an arm and its judge.
 
 use hil_sim::krc::KrcScenario;
 use protocol::Duration;
@@ -71,7 +71,7 @@ pub enum Judge<'a> {
 }
 
 impl Judge<'_> {
-    /// A landing farther from the target than this counts as missed, m; `None` where nothing lands.
+    /// A landing farther from the target than this counts as missed, m; `None` if nothing lands.
     #[must_use]
     pub const fn tolerance_m(&self) -> Option<f64> {
         match self {
@@ -87,8 +87,8 @@ impl Judge<'_> {
     }
 }
 
-/// How near the arm must stay to a motion that throws nothing, as the constraints of the `JointTrajectoryController` of ros2_control have
-/// it.
+/// Largest deviations of the arm from a motion without a throw, as in the constraints of the
+/// `JointTrajectoryController` of ros2_control.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerances {
     /// Of each joint from its motion, at any time of it, rad.
@@ -99,7 +99,7 @@ pub struct Tolerances {
 }
 
 impl Tolerances {
-    /// The usual ones for so many joints: the bound of the throwing paper on the way, 10 mrad at the end, after 0.25 s.
+    /// The usual ones for this number of joints: the bound of the throwing paper on the way, 10 mrad at the end, after 0.25 s.
     #[must_use]
     pub fn usual(joints: usize) -> Self {
         Self {
@@ -110,7 +110,7 @@ impl Tolerances {
     }
 }
 
-/// What an arm is to do; made from a plan.
+/// An order to an arm; made from a plan.
 #[derive(Clone, Debug)]
 pub struct Order<'a> {
     pub arm: &'a Arm,
@@ -123,10 +123,10 @@ pub struct Order<'a> {
     pub gains: Option<&'a GainsFile>,
     /// Joints without a zero may find it.
     pub homes: bool,
-    /// How to go to the start and back; `None`: the arm stands where the program begins, and keeps to the robot that its controller
-    /// knows.
+    /// How to go to the start and back; `None`: the arm stands where the program begins, and its controller keeps
+    /// its robot.
     pub travel: Option<Travel>,
-    /// The program begins so long after the order to run, by the controller's clock; `None`: at once.
+    /// The program begins this much after the order to run, by the controller's clock; `None`: at once.
     pub start_in: Option<Duration>,
     /// Longest time for the run after its planned end.
     pub patience: Duration,
@@ -137,7 +137,7 @@ pub struct Order<'a> {
 }
 
 impl<'a> Order<'a> {
-    /// Longest time for a run after its planned end, unless something else is asked for.
+    /// Longest time for a run after its planned end, by default.
     pub const PATIENCE: Duration = Duration::from_secs(5);
 
     /// A throw with the release at one instant, from wherever the arm stands; the tolerance is the plan's.

@@ -37,8 +37,8 @@ pub enum Progress<'a> {
     Begin(Step),
     /// Progress of the step: done, of all.
     Part(usize, usize),
-    /// May it go on? Asked before the first motion, and with the arm at the start before a throw; again and again
-    /// while the answer is [`Answer::Waiting`].
+    /// Asks whether the job may continue. Asked before the first motion, and with the arm at the start before a
+    /// throw; again and again while the answer is [`Answer::Waiting`].
     May(Question),
     /// A step has ended, with its result as text.
     End(Step, &'a str),
@@ -47,13 +47,13 @@ pub enum Progress<'a> {
 /// What a person decides.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Question {
-    /// The arm homes, goes to the start, or runs what is no throw.
+    /// The arm homes, goes to the start, or runs a motion without a throw.
     Move,
     /// The ball is thrown.
     Throw,
 }
 
-/// What a person has said so far.
+/// Answer of a person so far.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Answer {
     Yes,
@@ -62,7 +62,7 @@ pub enum Answer {
     Waiting,
 }
 
-/// The callback; its answer matters to [`Progress::May`] only. It does not wait: the job follows the arm meanwhile.
+/// The callback; its answer is used for [`Progress::May`] only. It does not wait: the job follows the arm meanwhile.
 pub type OnProgress<'a> = &'a mut dyn FnMut(Progress<'_>) -> Answer;
 
 /// Time between two looks for an answer.
@@ -97,7 +97,7 @@ struct Steps<'a, 'b> {
     ui: OnProgress<'b>,
     /// A motion was agreed to.
     may_move: bool,
-    /// What the samples and the observer of the ball say is in the record.
+    /// The data of the samples and of the observer of the ball are in the record.
     observed: bool,
 }
 
@@ -204,7 +204,7 @@ impl Steps<'_, '_> {
 
         self.begin(Step::Drives)?;
         if self.order.extent == Extent::Upload {
-            // A file may be stored whatever the drives do.
+            // A file may be stored in any state of the drives.
             self.operator.wait_for(FINDING_MAX, &|state| state != State::Boot)?;
             self.end("asked");
             return Ok(Vec::new());
@@ -239,7 +239,7 @@ impl Steps<'_, '_> {
         Ok(())
     }
 
-    /// The way from a pose to where the program begins; none without [`Order::travel`].
+    /// The way from a pose to where the program begins; empty without [`Order::travel`].
     fn way_to_start(&mut self, from: &Joints) -> Result<Option<Motion>, JobError> {
         self.way(&self.order.scene, from, &self.order.program.motion().start_rad())
     }
@@ -268,7 +268,7 @@ impl Steps<'_, '_> {
     fn upload(&mut self) -> Result<Trajectory, JobError> {
         self.begin(Step::Upload)?;
         let plan = match &self.order.program {
-            // What only goes on while it runs is not stored for later.
+            // A plan that only continues while it runs is not stored for later.
             Program::Motion(motion) if self.order.extent == Extent::Upload => {
                 encode(motion, self.record.period_us as u32, self.order.robot_crc32, None)?.into()
             }
@@ -342,7 +342,7 @@ impl Steps<'_, '_> {
         Ok(self.operator.heed_stops()?)
     }
 
-    /// What an observer and the samples say.
+    /// Data of an observer and of the samples.
     fn observe(&mut self) {
         let Self { operator, order, record, .. } = self;
         if order.judge.throws() {
@@ -356,7 +356,7 @@ impl Steps<'_, '_> {
         self.observed = true;
     }
 
-    /// Gains, robot and period: written where the order says so, read back, kept in the record.
+    /// Gains, robot and period: written if the order requires it, read back, kept in the record.
     fn agree(&mut self) -> Result<(), JobError> {
         let Self { operator, order, record, .. } = self;
         record.period_us = operator.natural("cycle.period_us")?;
@@ -442,7 +442,7 @@ fn watch_ball(operator: &mut dyn Operator) -> BallOutcome {
                 landed_at.saturating_since(now).min(BALL_LOOK)
             }
         };
-        // A link that failed says nothing about the ball so far.
+        // A link that has failed gives no data about the ball.
         if operator.pass(left).is_err() {
             return BallOutcome::NotObserved;
         }

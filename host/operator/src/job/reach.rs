@@ -1,4 +1,4 @@
-//! The judge of a motion that throws nothing: by its samples the arm followed it, and stands at its end.
+//! The judge of a motion without a throw: by its samples the arm followed it, and stands at its end.
 
 use protocol::Instant;
 use serde::Serialize;
@@ -11,12 +11,12 @@ use crate::port::Operator;
 use crate::samples::Samples;
 use planner::motion::Motion;
 
-/// An arm that stands is at most so far from the end of its motion, rad, unless something else is asked for.
+/// Largest distance of a standing arm from the end of its motion, rad, by default.
 pub(super) const GOAL_RAD: f64 = 0.01;
-/// The run has come to rest so long after its planned end, s: the controller holds the end until then.
+/// The run has come to rest this long after its planned end, s: the controller holds the end until then.
 pub(super) const REST_S: f64 = 0.25;
 
-/// What the samples say of a motion.
+/// Result of the samples of a motion.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Reached {
     /// Largest distance of a joint from the motion, rad, and which joint, from 0.
@@ -32,7 +32,7 @@ pub struct Reached {
     pub joints: Vec<JointReached>,
 }
 
-/// What the samples say of a joint.
+/// Result of the samples of a joint.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct JointReached {
     pub name: String,
@@ -67,7 +67,7 @@ impl JointReached {
     }
 }
 
-/// What the samples say of a motion that was the last to run; nothing if they do not suffice.
+/// Result of the samples of the motion that ran last; `None` if they do not suffice.
 pub(super) fn observe(operator: &mut dyn Operator, order: &Order<'_>, record: &mut Record) {
     let (arm, motion, tolerances) = (order.arm, order.program.motion(), &order.tolerances);
     let samples = operator.take_samples(arm, record.drives.clone());
@@ -83,7 +83,7 @@ pub(super) fn observe(operator: &mut dyn Operator, order: &Order<'_>, record: &m
             Some((analysis, reached))
         });
     });
-    // What fails on the link now has no say in what was done before.
+    // A failure of the link now does not change what was done before.
     drop(analysed);
     if let Some((analysis, reached)) = found {
         (record.analysis, record.reached) = (Some(analysis), reached);

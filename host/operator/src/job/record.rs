@@ -24,7 +24,7 @@ use tuner::gains::gains_file::GainsFileError;
 /// A step of the job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
-    /// A controller is heard.
+    /// A controller has sent a message.
     Controller,
     /// It finds its drives and proves their watchdogs.
     Drives,
@@ -66,7 +66,7 @@ impl Step {
     }
 }
 
-/// What helps where there is no way to the start.
+/// Next step if there is no way to the start.
 const fn next_of(error: &WayError) -> &'static str {
     match error {
         WayError::Blocked { .. } => "jog the arm free with `cubectl jog`",
@@ -161,7 +161,7 @@ pub struct Start {
     pub known_to: Duration,
 }
 
-/// What is known of a job; also of one that ended early.
+/// Data of a job; also of one that ended early.
 #[derive(Debug, Default)]
 pub struct Record {
     /// Node of the controller, where the link has nodes.
@@ -178,13 +178,13 @@ pub struct Record {
     pub gains: [Vec<f32>; 3],
     /// Weights of the controller's estimator, alpha and beta.
     pub estimator: Option<[f32; 2]>,
-    /// Gains, and all that their certificate is about, as the controller holds them; other settings as built in.
+    /// Gains, and everything that their certificate covers, as the controller holds them; other settings as built in.
     pub held: Option<Settings>,
-    /// Checksum of their certificate; 0: none.
+    /// Checksum of their certificate; 0: no certificate.
     pub certificate_crc32: u64,
     /// Timing that it covers; `None` if the file of the certificate is not known.
     pub certified: Option<Certified>,
-    /// Duration of the way to the start, s; `None`: it stood there.
+    /// Duration of the way to the start, s; `None`: the arm stood there.
     pub approach_s: Option<f64>,
     /// Name of the program's file in the controller.
     pub trajectory: Option<Trajectory>,
@@ -194,13 +194,13 @@ pub struct Record {
     pub before: GroupState,
     /// During the run.
     pub states: Vec<(Instant, GroupState)>,
-    /// Drives of the joints, as the controller's registers say.
+    /// Drives of the joints, from the controller's registers.
     pub drives: Option<Drives>,
-    /// From the order to open the gripper to the free ball, as the controller's registers say.
+    /// From the order to open the gripper to the free ball, from the controller's registers.
     pub gripper_opening: Option<Duration>,
-    /// What the samples of a throw say of it.
+    /// Result of the samples of a throw.
     pub analysis: Option<RunAnalysis>,
-    /// What they say of any other motion.
+    /// Result of the samples of any other motion.
     pub reached: Option<Reached>,
     /// Where the ball is, as far as an observer watches it.
     pub ball: BallOutcome,
@@ -208,7 +208,7 @@ pub struct Record {
     pub followed: Option<Ball>,
     /// Where it landed, or where the measured motion sends it.
     pub landing: Option<Landing>,
-    /// What only a robot that is led has.
+    /// Data that only a robot that is led has.
     pub led: Option<Led>,
     /// Frames during the run.
     pub frames: u64,
@@ -220,7 +220,7 @@ pub struct Record {
 /// Where the ball is, as far as an observer watches it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BallOutcome {
-    /// Nobody watches it.
+    /// The ball is not observed.
     #[default]
     NotObserved,
     /// Still in the hand when the job ended.
@@ -246,7 +246,7 @@ impl BallOutcome {
 pub enum LandingSource {
     /// Seen: the simulated ball.
     Cell,
-    /// Computed from the measured motion of the joints at the release; nobody saw the ball.
+    /// Computed from the measured motion of the joints at the release; the ball was not observed.
     Measured,
 }
 

@@ -1,4 +1,4 @@
-//! A record in numbers: `summary.json`. Units are in the names of the keys. What a link or a judge does not know is `null`.
+//! A record in numbers: `summary.json`. Units are in the names of the keys. `null`: the link or the judge does not know it.
 
 use protocol::Duration;
 use protocol::cyphal::cubecell::group_state::State;
@@ -17,7 +17,7 @@ use tuner::gains::choose::GainsFrom;
 /// Version of the file.
 pub const VERSION: u32 = 3;
 
-/// Text for a run whose timing nobody can judge.
+/// Text for a run whose timing cannot be judged.
 pub const NOT_COMPARED: &str = "the timing is not compared with a certificate: none is known for the gains of this controller, or the run was not heard";
 
 /// What only the caller knows.
@@ -45,7 +45,7 @@ pub struct Circumstances<'a> {
     pub plan_s: f64,
     /// Where the gains come from.
     pub gains_from: GainsFrom,
-    /// Checksum of the gains file as written; `None` if there is none.
+    /// Checksum of the gains file as written; `None` if there is no gains file.
     pub gains_crc32: Option<u32>,
     /// The soft controller's thread.
     pub soft: Option<&'a SoftReport>,
@@ -162,7 +162,7 @@ fn of_run(record: &Record) -> Value {
     })
 }
 
-/// What only a robot that is led has.
+/// Data that only a robot that is led has.
 fn of_led(order: &Order<'_>, record: &Record, about: &Circumstances<'_>) -> Value {
     let follow = match &order.judge {
         Judge::Follow { plan, gripper, lag, .. } => Some((plan, gripper, lag)),

@@ -12,7 +12,7 @@ pub enum Target {
     Joints(Joints),
     /// Joints, from 0, turned by angles, rad.
     By(Vec<(usize, f64)>),
-    /// A place or pose of the hand; on a straight line if that is asked for.
+    /// A place or pose of the hand; on a straight line if requested.
     Hand { goal: Goal, straight: bool },
 }
 

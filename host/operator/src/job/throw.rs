@@ -12,15 +12,15 @@ use robot_model::RobotModel;
 
 /// Smallest default tolerance, m: the steps of encoders and clocks and the tracking of a healthy arm stay below it.
 pub const TOLERANCE_MIN_M: f64 = 0.010;
-/// Largest default tolerance, m: whatever noise a plan is made for, a ball farther off is beside its target. `--tolerance-m` asks for
-/// more.
+/// Largest default tolerance, m: a ball farther off has missed its target, whatever noise the plan assumes.
+/// `--tolerance-m` sets a larger one.
 pub const TOLERANCE_MAX_M: f64 = 0.100;
 /// Square of the Mahalanobis distance that holds 99 % of a normal distribution in two dimensions: -2 ln 0.01.
 const CHI_SQUARE_99: f64 = 9.210_340_371_976_18;
 
-/// Distance from the target within which 99 % of the landings of this motion lie, m, from [`TOLERANCE_MIN_M`] to
-/// [`TOLERANCE_MAX_M`]: the offset of the mean, and the longer half-axis of the 99 % ellipse. Both are computed again with the
-/// noise of the plan; what the file says of them counts for nothing.
+/// Distance from the target within which 99 % of the landings of this motion are, m, from [`TOLERANCE_MIN_M`] to
+/// [`TOLERANCE_MAX_M`]: the offset of the mean, and the longer half-axis of the 99 % ellipse. Both are computed
+/// again with the noise of the plan; the values in the file are not used.
 #[must_use]
 pub fn default_tolerance_m(arm: &RobotModel, plan: &PlanFile) -> f64 {
     let Some(plan) = plan.computed_again(arm) else { return TOLERANCE_MIN_M };
@@ -36,7 +36,7 @@ pub(super) fn radius_99_m(covariance_m2: &Matrix2<f64>) -> f64 {
     (CHI_SQUARE_99 * symmetric.symmetric_eigenvalues().max().max(0.0)).sqrt()
 }
 
-/// What the samples say of the throw, and where the ball landed.
+/// Result of the samples of the throw, and where the ball landed.
 pub(super) fn observe(operator: &mut dyn Operator, arm: &Arm, plan: &PlanFile, record: &mut Record) {
     record.analysis = operator.take_samples(arm, record.drives.clone()).and_then(|samples| {
         let motion = plan.motion.to_motion();
@@ -51,7 +51,7 @@ pub(super) fn observe(operator: &mut dyn Operator, arm: &Arm, plan: &PlanFile, r
         };
         analyse(&run).ok()
     });
-    // Where nobody watches the ball, it has left the hand if the gripper was ordered to open.
+    // If the ball is not observed, it counts as released if the gripper was ordered to open.
     let release = record.analysis.as_ref().and_then(|analysis| analysis.release);
     let ordered = release.is_some_and(|release| release.gripper_ordered_t_s.is_some());
     if record.ball == BallOutcome::Released || (record.ball == BallOutcome::NotObserved && ordered) {
@@ -59,7 +59,7 @@ pub(super) fn observe(operator: &mut dyn Operator, arm: &Arm, plan: &PlanFile, r
     }
 }
 
-/// Where the ball landed: the cell knows, or the measured motion says where it should.
+/// Where the ball landed: known by the cell, or computed from the measured motion.
 fn landing(operator: &mut dyn Operator, plan: &PlanFile, analysis: Option<&RunAnalysis>) -> Option<Landing> {
     let target = Vector3::from(plan.meeting_m());
     if let Some(ball) = operator.ball() {
@@ -77,8 +77,8 @@ fn landing(operator: &mut dyn Operator, plan: &PlanFile, analysis: Option<&RunAn
     computed_landing(plan, analysis?)
 }
 
-/// Where the measured motion sends the ball; `None` if it was not measured about the release, or the ball does not come
-/// down on the plane of the target.
+/// Landing computed from the measured motion; `None` if it was not measured about the release, or the ball does not
+/// come down on the plane of the target.
 #[must_use]
 pub fn computed_landing(plan: &PlanFile, analysis: &RunAnalysis) -> Option<Landing> {
     let release = analysis.release?;
@@ -93,7 +93,7 @@ pub fn computed_landing(plan: &PlanFile, analysis: &RunAnalysis) -> Option<Landi
     })
 }
 
-/// What became of the ball of a throw that was stopped: seen, or computed from the measured motion if the release was ordered.
+/// The ball of a throw that was stopped: observed, or computed from the measured motion if the release was ordered.
 pub(super) fn ball_after_stop(record: &Record) -> String {
     match (record.ball, record.landing) {
         (BallOutcome::Released, Some(landing)) => {
@@ -184,7 +184,7 @@ mod tests {
     fn the_99_percent_radius_of_a_round_distribution_is_3_035_sigma() {
         let radius = radius_99_m(&(Matrix2::identity() * 0.004_f64.powi(2)));
         assert!((radius - 0.004 * 3.034_854_259).abs() < 1e-9, "{radius}");
-        // The longer axis counts, whatever its direction.
+        // The longer axis counts, in any direction.
         let turned = radius_99_m(&Matrix2::new(2.0, 1.0, 1.0, 2.0));
         assert!((turned - (CHI_SQUARE_99 * 3.0).sqrt()).abs() < 1e-12, "{turned}");
     }

@@ -3,18 +3,18 @@
 //! | outcome | JSON | known from |
 //! |---|---|---|
 //! | [`Outcome::Landed`] | `landed` | an observer watched the ball land within the tolerance |
-//! | [`Outcome::NotObserved`] | `not_observed` | the arm followed the plan and the release was ordered; nobody watched the ball |
+//! | [`Outcome::NotObserved`] | `not_observed` | the arm followed the plan and the release was ordered; the ball was not observed |
 //! | [`Outcome::Missed`] | `missed` | the ball landed beyond the tolerance, or touched the arm; or the measured motion sends it beyond |
 //! | [`Outcome::NotReleased`] | `not_released` | the ball is still in the hand, or the release was never ordered |
-//! | [`Outcome::Stopped`] | `stopped` | the arm was stopped while it moved, or by somebody else at any time |
+//! | [`Outcome::Stopped`] | `stopped` | the arm was stopped while it moved, or by another node or a person at any time |
 //! | [`Outcome::NotThrown`] | `not_thrown` | the job ended before the throw, with the arm at rest |
 //! | [`Outcome::Reached`] | `reached` | by its samples the arm followed the motion and stands at its end |
 //! | [`Outcome::NotReached`] | `not_reached` | by its samples it did not |
 //! | [`Outcome::NotRun`] | `not_run` | the job ended before the motion, with the arm at rest |
 //! | [`Outcome::Stored`] | `stored` | the program is in the controller; nothing was to move |
 //!
-//! Only the simulated cell inside the program tells where its ball is. On every other bus nobody watches the ball, so
-//! the outcome is never [`Outcome::Landed`] there.
+//! Only the simulated cell inside the program knows where its ball is. On every other bus the ball is not observed,
+//! so the outcome is never [`Outcome::Landed`] there.
 
 use super::order::{Judge, Order};
 use super::record::{JobError, Record, Step};
@@ -25,13 +25,13 @@ use crate::dialogue::operator::OperatorError;
 pub enum Outcome {
     /// The ball was seen to land within the tolerance.
     Landed,
-    /// The arm followed the plan and the release was ordered; nobody watched the ball.
+    /// The arm followed the plan and the release was ordered; the ball was not observed.
     NotObserved,
     /// The ball landed beyond the tolerance or touched the arm, or the measured motion sends it beyond.
     Missed,
     /// The ball is still in the hand, or the release was never ordered.
     NotReleased,
-    /// The arm was stopped while it moved, or by somebody else at any time.
+    /// The arm was stopped while it moved, or by another node or a person at any time.
     Stopped,
     /// The job ended before the throw, with the arm at rest.
     #[default]
@@ -132,13 +132,13 @@ pub fn judge(order: &Order<'_>, record: &Record) -> Verdict {
     Verdict { outcome, text }
 }
 
-/// The arm was stopped: by somebody else at any time, or by the controller or this program while it moved.
+/// The arm was stopped: by another node or a person at any time, or by the controller or this program while it moved.
 fn was_stopped(record: &Record, error: &JobError) -> bool {
     if matches!(error, JobError::Operator(error) if error.is_stop_by_other()) {
         return true;
     }
     let Some((step, _)) = record.at_work else { return false };
-    // After the throw the ball is gone: "not thrown" would be wrong.
+    // After the throw the ball is no longer in the hand: "not thrown" would be wrong.
     if matches!(step, Step::Flight | Step::Return) {
         return true;
     }

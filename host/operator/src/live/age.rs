@@ -1,34 +1,34 @@
-//! What is old: the one rule of page, lines, JSON and robotics viewers.
+//! Old data: the one rule of page, lines, JSON and robotics viewers.
 //!
-//! What was not heard again for [`OLD_AFTER`] need not be so any more. An angle stays and is marked; a state becomes
-//! `not heard for N s` and is never green; speeds, errors and currents are not shown any more.
+//! Data that were not received again for [`OLD_AFTER`] may be wrong by now. An angle stays and is marked; a state
+//! becomes `not heard for N s` and is never green; speeds, errors and currents are no longer shown.
 
 use protocol::{Duration, Instant};
 use serde::Serialize;
 
-/// Controllers report ten times a second, and at least five times a second are modules asked.
+/// Controllers report ten times a second, and modules get requests at least five times a second.
 pub const OLD_AFTER: Duration = Duration::from_secs(1);
 
 /// Colour of something shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Tone {
-    /// As it should be, and heard just now.
+    /// As it should be, and received just now.
     Good,
-    /// Worth a look.
+    /// Needs attention.
     Warn,
-    /// Stopped, or not heard.
+    /// Stopped, or not received.
     Bad,
-    /// None.
+    /// Without a rating.
     Plain,
 }
 
-/// How long ago something was heard.
+/// Time since data were received.
 #[derive(Clone, Copy, Debug)]
 pub struct Age(Duration);
 
 impl Age {
-    /// Of what was heard at `at`.
+    /// For data received at `at`.
     pub fn of(at: Instant, now: Instant) -> Self {
         Self(now.saturating_since(at))
     }
@@ -43,13 +43,13 @@ impl Age {
         self.0.as_secs_f64()
     }
 
-    /// What is said instead of a state.
+    /// Text that replaces a state.
     pub fn words(self) -> String {
         format!("not heard for {:.0} s", self.s())
     }
 }
 
-/// A value with the time at which it was heard.
+/// A value with the time at which it was received.
 #[derive(Clone, Copy, Debug)]
 pub struct Heard<T> {
     pub at: Instant,

@@ -1,5 +1,5 @@
-//! What happened on a bus, for people: what is said again and again is one line and a count, and what stopped something is not
-//! pushed away by it.
+//! Events on a bus, for people: repeated events are one line with a count, and they do not push away events that
+//! stopped something.
 
 use std::collections::VecDeque;
 
@@ -22,7 +22,7 @@ pub struct EventView {
     pub t_s: f64,
     /// `info`, `warning` or `error`.
     pub severity: Severity,
-    /// Who says so.
+    /// Source of the event.
     pub source: String,
     /// What.
     pub text: String,
@@ -65,7 +65,7 @@ impl Events {
         self.series.push(Series { last_at: event.at, first: event, more: 0 });
     }
 
-    /// Time passes: of a series that is over the count is said.
+    /// Time passes: reports the count of a series that has ended.
     pub(super) fn advance_to(&mut self, now: Instant) {
         while let Some(over) = self.series.iter().position(|series| series.is_over(now)) {
             let Series { first, last_at, more } = self.series.remove(over);

@@ -1,9 +1,9 @@
 //! Which requests are answered.
 //!
-//! The port is bound to the loopback, but a page of any other place that is open in a browser of this machine can send requests to
-//! it, and a name of its own can lead there (DNS rebinding). Two headers that a page cannot forge tell: `Host` must name this
-//! port by an address of the loopback or by `localhost`, and `Origin`, where a browser sends it, must be this page's own or one
-//! that the user allowed.
+//! The port is bound to the loopback, but a page from any other place that is open in a browser of this machine can
+//! send requests to it, and a foreign name can lead there (DNS rebinding). Two headers that a page cannot forge
+//! show it: `Host` must name this port by an address of the loopback or by `localhost`, and `Origin`, where a
+//! browser sends it, must be this page's own or one that the user allowed.
 
 use std::net::SocketAddr;
 
@@ -28,7 +28,7 @@ pub enum Refused {
     /// It does not name this port of the loopback.
     #[error("this page is for {0} only")]
     Host(SocketAddr),
-    /// Another page asks.
+    /// A request from another page.
     #[error("pages of {0} may not read this; the one who started cubectl can allow them with --web-origin")]
     Origin(String),
     /// Nothing is there.
@@ -51,7 +51,7 @@ impl Refused {
     }
 }
 
-/// What a request says of itself.
+/// Properties of a request.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Asked<'a> {
     /// Method.
@@ -62,7 +62,7 @@ pub struct Asked<'a> {
     pub host: Option<&'a str>,
     /// `Origin`.
     pub origin: Option<&'a str>,
-    /// It asks for a WebSocket.
+    /// It requests a WebSocket.
     pub upgrade: bool,
     /// Protocols offered with it.
     pub protocols: Option<&'a str>,

@@ -1,18 +1,18 @@
-//! Live view: what passes on a bus, for a page in a browser and for the viewers of robotics, over one port of this machine.
+//! Live view: the traffic of a bus, for a page in a browser and for the viewers of robotics, over one port of this machine.
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`age`] | what is old: one rule for every display |
-//! | [`state`] | what was heard last, as one snapshot; without IO |
-//! | [`events`] | what happened: repeats in one line, stops and faults kept |
-//! | [`gate`] | which requests are answered: nothing from another place reaches the page |
+//! | [`age`] | old data: one rule for every display |
+//! | [`state`] | the latest data, as one snapshot; without IO |
+//! | [`events`] | events: repeats in one line, stops and faults kept |
+//! | [`gate`] | which requests are answered: requests from other places are refused |
 //! | [`viewer`] | the WebSocket protocol of robotics viewers: channels and messages; without IO |
-//! | [`stopping`] | who obeys a stop, and after how long |
+//! | [`stopping`] | which joints obey a stop, and after how long |
 //! | [`serve`] | the port, its connections and their threads |
 //!
 //! # What a page can do
 //!
-//! It can look, and it can stop. Nothing that arrives here moves anything.
+//! A page can read, and it can stop. No other input here moves anything.
 
 pub mod age;
 pub mod events;

@@ -18,7 +18,7 @@ use super::viewer::{PROTOCOLS, Viewer};
 
 /// Time between two snapshots to one page: 50 Hz.
 pub const PERIOD: Duration = Duration::from_millis(20);
-/// Connections at once; one more is told so.
+/// Connections at once; one more gets a refusal.
 pub const CONNECTIONS_MAX: usize = 32;
 /// Longest request, bytes.
 const REQUEST_MAX_BYTES: usize = 16 * 1024;
@@ -26,9 +26,9 @@ const REQUEST_MAX_BYTES: usize = 16 * 1024;
 const LEFT_OVER_MAX_BYTES: usize = 256 * 1024;
 /// Headers of a request.
 const HEADERS_MAX: usize = 64;
-/// A connection that has not said what it wants by then is closed.
+/// A connection without a request by then is closed.
 const REQUEST_WITHIN: Duration = Duration::from_secs(5);
-/// A page that takes nothing for so long is disconnected.
+/// A page that reads nothing for this long is disconnected.
 const WRITE_WITHIN: Duration = Duration::from_secs(2);
 /// Longest message that a page or a viewer sends, bytes.
 const MESSAGE_MAX_BYTES: usize = 64 * 1024;
@@ -73,7 +73,7 @@ struct Ended {
     report: bool,
 }
 
-/// A snapshot, and what the job has come to if it is over.
+/// A snapshot, and the result of the job if it has ended.
 #[derive(serde::Serialize)]
 struct Shown<'a> {
     #[serde(flatten)]
@@ -132,7 +132,7 @@ impl LiveServer {
         Ok(Self { shared, accepting: Some(accepting) })
     }
 
-    /// The job is over: the page keeps its last picture, says `text`, and links the page `report` if there is one.
+    /// The job has ended: the page keeps its last picture, shows `text`, and links the page `report` if there is one.
     pub fn end(&self, text: String, report: Option<String>) {
         let ended = Ended { text, report: report.is_some() };
         *self.shared.job.lock().unwrap_or_else(PoisonError::into_inner) =
@@ -156,7 +156,7 @@ impl Drop for LiveServer {
     fn drop(&mut self) {
         self.shared.ended.store(true, Ordering::Relaxed);
         if let Some(accepting) = self.accepting.take() {
-            // A thread that panicked has said so already.
+            // A thread that panicked has already reported it.
             let _ = accepting.join();
         }
     }
@@ -201,7 +201,7 @@ fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
                     }
                 }
             }
-            // Nobody came, or one left before it was taken.
+            // No client came, or a client left before it was accepted.
             Err(_) => thread::sleep(PERIOD),
         }
     }
@@ -320,7 +320,7 @@ fn answer(stream: &mut TcpStream, status: &str, kind: &str, body: &str) -> io::R
     );
     stream.write_all(head.as_bytes())?;
     stream.write_all(body.as_bytes())?;
-    // What the other side still sends is taken in: closing over it would take the answer back.
+    // Remaining data of the other side are read: closing before that would discard the answer.
     stream.shutdown(Shutdown::Write)?;
     let (mut rest, mut left) = ([0_u8; 1024], LEFT_OVER_MAX_BYTES);
     while left > 0 {
@@ -332,7 +332,7 @@ fn answer(stream: &mut TcpStream, status: &str, kind: &str, body: &str) -> io::R
     Ok(())
 }
 
-/// Shakes hands; `None` if the request for a WebSocket is not a good one, which is told.
+/// Makes the handshake; `None` if the request for a WebSocket is not valid, which is answered with an error.
 fn upgraded(
     mut stream: TcpStream,
     request: &httparse::Request<'_, '_>,

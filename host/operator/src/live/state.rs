@@ -1,4 +1,4 @@
-//! What was heard last on a bus, as one snapshot.
+//! The latest data of a bus, as one snapshot.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::io;
@@ -23,7 +23,7 @@ use crate::tap::{Tap, Way};
 
 /// The load of the bus is the mean over this time.
 const LOAD_SPAN: Duration = Duration::from_millis(500);
-/// The load over less than this time is not told.
+/// The load over a shorter time is not reported.
 const LOAD_SPAN_MIN: Duration = Duration::from_millis(50);
 /// Everything a page shows.
 #[derive(Clone, Debug, Serialize)]
@@ -40,23 +40,23 @@ pub struct Snapshot {
     pub bus_errors: u64,
     /// The last stop and who obeys it, until it is over.
     pub stop: Option<StopView>,
-    /// The controller as it told last.
+    /// The controller by its last report.
     pub controller: Option<ControllerView>,
     /// Age of the last frame, s; `None` before the first.
     pub age_s: Option<f64>,
-    /// `live`, or who is not heard and for how long.
+    /// `live`, or the source that is not heard and for how long.
     pub link: LinkView,
     /// The joints, in the order of the robot file.
     pub joints: Vec<JointView>,
-    /// Modules that are heard and are not in the robot file.
+    /// Modules on the bus that are not in the robot file.
     pub strangers: Vec<StrangerView>,
-    /// The arm; `None` until every joint has told its angle.
+    /// The arm; `None` until every joint has reported its angle.
     pub placed: Option<Placed>,
     /// What happened, oldest first.
     pub events: Vec<EventView>,
 }
 
-/// Whether what is shown is so now.
+/// Whether the shown data are present ones.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LinkView {
     /// In words.
@@ -65,12 +65,12 @@ pub struct LinkView {
     pub tone: Tone,
 }
 
-/// A controller as it told last.
+/// A controller by its last report.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ControllerView {
     /// Cyphal node-ID.
     pub node_id: u8,
-    /// State of the group; `not heard for N s` where the message is old.
+    /// State of the group; `not heard for N s` if the message is old.
     pub state: String,
     /// How the state is shown.
     pub tone: Tone,
@@ -109,14 +109,14 @@ pub struct FaultView {
     pub next: String,
 }
 
-/// A joint as last heard.
+/// A joint by its last messages.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct JointView {
     /// Name in the robot file.
     pub name: String,
     /// Address of its module.
     pub module: Option<u8>,
-    /// Angle that the drive told last, rad.
+    /// Angle that the drive reported last, rad.
     pub q_rad: Option<f64>,
     /// Age of the angle, s.
     pub age_s: Option<f64>,
@@ -134,12 +134,12 @@ pub struct JointView {
     pub state_bits: Option<u32>,
 }
 
-/// A module that is not in the robot file, as last heard.
+/// A module that is not in the robot file, by its last messages.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct StrangerView {
     /// Address.
     pub module: u8,
-    /// Angle that the drive told last, rad.
+    /// Angle that the drive reported last, rad.
     pub q_rad: Option<f64>,
     /// Age of its last answer, s.
     pub age_s: f64,
@@ -149,7 +149,7 @@ pub struct StrangerView {
     pub state: String,
 }
 
-/// What a drive told last.
+/// Last reports of a drive.
 #[derive(Clone, Debug, Default)]
 struct Drive {
     /// Last answer.
@@ -166,7 +166,7 @@ pub struct LiveState {
     zero_unix: Duration,
     watch: Watch,
     now: Instant,
-    /// When the first frame or time was told.
+    /// When the first frame or time was received.
     began: Option<Instant>,
     /// Last frame.
     heard: Option<Instant>,
@@ -183,7 +183,7 @@ pub struct LiveState {
 }
 
 impl LiveState {
-    /// Nothing heard yet. `zero_unix` is the Unix time at the session's time zero; zero in virtual time.
+    /// No data yet. `zero_unix` is the Unix time at the session's time zero; zero in virtual time.
     #[must_use]
     pub fn new(machine: Machine, zero_unix: Duration, bit_rate_bit_s: u32) -> Self {
         let names = machine.names();
@@ -222,7 +222,7 @@ impl LiveState {
         }
     }
 
-    /// Takes the next frame, of somebody else.
+    /// Takes the next frame of another node.
     pub fn take(&mut self, at: Instant, frame: &Frame) {
         self.pass(at, Way::Received, frame);
     }
@@ -388,7 +388,7 @@ impl LiveState {
         let drive = module.and_then(|address| self.drives.get(&address));
         let told = u8::try_from(j + 1).ok().and_then(|number| self.told.get(&number).copied());
         let fresh = told.and_then(|told| told.fresh(now));
-        // Beside drives whose answers nobody hears there is what the controller reports.
+        // For drives whose answers are not visible, the controller's reports are used.
         let measured = drive.and_then(|drive| drive.position);
         let angle = measured.or_else(|| told.map(|told| Heard::new(told.at, f64::from(told.value.q_rad))));
         let old = angle.map(|angle| angle.age(now)).filter(|age| age.is_old());
@@ -457,7 +457,7 @@ fn in_words(state: CubeState) -> String {
 }
 
 impl Drive {
-    /// State: by the word, else by the short one, else for how long neither was heard.
+    /// State: from the word, otherwise from the short one, otherwise for how long neither was received.
     fn words(&self, now: Instant) -> String {
         let word = self.state.and_then(|state| state.fresh(now)).map(in_words);
         let short = || {
@@ -482,7 +482,7 @@ pub struct LiveTap(pub Arc<Mutex<LiveState>>);
 
 impl LiveTap {
     fn with(&self, act: impl FnOnce(&mut LiveState)) {
-        // Whoever panicked only read.
+        // A thread that panicked has only read.
         act(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner));
     }
 }
@@ -509,7 +509,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_state_word_is_told_in_words_with_what_is_wrong_first() {
+    fn a_state_word_is_shown_in_words_with_errors_first() {
         let homed = CubeState::HOME_OK;
         assert_eq!(in_words(homed), "homed, stands");
         assert_eq!(in_words(CubeState::default()), "not homed, stands");
@@ -524,7 +524,7 @@ mod tests {
             assert_eq!(
                 in_words(bit).contains(info.meaning),
                 CubeState::CAUSES.contains(bit),
-                "each cause of an error is told: {}",
+                "each cause of an error is shown: {}",
                 info.name
             );
         }
@@ -575,7 +575,7 @@ mod tests {
     }
 
     #[test]
-    fn the_load_is_told_as_it_is_from_the_beginning() {
+    fn the_load_is_reported_as_it_is_from_the_beginning() {
         let robot = robot_model::RobotModel::load("powercube6").unwrap();
         let mut state = LiveState::new(Machine::of(&robot), Duration::ZERO, 1_000_000);
         let frame = Frame::from_array(protocol::StandardId::from_low_bits(0x0A5), [8]);

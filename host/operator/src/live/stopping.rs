@@ -9,11 +9,11 @@ use super::age::Tone;
 
 /// An angle that changes by more is a motion, rad.
 const MOVES_RAD: f64 = 1e-3;
-/// A joint whose angle has not changed for so long stands.
+/// A joint whose angle has not changed for this long stands.
 const STANDS_AFTER: Duration = Duration::from_millis(100);
 /// An arm that obeys stands by then.
 const OBEYED_WITHIN: Duration = Duration::from_secs(1);
-/// Whoever still moves by then does not obey.
+/// A joint that still moves by then does not obey.
 pub const JUDGED_AFTER: Duration = Duration::from_secs(3);
 /// A stop that is sent several times is one.
 const ONE_STOP: Duration = Duration::from_secs(1);
@@ -23,13 +23,13 @@ const ONE_STOP: Duration = Duration::from_secs(1);
 pub struct StopView {
     /// Time of the stop in the session, s.
     pub t_s: f64,
-    /// Who stands since when, who moves, who is not heard.
+    /// Which joints stand since when, which move, which are not heard.
     pub text: String,
     /// How it is shown.
     pub tone: Tone,
     /// Numbers of the joints that move.
     pub moving: Vec<u8>,
-    /// Everybody stands, or who does not has had its time.
+    /// All joints stand, or those that move have had their time.
     pub settled: bool,
 }
 

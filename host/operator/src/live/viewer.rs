@@ -1,6 +1,6 @@
-//! The WebSocket protocol of robotics viewers (Foxglove WebSocket protocol, version 1): the server advertises channels, the
-//! viewer subscribes to them, and messages come as binary frames. Only what a viewer needs to look is spoken; what a viewer
-//! publishes is ignored.
+//! The WebSocket protocol of robotics viewers (Foxglove WebSocket protocol, version 1): the server advertises
+//! channels, the viewer subscribes to them, and messages come as binary frames. Only the reading part is
+//! implemented; data that a viewer publishes are ignored.
 //!
 //! | topic | schema |
 //! |---|---|
@@ -56,7 +56,7 @@ pub struct Viewer {
 }
 
 impl Viewer {
-    /// What the server says first.
+    /// First message of the server.
     #[must_use]
     pub fn greeting(machine: &Machine) -> [String; 2] {
         let info = json!({
@@ -81,7 +81,7 @@ impl Viewer {
         self.last_event
     }
 
-    /// Takes what the viewer says; what is not understood is ignored, as the protocol asks for.
+    /// Takes a message of the viewer; an unknown one is ignored, as the protocol requires.
     pub fn take(&mut self, text: &str) {
         let Ok(said) = serde_json::from_str::<Value>(text) else { return };
         let number = |value: &Value| value.as_u64().and_then(|n| u32::try_from(n).ok());

@@ -1,9 +1,9 @@
 //! The arm as viewers show it: joint angles, frames and bodies, in the public schemas `foxglove.JointStates`,
 //! `foxglove.FrameTransforms` and `foxglove.SceneUpdate`.
 //!
-//! Drives answer one after the other within a control cycle. [`ArmView`] collects their answers; when each drive has told its
-//! angle, or one tells it again, the cycle is over and the angles are shown together. So there is one message per control
-//! cycle, and the angles in it are at most one cycle apart.
+//! Drives answer one after the other within a control cycle. [`ArmView`] collects their answers. When each drive
+//! has reported its angle, or one reports it again, the cycle ends and the angles are shown together. So there is
+//! one message per control cycle, and the angles in it are at most one cycle apart.
 
 use robot_model::Pose;
 
@@ -19,10 +19,10 @@ const BALL_COLOUR: [f64; 4] = [0.90, 0.45, 0.13, 1.0];
 /// Identity of the ball among the bodies.
 const BALL: &str = "ball";
 
-/// Collects what drives tell until a control cycle is complete.
+/// Collects reports of drives until a control cycle is complete.
 pub struct ArmView {
     machine: Machine,
-    /// Angle of each joint told last, rad.
+    /// Last reported angle of each joint, rad.
     q_rad: Vec<Option<f64>>,
     /// Joints that were heard in this cycle.
     fresh: Vec<bool>,
@@ -34,7 +34,7 @@ pub struct ArmView {
 pub type Angles = Vec<Option<f64>>;
 
 impl ArmView {
-    /// Nothing heard yet.
+    /// No data yet.
     #[must_use]
     pub fn new(machine: Machine) -> Self {
         let joints = machine.joints.len();
@@ -47,12 +47,12 @@ impl ArmView {
         }
     }
 
-    /// Takes the angle in rad that a drive told; the angles of a cycle that is complete with it, or that it ends.
+    /// Takes the angle in rad that a drive reported; returns the angles of a cycle that it completes or ends.
     pub fn take(&mut self, address: u8, q_rad: f64) -> Option<Angles> {
         let joint = self.machine.addresses.iter().position(|known| *known == address)?;
         let (slot, fresh) = (self.q_rad.get_mut(joint)?, self.fresh.get_mut(joint)?);
         if *fresh {
-            // Somebody did not answer in the last cycle.
+            // A drive did not answer in the last cycle.
             let complete = self.q_rad.clone();
             self.q_rad[joint] = Some(q_rad);
             self.fresh.fill(false);
@@ -103,8 +103,9 @@ impl ArmView {
         Some(self.scene(unix, false))
     }
 
-    /// `foxglove.SceneUpdate`: a ball lies in the hand while the gripper is closed, and leaves the scene when it opens: no
-    /// frame of the bus tells whether the hand holds one, nor where it flies. `None` if nothing changes.
+    /// `foxglove.SceneUpdate`: a ball is in the hand while the gripper is closed, and leaves the scene when it
+    /// opens: no frame of the bus shows whether the hand holds a ball, nor where it flies. `None` if nothing
+    /// changes.
     pub fn ball(&mut self, gripper_open: bool, unix: Instant) -> Option<Message> {
         if std::mem::replace(&mut self.ball_shown, !gripper_open) != gripper_open {
             return None;
@@ -112,8 +113,8 @@ impl ArmView {
         Some(self.scene(unix, gripper_open))
     }
 
-    /// Everything that is shown now, and that the ball is gone. A viewer that jumps in time gets the last update before, and no
-    /// other: each one has the whole scene.
+    /// Everything that is shown now, and the removal of the ball. A viewer that jumps in time gets only the last
+    /// update before: each one has the whole scene.
     fn scene(&self, unix: Instant, ball_gone: bool) -> Message {
         let mut all = Message::default();
         if ball_gone {
@@ -211,7 +212,7 @@ mod tests {
         }
         let shown = view.take(addresses[0], 3.0).expect("the cycle is over");
         assert_eq!(shown, [2.0, 1.1, 2.5, 2.5, 2.5, 2.5].map(Some));
-        assert_eq!(view.take(31, 9.0), None, "nobody knows this drive");
+        assert_eq!(view.take(31, 9.0), None, "a drive that is not in the robot file");
     }
 
     #[test]

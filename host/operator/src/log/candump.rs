@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use crate::tap::Way;
 
-/// Name used where the bus has none that the format can carry.
+/// Name used if the bus has no name that the format can hold.
 const FALLBACK_BUS: &str = "can0";
 
 /// Writes one line per frame. Times are those of the wall clock where the session has one, as `candump -L` writes them; else
@@ -74,7 +74,7 @@ pub struct Line {
     /// Time stamp.
     pub at: Instant,
     pub frame: Frame,
-    /// Sent by the program that recorded; `None` if the log does not say.
+    /// Sent by the program that recorded; `None` if the log does not show it.
     pub sent: Option<bool>,
 }
 
@@ -160,8 +160,8 @@ impl ReadError {
     }
 }
 
-/// Reads the frames of a log; error frames and empty lines are left out. A last line without its end is not an error:
-/// everything before it is read, and it is told as [`Recording::tear`].
+/// Reads the frames of a log; error frames and empty lines are left out. A last line without its end is not an
+/// error: everything before it is read, and [`Recording::tear`] reports it.
 ///
 /// # Errors
 /// [`ReadError`] with the number of the line.
@@ -218,7 +218,7 @@ pub fn read(mut input: impl BufRead) -> Result<Recording, ReadError> {
 #[error("{}: {cause}", path.display())]
 pub struct UnreadableFile {
     pub path: std::path::PathBuf,
-    /// What is wrong with it, with the line where there is one.
+    /// The error, with the line if there is one.
     pub cause: String,
     /// What to do.
     pub next: Option<String>,
@@ -227,7 +227,7 @@ pub struct UnreadableFile {
 /// Reads the log at `path`.
 ///
 /// # Errors
-/// The file and what is wrong with it.
+/// The file and its error.
 pub fn read_file(path: &Path) -> Result<Recording, UnreadableFile> {
     let refuse = |cause: String, next| UnreadableFile { path: path.to_owned(), cause, next };
     let file = std::fs::File::open(path)
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn a_log_that_is_cut_off_anywhere_is_read_up_to_there_and_the_tear_is_told() {
+    fn a_log_that_is_cut_off_anywhere_is_read_up_to_there_and_the_tear_is_reported() {
         let text = "(0.000001) can0 0A5#0102030405060708 R\n(0.000002) can0 0A5#0A0B T\n";
         let whole = read(text.as_bytes()).unwrap();
         assert_eq!((whole.lines.len(), whole.tear), (2, None));

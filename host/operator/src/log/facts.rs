@@ -1,7 +1,7 @@
-//! What frames say: requests and answers of drives, messages and orders of the host link.
+//! Content of frames: requests and answers of drives, messages and orders of the host link.
 //!
-//! The decoder follows a bus from outside. It is addressed by nobody, sends nothing, and takes each frame once, in the
-//! order of the log. Subjects are the defaults of the controller's registers.
+//! The decoder follows a bus from outside. No frame is addressed to it, it sends nothing, and it takes each frame
+//! once, in the order of the log. Subjects are the defaults of the controller's registers.
 
 use std::collections::BTreeMap;
 
@@ -19,16 +19,16 @@ use protocol::powercube::{
 };
 use protocol::{Frame, Id, Instant, ModuleId};
 
-/// Something that a frame, or the last frame of a transfer, says.
+/// Content of a frame, or of the transfer that it ends.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Fact {
-    /// Another node asks or orders a drive.
+    /// Another node sends a request or an order to a drive.
     Request {
         /// Addressee.
         module: ModuleId,
         request: Request,
     },
-    /// A drive speaks.
+    /// A message of a drive.
     Reply { module: ModuleId, reply: Reply },
     /// To all drives.
     Broadcast(Broadcast),
@@ -60,7 +60,7 @@ pub enum Fact {
     Order {
         /// Who orders.
         from: NodeId,
-        /// Whom.
+        /// Receiver.
         to: NodeId,
         /// Number of the command.
         number: u16,
@@ -71,12 +71,12 @@ pub enum Fact {
         /// Number of the command, if it was seen.
         number: Option<u16>,
         status: Status,
-        /// Why not, if it says so.
+        /// Reason, if it is given.
         refusal: Option<Refusal>,
     },
     /// The message that stops a group.
     Stop {
-        /// Who; `None` for a node without address.
+        /// Sender; `None` for a node without address.
         from: Option<NodeId>,
         stop: Stop,
     },
@@ -102,10 +102,10 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// Takes the next frame; `None` if it says nothing by itself.
+    /// Takes the next frame; `None` if it has no content by itself.
     pub fn take(&mut self, at: Instant, frame: &Frame) -> Option<Fact> {
         let Id::Extended(id) = frame.id() else { return drive_fact(frame) };
-        // A bystander takes services as whoever they are for.
+        // The decoder takes services for every receiver.
         let local = match Route::parse(id).ok()?.1 {
             Route::Request { destination, .. } | Route::Response { destination, .. } => Some(destination),
             Route::Message { .. } | Route::Anonymous { .. } => None,

@@ -9,7 +9,7 @@ use protocol::{Frame, Instant};
 use super::candump::Line;
 use crate::tap::{Tap, Way};
 
-/// Keeps what passes while it is on. Clones share what is kept.
+/// Keeps the frames while it is on. Clones share them.
 ///
 /// A second of a full bus is about half a megabyte: meant for a run, not for a day.
 #[derive(Clone, Debug, Default)]

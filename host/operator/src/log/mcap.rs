@@ -5,12 +5,12 @@
 //! |---|---|---|
 //! | `/bus/frames` | `cubectl.Frame` | each frame |
 //! | `/bus/errors` | `cubectl.BusError` | each error of the bus |
-//! | `/module/N` | `cubectl.ModuleState` | drive N told its position or current |
-//! | `/group` | `cubectl.GroupState` | the controller told its state |
-//! | `/joint/N` | `cubectl.JointState` | the controller told about joint N, from 1 |
+//! | `/module/N` | `cubectl.ModuleState` | drive N reported its position or current |
+//! | `/group` | `cubectl.GroupState` | the controller reported its state |
+//! | `/joint/N` | `cubectl.JointState` | the controller reported joint N, from 1 |
 //! | `/events` | `foxglove.Log` | something happened |
 //! | `/freeze` | `cubectl.FreezeFrame` | a fault or stop came that was not there before |
-//! | `/joints` | `foxglove.JointStates` | all drives have told their angle: once per control cycle |
+//! | `/joints` | `foxglove.JointStates` | all drives have reported their angle: once per control cycle |
 //! | `/tf` | `foxglove.FrameTransforms` | as `/joints` |
 //! | `/scene` | `foxglove.SceneUpdate` | bodies and ball, whole, at the start and when the gripper closes or opens |
 
@@ -124,7 +124,7 @@ impl<W: Write + Seek> Log<W> {
         Ok(log)
     }
 
-    /// Writes a frame, and what it says; true if by it the state of the controller has changed.
+    /// Writes a frame, and its content; true if it has changed the state of the controller.
     ///
     /// # Errors
     /// The medium's.
@@ -170,7 +170,7 @@ impl<W: Write + Seek> Log<W> {
         Ok(self.state != before)
     }
 
-    /// A drive told its angle: at the end of a cycle the arm is shown.
+    /// A drive reported its angle: at the end of a cycle the arm is shown.
     fn angle(&mut self, at: Instant, address: u8, q_rad: f64) -> io::Result<()> {
         let unix = at + self.zero_unix;
         let Some(arm) = &mut self.arm else { return Ok(()) };
@@ -245,7 +245,7 @@ fn frame_message(at: Instant, sent: bool, frame: &Frame) -> Message {
         .bytes(6, frame.data())
 }
 
-/// `None` for an answer that tells neither position nor current.
+/// `None` for an answer with neither position nor current.
 fn module_fields(state: Message, reply: &Reply) -> Option<Message> {
     if let Some((q_rad, short)) = position(reply) {
         let state = state.double(3, q_rad);

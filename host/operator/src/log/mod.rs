@@ -4,16 +4,17 @@
 //! |---|---|
 //! | [`arm_view`] | the arm for viewers: joints, frames and bodies in public schemas |
 //! | [`candump`] | text log: written line by line, read with line numbers in errors |
-//! | [`facts`] | what frames say: requests, answers, messages, orders |
+//! | [`facts`] | content of frames: requests, answers, messages, orders |
 //! | [`keep`] | the frames of a session, kept in memory |
-//! | [`mcap`] | the same frames, what they say, and the arm at control rate, as protobuf channels |
-//! | [`watch`] | what happened, as text; freeze frames at faults |
+//! | [`mcap`] | the same frames, their content, and the arm at control rate, as protobuf channels |
+//! | [`watch`] | events as text; freeze frames at faults |
 //! | [`schema`] | the protobuf messages and their self-description |
 //!
-//! [`Recorder`] writes both at once. It hands everything to the operating system at each change of the controller's state,
-//! and otherwise at most [`FLUSH_EVERY`] after it was seen, whether more frames come or not. A program that is killed loses
-//! no more than that; a loss of power also loses what the operating system had not written yet. The text log can then
-//! be read up to its last whole line, and the MCAP file by every reader that recovers unfinished files.
+//! [`Recorder`] writes both at once. It passes everything to the operating system at each change of the
+//! controller's state, and otherwise at most [`FLUSH_EVERY`] after it was seen, also if no more frames come. A
+//! program that is killed loses no more than that; a loss of power also loses data that the operating system had
+//! not written yet. The text log can then be read up to its last whole line, and the MCAP file by every reader that
+//! recovers unfinished files.
 
 pub mod arm_view;
 pub mod candump;
@@ -106,7 +107,7 @@ pub fn text_in(folder: &Path) -> PathBuf {
     if older.exists() && !text.exists() { older } else { text }
 }
 
-/// A new file, or what is there already if that is a device or a pipe.
+/// A new file, or the existing one if it is a device or a pipe.
 fn create_new(path: &Path) -> io::Result<std::fs::File> {
     let special = std::fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir());
     let mut options = std::fs::OpenOptions::new();

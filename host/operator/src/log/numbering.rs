@@ -1,5 +1,5 @@
-//! A joint keeps its own number: that of the robot, also where a controller was made for a part of its joints (`cubectl jog 3`)
-//! and counts these alone.
+//! A joint keeps its number of the robot, also if a controller was made for a part of its joints (`cubectl jog 3`)
+//! and counts only these.
 
 use std::collections::BTreeMap;
 
@@ -7,15 +7,15 @@ use protocol::{Duration, Instant};
 
 use super::facts::Fact;
 
-/// A drive that was asked nothing for so long is none of the controller's.
+/// A drive without a request for this long is not a drive of the controller.
 const ASKED_WITHIN: Duration = Duration::from_secs(1);
 
-/// The joints of a robot, and which of them the controller on the bus has: those whose drives are spoken to.
+/// The joints of a robot, and which of them the controller on the bus has: those whose drives get requests.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Numbering {
     /// Address of the drive and name of each joint, base first.
     joints: Vec<(u8, String)>,
-    /// When the drive at an address was last asked or ordered something.
+    /// When the drive at an address last got a request or an order.
     asked: BTreeMap<u8, Instant>,
     /// Number in the robot of each joint of the controller, as long as that was plain.
     kept: Vec<u8>,
@@ -31,7 +31,8 @@ impl Numbering {
         self.joints.iter().find(|(known, _)| *known == address).map(|(_, name)| name.as_str())
     }
 
-    /// Puts the robot's numbers in the place of the controller's. What cannot be assigned is left out, or is of the group.
+    /// Replaces the controller's numbers by the robot's. Data that cannot be assigned to a joint are left out, or belong to the
+    /// group.
     pub(super) fn renumber(&mut self, at: Instant, fact: &mut Fact) {
         match fact {
             Fact::Request { module, .. } => {
@@ -46,7 +47,7 @@ impl Numbering {
             }
             Fact::Group { state, .. } => {
                 if self.kept.is_empty() && state.fault_joint > 0 {
-                    // A fault before the first report of joints: the drives that were asked are its own.
+                    // A fault before the first report of joints: the controller's drives are those that got requests.
                     self.kept = self.own(at);
                 }
                 state.fault_joint = self.number(state.fault_joint);
@@ -64,12 +65,12 @@ impl Numbering {
         if own.len() == count {
             self.kept = own;
         } else if self.kept.len() != count {
-            // Somebody else asks other drives.
+            // Another node sends requests to other drives.
             self.kept = vec![0; count];
         }
     }
 
-    /// Numbers of the joints whose drives are asked.
+    /// Numbers of the joints whose drives get requests.
     fn own(&self, now: Instant) -> Vec<u8> {
         let is_asked =
             |address: &u8| self.asked.get(address).is_some_and(|at| now.saturating_since(*at) < ASKED_WITHIN);
@@ -126,7 +127,7 @@ mod tests {
             (vec![1, 2, 3, 4, 5, 6], 6),
             "a whole arm needs no drives to be heard"
         );
-        assert_eq!(numbers(&mut joints, 0, 1), (vec![], 0), "whose joint it is nobody knows");
+        assert_eq!(numbers(&mut joints, 0, 1), (vec![], 0), "the joint is not known");
         ask(&mut joints, 10, 13);
         assert_eq!(numbers(&mut joints, 20, 1), (vec![3], 3));
         ask(&mut joints, 30, 11);

@@ -77,13 +77,13 @@ fn varint(out: &mut Vec<u8>, mut value: u64) {
 
 /// `cubectl.Frame`: one frame of the bus.
 pub const FRAME: &str = "cubectl.Frame";
-/// `cubectl.ModuleState`: position and state of a drive, as it told them.
+/// `cubectl.ModuleState`: position and state of a drive, as it reported them.
 pub const MODULE_STATE: &str = "cubectl.ModuleState";
 /// `cubectl.BusError`: what a CAN controller noticed.
 pub const BUS_ERROR: &str = "cubectl.BusError";
-/// `cubectl.GroupState`: the joint group as its controller tells it.
+/// `cubectl.GroupState`: the joint group as its controller reports it.
 pub const GROUP_STATE: &str = "cubectl.GroupState";
-/// `cubectl.JointState`: one joint as its controller tells it.
+/// `cubectl.JointState`: one joint as its controller reports it.
 pub const JOINT_STATE: &str = "cubectl.JointState";
 /// `cubectl.FreezeFrame`: everything known at the moment of a fault.
 pub const FREEZE_FRAME: &str = "cubectl.FreezeFrame";

@@ -1,6 +1,6 @@
-//! Follows a bus and says what happened, as text; at a fault it gives everything known at that moment.
+//! Follows a bus and gives its events as text; at a fault also everything known at that moment.
 //!
-//! Used while recording and afterwards, so that a viewer's log and a report tell the same story.
+//! Used while recording and afterwards, so that a viewer's log and a report show the same events.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -25,7 +25,7 @@ use crate::tap::Way;
 pub enum Severity {
     /// As it should be.
     Info,
-    /// Worth a look.
+    /// Needs attention.
     Warning,
     /// It stopped something.
     Error,
@@ -40,7 +40,7 @@ pub struct LogEvent {
     pub text: String,
 }
 
-/// A drive as last heard.
+/// A drive by its last messages.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LastHeard {
     /// Position, rad, and when its answer ended.
@@ -58,9 +58,9 @@ pub struct LastHeard {
 /// Everything known at the moment of a fault.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FreezeFrame {
-    /// When the controller told of it.
+    /// When the controller reported it.
     pub at: Instant,
-    /// What it told.
+    /// Reported state.
     pub group: GroupState,
     pub before: State,
     /// Drives by address.
@@ -72,7 +72,7 @@ pub struct FreezeFrame {
 /// What one frame led to.
 #[derive(Clone, Debug, Default)]
 pub struct Notes {
-    /// What it says, if it is the last frame of something.
+    /// Content, if it is the last frame of a transfer.
     pub fact: Option<Fact>,
     pub events: Vec<LogEvent>,
     /// A fault or stop that was not there before.
@@ -107,20 +107,20 @@ impl Watch {
         Self { joints: Numbering::new(joints), ..Self::default() }
     }
 
-    /// Takes the next frame, of somebody else or of this program.
+    /// Takes the next frame, of another node or of this program.
     pub fn pass(&mut self, at: Instant, way: Way, frame: &Frame) -> Notes {
         self.way = Some(way);
         self.take(at, frame)
     }
 
-    /// Who has sent the stop that was just heard.
+    /// Sender of the stop that was just received.
     #[must_use]
     pub fn stopped_by(&self, now: Instant) -> Option<&str> {
         let (at, by) = self.stopped_by.as_ref()?;
         (now.saturating_since(*at) < STOP_WITHIN).then_some(by)
     }
 
-    /// The text of a cause, with the sender where it is a stop that somebody sent.
+    /// The text of a cause, with the sender if it is a stop that was sent.
     #[must_use]
     pub fn named(&self, code: u16, what: &str) -> String {
         match &self.stopped_by {
@@ -160,7 +160,7 @@ impl Watch {
         self.events.push(LogEvent { at, severity, source: source.into(), text: text.into() });
     }
 
-    /// The controller says that it starts.
+    /// The controller reports that it starts.
     fn boots(&self) -> bool {
         self.group.is_some_and(|group| group.state == State::Boot)
     }
@@ -199,7 +199,8 @@ impl Watch {
             }
             Fact::Stop { from, .. } => {
                 self.note_stop(at, from.map(protocol::cyphal::id::NodeId::get));
-                let source = from.map_or("somebody".to_owned(), |from| format!("node {}", from.get()));
+                let source =
+                    from.map_or("an unknown sender".to_owned(), |from| format!("node {}", from.get()));
                 self.note(at, Severity::Warning, source, "stop message");
             }
             Fact::Broadcast(broadcast) => self.broadcast(at, *broadcast),
@@ -292,10 +293,10 @@ impl Watch {
                 drive.ramp_a_rad_s2 = Some(f64::from(*a));
                 return;
             }
-            Request::Simple(SimpleCommand::Reset) => "is told to reset",
-            Request::Simple(SimpleCommand::Home) => "is told to look for its zero",
-            Request::Simple(SimpleCommand::Halt) => "is told to halt",
-            Request::Set(Parameter::DioData, _) => "is told to switch its digital outputs",
+            Request::Simple(SimpleCommand::Reset) => "gets the order to reset",
+            Request::Simple(SimpleCommand::Home) => "gets the order to search its zero",
+            Request::Simple(SimpleCommand::Halt) => "gets the order to halt",
+            Request::Set(Parameter::DioData, _) => "gets the order to switch its digital outputs",
             _ => return,
         };
         let name = self.drive_name(address);

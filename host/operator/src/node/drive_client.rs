@@ -7,8 +7,8 @@
 //!              └── rest of one deadline ◀┘ after giving up, so that a late answer meets no open request
 //! ```
 //!
-//! The protocol has no sequence number: command and parameter are all that ties an answer to its request. Hence
-//! one request in flight per module, and a rest after a request was given up.
+//! The protocol has no sequence number: only command and parameter relate an answer to its request. Hence one
+//! request in flight per module, and a rest after a request was given up.
 
 use std::collections::VecDeque;
 
@@ -34,16 +34,16 @@ pub struct Policy {
 }
 
 impl Default for Policy {
-    /// To find out who is there. 50 ms covers the slowest adapter (SLCAN at 115 200 baud: some 10 ms for eight requests) and
-    /// drives that their makers' hosts wait up to 13 ms for.
+    /// To search for modules. 50 ms covers the slowest adapter (SLCAN at 115 200 baud: some 10 ms for eight
+    /// requests) and drives for which their makers' hosts wait up to 13 ms.
     fn default() -> Self {
         Self { deadline: Duration::from_millis(50), tries: 2, window: 8, linger: Duration::ZERO }
     }
 }
 
 impl Policy {
-    /// To speak with a drive that is known to be there: frames that get lost and a host that is held up for a while are
-    /// borne, a dead drive is told after half a second.
+    /// For a drive that is known to be there: tolerates lost frames and a host that is delayed for a while; a dead
+    /// drive is reported after half a second.
     pub const PATIENT: Self =
         Self { deadline: Duration::from_millis(100), tries: 5, window: 8, linger: Duration::ZERO };
 }
@@ -58,16 +58,16 @@ pub enum RequestFailed {
     /// Nothing came.
     #[error("module {module} does not answer {} ({tries} attempts)", what(.request))]
     NoAnswer {
-        /// Who was asked.
+        /// Module of the request.
         module: ModuleId,
         request: Request,
         /// How often.
         tries: u8,
     },
-    /// The module said no.
+    /// The module refused.
     #[error("module {module} refuses {} (code {code:#04X})", what(.request))]
     Refused {
-        /// Who was asked.
+        /// Module of the request.
         module: ModuleId,
         request: Request,
         /// Byte 2 of its answer.
@@ -82,7 +82,7 @@ pub enum RequestFailed {
 }
 
 impl RequestFailed {
-    /// The module that was asked.
+    /// Module of the request.
     pub const fn module(&self) -> ModuleId {
         match self {
             Self::NoAnswer { module, .. } | Self::Refused { module, .. } | Self::QueueFull { module } => {
@@ -108,9 +108,9 @@ pub fn what(request: &Request) -> String {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outcome {
     pub ticket: Ticket,
-    /// Whom it was for.
+    /// Module of the request.
     pub module: ModuleId,
-    /// The answer, or why there is none.
+    /// The answer, or the reason why there is no answer.
     pub result: Result<Reply, RequestFailed>,
     /// From the first attempt to the answer or the end.
     pub took: Duration,
@@ -131,7 +131,7 @@ struct Lane {
     flight: Option<Flight>,
     /// No new request before this.
     rest_until: Option<Instant>,
-    /// The request answered last, while a second answer to it can still be told.
+    /// The request answered last, while a second answer to it can still be recognised.
     answered: Option<(Request, Instant)>,
     extra: u32,
 }
@@ -140,7 +140,7 @@ struct Lane {
 pub struct DriveClient {
     policy: Policy,
     lanes: Vec<Lane>,
-    /// Where the search for the next module to ask begins, so that none starves.
+    /// Where the search for the next module begins, so that every module gets its turn.
     turn: usize,
     last_ticket: u64,
     out: VecDeque<Frame>,
@@ -244,7 +244,7 @@ impl DriveClient {
             Some(flight) if reply.answers(&flight.request) => {
                 lane.flight = None;
                 lane.rest_until = (!linger.is_zero()).then(|| now + linger);
-                // After a repetition a second answer is to be expected and says nothing.
+                // After a repetition a second answer is expected and is not counted.
                 lane.answered = (flight.tries == 1).then_some((flight.request, now + linger));
                 let result = if reply.is_accepted() {
                     Ok(*reply)

@@ -1,4 +1,4 @@
-//! The host's one node on the bus: asks drives, sends what it is told, keeps what it heard.
+//! The host's one node on the bus: sends requests and orders, keeps the answers.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -16,15 +16,15 @@ use super::drive_client::{DriveClient, Outcome, RequestFailed, Ticket};
 use super::inbox::{CyphalLink, Inbox, NODE_ID, NODE_ID_MIN};
 use super::stop_watch::{StopSeen, StopWatch};
 
-/// What was heard of one module, by whomever it was asked.
+/// Answers of one module, to requests of any node.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Heard {
-    /// When it was heard last.
+    /// Time of the last answer.
     pub at: Instant,
     /// Frames from it.
     pub frames: u64,
     pub position_rad: Option<f32>,
-    /// When the position was heard.
+    /// Time of the position.
     pub position_at: Instant,
     /// State word.
     pub state: Option<CubeState>,
@@ -62,33 +62,33 @@ pub struct HostNode {
     pub drives: DriveClient,
     now: Instant,
     node_id: NodeId,
-    /// Bit k: a tool with node-ID [`NODE_ID_MIN`] + k was heard.
+    /// Bit k: a tool with node-ID [`NODE_ID_MIN`] + k is on the bus.
     tools: u16,
     out: VecDeque<Frame>,
     heard: BTreeMap<ModuleId, Heard>,
     tally: Tally,
     stop_transfer: TransferId,
-    /// The host link to a controller, once a verb wants it.
+    /// The host link to a controller, once a verb needs it.
     link: Option<Box<CyphalLink>>,
     targets: Publication,
     /// Frames of the host link without hurry, and when the next may go.
     background: VecDeque<Frame>,
     background_due: Instant,
-    /// The host link hears, but says nothing.
+    /// The host link receives, but sends nothing.
     mute: bool,
-    /// Questions and answers of each module, by whomever it was asked.
+    /// Requests and answers of each module, of any node.
     talks: BTreeMap<ModuleId, (u32, u32)>,
     /// Stops of others.
     pub(crate) stops: StopWatch,
 }
 
-/// Least time between two frames of the lowest priority. A controller asks a drive, waits for its answer and asks the next:
-/// frames that wait fill every gap, whatever their priority, and five late cycles in a row are a fault. One in each cycle of 3 ms is
-/// no harm.
+/// Least time between two frames of the lowest priority. A controller sends a request to a drive, waits for its
+/// answer and continues with the next: waiting frames of any priority fill every gap, and five late cycles in a row
+/// are a fault. One frame in each cycle of 3 ms does no harm.
 pub(crate) const BACKGROUND_GAP: Duration = Duration::from_micros(2_500);
 /// An end state that could not be sent by then is dropped: a newer one has come.
 const TARGET_VALID: Duration = Duration::from_millis(20);
-/// Answers that one module may have given beyond the questions that were heard: some were asked before we listened.
+/// Answers that one module may have given beyond the visible requests: some requests came before this program listened.
 const EXTRA_ANSWERS_MAX: u32 = 3;
 
 impl Default for HostNode {
@@ -132,7 +132,7 @@ impl HostNode {
     }
 
     /// Orders everything on the bus to stand still: halt broadcast to the drives, stop message to a controller.
-    /// Everything that waits is forgotten first.
+    /// Waiting frames are discarded first.
     pub fn halt(&mut self, reason: Reason) {
         self.drives.cancel_all();
         self.out.clear();
@@ -160,8 +160,8 @@ impl HostNode {
         self.node_id
     }
 
-    /// Takes the highest node-ID of tools that was not heard. Call it before the first frame of the host link. If all are
-    /// taken, the node-ID stays.
+    /// Takes the highest node-ID of tools that is free on the bus. Call it before the first frame of the host link.
+    /// If all are taken, the node-ID stays.
     pub(crate) fn take_free_node_id(&mut self) {
         let free = (NODE_ID_MIN.get()..=NODE_ID.get()).rev().map(NodeId::from_low_bits);
         let Some(free) = free.into_iter().find(|node| self.tools & tool_bit(*node) == 0) else { return };
@@ -182,7 +182,7 @@ impl HostNode {
         link.publish(now, &mut self.targets, message)
     }
 
-    /// Hears a controller without being a node: no heartbeat, which would keep a motion of another host alive.
+    /// Receives from a controller without being a node: a heartbeat would keep a motion of another host alive.
     pub fn listen_only(&mut self) {
         self.link();
         self.mute = true;
@@ -193,7 +193,7 @@ impl HostNode {
         self.mute = false;
     }
 
-    /// Modules that gave more answers than they were asked: two drives have the address.
+    /// Modules that gave more answers than there were requests: two drives have the address.
     pub fn double_answers(&self) -> Vec<ModuleId> {
         let doubled = self.talks.iter().filter(|(_, (asked, told))| *told > *asked + EXTRA_ANSWERS_MAX);
         doubled.map(|(module, _)| *module).collect()
@@ -212,7 +212,7 @@ impl HostNode {
         self.link.as_mut().map(|link| &mut link.listener)
     }
 
-    /// Time without a word of the controller, not counting what was before `since`; zero if it was never heard.
+    /// Time without a message of the controller, not counting the time before `since`; zero if there was never a message.
     pub fn silence(&self, since: Instant) -> Duration {
         let heard = self.link.as_ref().and_then(|link| link.listener.group);
         heard.map_or(Duration::ZERO, |(at, ..)| self.now.saturating_since(at.max(since)))
@@ -224,7 +224,7 @@ impl HostNode {
         self.stops.due(self.now, heard.map(|(at, _, group)| (at, group)))
     }
 
-    /// What was heard of each module.
+    /// Answers of each module.
     pub const fn heard(&self) -> &BTreeMap<ModuleId, Heard> {
         &self.heard
     }
@@ -256,7 +256,7 @@ impl HostNode {
         self.out.pop_front()
     }
 
-    /// Lets a frame of the lowest priority go if it is time. Nothing is due afterwards, whether or not the bus takes it.
+    /// Sends a frame of the lowest priority if it is time. Nothing is due afterwards, whether or not the bus accepts it.
     fn release_background(&mut self) {
         if self.mute {
             self.background.clear();
@@ -358,7 +358,7 @@ impl Node for HostNode {
     }
 }
 
-/// The node from which a Cyphal frame says that it comes.
+/// Source address in a Cyphal frame.
 fn source(frame: &Frame) -> Option<NodeId> {
     let Id::Extended(id) = frame.id() else { return None };
     Route::parse(id).ok().and_then(|(_, route)| route.source())
@@ -389,7 +389,7 @@ pub fn frame_bits(frame: &Frame) -> u64 {
 mod tests {
     use super::*;
 
-    /// Frames of a host that speaks to a controller for a tenth of a second.
+    /// Frames of a host that is linked to a controller for a tenth of a second.
     fn frames_of(host: &mut HostNode) -> Vec<Frame> {
         host.link();
         let mut frames = Vec::new();
@@ -422,7 +422,7 @@ mod tests {
         assert_eq!(source(&heard[0]), Some(NODE_ID));
     }
 
-    /// A strict world ends a run in which a node asks to be called again at the time at which it was called.
+    /// A strict world ends a run in which a node requests to be called again at the time of the call.
     #[test]
     fn nothing_is_due_twice_while_the_bus_takes_no_frame() {
         let mut host = HostNode::default();
@@ -441,7 +441,7 @@ mod tests {
         assert!(now > Instant::from_micros(6_000_000), "past the list of ports: {now:?}");
     }
 
-    /// Twenty-five frames one after the other fill the gaps of five cycles of 3 ms: a controller called that a late bus (401).
+    /// Twenty-five frames one after the other fill the gaps of five cycles of 3 ms: a controller reported late cycles (401).
     #[test]
     fn long_message_without_hurry_goes_out_frame_by_frame_and_leaves_the_cycles_their_gaps() {
         let mut host = HostNode::default();

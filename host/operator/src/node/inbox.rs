@@ -16,8 +16,8 @@ use protocol::{Duration, Instant};
 
 /// Cyphal node-ID of the first host tool on a bus; the highest ones are customary for tools.
 pub const NODE_ID: NodeId = NodeId::from_low_bits(126);
-/// Lowest node-ID that a host tool takes. Each further tool takes the highest one that it does not hear: a node that begins under
-/// the node-ID of another looks like that one started again, and a controller then stops its motion.
+/// Lowest node-ID of a host tool. Each further tool takes the highest one that is free. If a node began with the
+/// node-ID of another, it would look like the other one started again, and a controller would stop its motion.
 pub const NODE_ID_MIN: NodeId = NodeId::from_low_bits(111);
 
 /// Time between two heartbeats of the host: a third of the time-out that controllers have by default.
@@ -44,9 +44,9 @@ pub(super) type CyphalLink = CyphalHost<Inbox>;
 pub struct Inbox {
     ports: Vec<Port>,
     pub(crate) answers: VecDeque<(Ticket, Result<Vec<u8>, NoAnswer>)>,
-    /// State of the controller heard last, when, and whose.
+    /// Last reported state of the controller, with time and sender.
     pub group: Option<(Instant, NodeId, GroupState)>,
-    /// State of its joints heard last, when, and whose.
+    /// Last reported state of its joints, with time and sender.
     pub joints: Option<(Instant, NodeId, JointState)>,
     /// Lines of text for people, oldest first, with the time of their arrival; at most [`RECORDS_MAX`].
     pub(crate) records: VecDeque<(Instant, Said)>,

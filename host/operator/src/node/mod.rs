@@ -2,7 +2,7 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`host_node`] | the node: asks drives, sends what it is told, keeps what it heard |
+//! | [`host_node`] | the node: sends requests and orders, keeps the answers |
 //! | [`inbox`] | its Cyphal half: heartbeat, and what arrives from a controller |
 //! | [`drive_client`] | requests to drives with deadlines |
 //! | [`stop_watch`] | stops that this program did not give |

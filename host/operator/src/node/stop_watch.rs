@@ -1,9 +1,10 @@
-//! Stops that this program did not give: the one place that looks for them.
+//! Stops that this program did not send: the one place that detects them.
 //!
-//! Three things show one: a stop message of another node, a halt broadcast to the drives, and a controller that reports that it
-//! stopped. A halt broadcast has no sender, and a controller halts the drives at every stop of its own. It reports a state of its
-//! own at once, so a halt without report is somebody else's, and so is the first of two halts before the report: at rest the
-//! controller finds the halted drives a little later, and takes them for a fault.
+//! Three things show one: a stop message of another node, a halt broadcast to the drives, and a controller that
+//! reports that it stopped. A halt broadcast has no sender, and a controller halts the drives at every stop of its
+//! own. The controller reports its own stop at once, so a halt without report came from another node. So did the
+//! first of two halts before the report: at rest the controller notices the halted drives a little later, and
+//! treats them as a fault.
 
 use firmware::fault::Cause;
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
@@ -33,9 +34,9 @@ pub enum StopSource {
 pub struct StopSeen {
     pub at: Instant,
     pub source: StopSource,
-    /// What the controller reports of it: Stopped or Fault; `None` if it does not say.
+    /// State that the controller reports: Stopped or Fault; `None` without a report.
     pub group: Option<GroupState>,
-    /// Somebody else stopped the arm, and no fault did.
+    /// Another node or a person stopped the arm; it was not a fault.
     pub by_other: bool,
 }
 
@@ -49,13 +50,13 @@ impl std::fmt::Display for StopSeen {
     }
 }
 
-/// The cause of a stop that somebody gave, and no fault.
+/// True for a stop that was ordered; false for a fault.
 pub(crate) fn is_stop_by_other(cause: u16) -> bool {
     const CAUSES: [Cause; 3] = [Cause::StopOrdered, Cause::StopMessage, Cause::HaltedByOther];
     CAUSES.iter().any(|known| known.code() == cause)
 }
 
-/// Looks for stops while it is on. Frames of this program are not given to it.
+/// Detects stops while it is on. It does not get the frames of this program.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct StopWatch {
     on: bool,
@@ -64,22 +65,22 @@ pub(crate) struct StopWatch {
     halts: u32,
     /// No frame of the controller is given to it.
     others_only: bool,
-    /// State heard last.
+    /// Last reported state.
     state: Option<State>,
 }
 
 impl StopWatch {
-    /// For frames of others alone, without those of the controller.
+    /// For frames of other nodes only, without those of the controller.
     pub(crate) const fn of_others() -> Self {
         Self { on: false, seen: None, halts: 0, others_only: true, state: None }
     }
 
-    /// Forgets what was seen, and looks from now on.
+    /// Forgets earlier stops, and detects new ones from now on.
     pub(crate) const fn start(&mut self) {
         (self.on, self.seen, self.halts) = (true, None, 0);
     }
 
-    /// Looks no more, so that what must follow a stop is not ended by it.
+    /// Stops detecting, so that the work that must follow a stop is not ended by it.
     pub(crate) const fn end(&mut self) {
         self.on = false;
     }
@@ -125,8 +126,8 @@ impl StopWatch {
         }
     }
 
-    /// The stop, once the controller has reported it or does not: then the job ends. `group` is what it reported last, and
-    /// when; `None` without a controller.
+    /// The stop, once the controller has reported it or is known not to: then the job ends. `group` is its last
+    /// report, with its time; `None` without a controller.
     pub(crate) fn due(&self, now: Instant, group: Option<(Instant, GroupState)>) -> Option<StopSeen> {
         let seen = self.seen.filter(|_| self.on)?;
         let Some((heard_at, group)) = group else { return Some(seen) };

@@ -1,7 +1,7 @@
-//! The operator of a controller in this program: orders are calls, and no host link is on the wire.
+//! The operator of a controller in this program: orders are calls, without a host link on the wire.
 //!
-//! The drives are those of a simulated cell, in virtual time. This operator is the host of the controller: while time passes,
-//! it is alive.
+//! The drives are those of a simulated cell, in virtual time. This operator is the host of the controller: while
+//! time passes, it gives signs of life.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -54,16 +54,16 @@ type Members = ((Cell, Solo<ScriptedHost>), Solo<Controller<RamStorage, Spline, 
 /// A controller in this program, with the drives of a simulated cell.
 pub struct InProcess {
     world: World<Members>,
-    /// What the controller would have told by now, and when.
+    /// Report of the controller, and its time.
     told: (Instant, GroupState),
     kept: Option<Kept>,
     /// Once set, no more time passes.
     stop: Option<Arc<AtomicBool>>,
     /// Stops of others.
     stops: StopWatch,
-    /// The next run is a throw that releases so long after its start.
+    /// The next run is a throw that releases this long after its start.
     release_after: Option<Duration>,
-    /// Those of the plan that was uploaded last.
+    /// Segments of the plan that was uploaded last.
     segments: Vec<Segment>,
 }
 
@@ -92,7 +92,7 @@ impl InProcess {
         seed: u64,
         settings: &Settings,
     ) -> Result<Self, BusFailure> {
-        // Orders come from inside the program only: nobody has to guess tokens.
+        // Orders come only from inside the program, so tokens may be predictable.
         let drives = CanDrives::of(robot)?;
         let (storage, spline) = (RamStorage::new(), Spline::empty());
         let controller = Controller::with_group(storage, spline, drives, settings, Seed::FORESEEABLE);
@@ -156,7 +156,7 @@ impl InProcess {
         let mut others = Others { stops: &mut self.stops, controller };
         self.world.run_until(to, &mut others).map_err(BusFailure::from)?;
         if self.stops.is_pending() && !was_pending {
-            // Nobody else passes a stop message on to a controller without a host link.
+            // Without a host link no other node passes a stop message on to the controller.
             self.act(Controller::stop_now)?;
         }
         let last = self.told.1;
@@ -188,7 +188,8 @@ impl InProcess {
         });
         let (all, taken) = (segments.len(), taken?);
         self.segments = segments;
-        // Without room, or while the arm stops, they wait; a wrong one lets the plan run dry, and the state says so.
+        // Without room, or while the arm stops, segments wait. If a segment is wrong, the plan ends early, and the state shows
+        // it.
         Ok(taken.map_or(all, |taken| next + taken))
     }
 
@@ -196,11 +197,11 @@ impl InProcess {
     fn end_if_stopped(&mut self) -> Result<(), OperatorError> {
         let Some(stop) = self.stops.due(self.world.now(), Some(self.told)) else { return Ok(()) };
         self.stops.end();
-        // What the controller reports of a fault is the caller's.
+        // The caller gets the controller's report of a fault.
         if stop.by_other { Err(BusFailure::StoppedByOther(stop).into()) } else { Ok(()) }
     }
 
-    /// Lets time pass until `done` says so; false if it did not before `until`.
+    /// Lets time pass until `done` returns true; false if it did not before `until`.
     fn pass_until(
         &mut self,
         until: Instant,

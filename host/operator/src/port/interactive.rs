@@ -8,9 +8,9 @@ use super::Operator;
 use crate::dialogue::online::EndStates;
 use crate::dialogue::operator::OperatorError;
 
-/// An operator that also takes end states in flight, and goes on after a stop.
+/// An operator that also accepts end states in flight, and continues after a stop.
 pub trait Interactive: Operator {
-    /// From sending an end state to the soonest time at which it can be reached, with room for a host that is late.
+    /// Time from sending an end state to the earliest time at which it can be reached, with a margin for a host that is late.
     fn lead(&self) -> Duration;
 
     /// Begins the armed trajectory and returns as soon as it runs.
@@ -38,7 +38,7 @@ pub trait Interactive: Operator {
         Ok(())
     }
 
-    /// Sends a new end state and does not wait.
+    /// Sends a new end state and does not wait for the answer.
     ///
     /// # Errors
     /// [`OperatorError::TargetNotSaid`]: nothing was sent.
@@ -47,7 +47,7 @@ pub trait Interactive: Operator {
     /// Why end states were not taken, since the last call.
     fn refused_targets(&mut self) -> Vec<Refusal>;
 
-    /// Lets time pass; true if the program was asked to end before.
+    /// Lets time pass; true if the program was ordered to end before.
     ///
     /// # Errors
     /// As [`Operator::heed_stops`], and those of the link.
@@ -58,7 +58,7 @@ pub trait Interactive: Operator {
 
     fn is_interrupted(&self) -> bool;
 
-    /// Time passes only while somebody waits for it: a command needs the time that it is for.
+    /// True if time passes only while this program waits for it: then a command needs its time.
     fn needs_times(&self) -> bool;
 
     /// Clears the latched fault of the controller; nothing without one.

@@ -1,4 +1,4 @@
-//! What a job needs from the controller of the arm, over any link.
+//! Interface of a job to the controller of the arm, for every link.
 //!
 //! | operator | link |
 //! |---|---|
@@ -55,22 +55,22 @@ impl BallSeen {
     }
 }
 
-/// See the [module](self). Whatever fails leaves a standing arm.
+/// See the [module](self). After any error the arm stands.
 pub trait Operator {
     /// Present time.
     fn now(&self) -> Instant;
 
-    /// Finds the controller; its node where the link has nodes. Before anything else.
+    /// Finds the controller; returns its node if the link has nodes. Before anything else.
     ///
     /// # Errors
     /// [`OperatorError::NoController`], and those of the link.
     fn connect(&mut self) -> Result<Option<NodeId>, OperatorError>;
 
-    /// Ends the job if somebody has stopped the arm since [`Operator::connect`]. The other functions ask by themselves, but
-    /// [`Operator::pass`].
+    /// Ends the job if another node or a person has stopped the arm since [`Operator::connect`]. All other
+    /// functions except [`Operator::pass`] check this by themselves.
     ///
     /// # Errors
-    /// One of which [`OperatorError::is_stop_by_other`] is true, or the fault that the controller reports.
+    /// An error for which [`OperatorError::is_stop_by_other`] is true, or the fault that the controller reports.
     fn heed_stops(&mut self) -> Result<(), OperatorError>;
 
     /// Lets time pass, also after an interruption.
@@ -79,7 +79,7 @@ pub trait Operator {
     /// Those of the link.
     fn pass(&mut self, span: Duration) -> Result<(), OperatorError>;
 
-    /// What the controller told last.
+    /// Last report of the controller.
     fn group(&mut self) -> GroupState;
 
     /// Waits for a state that `wanted` takes.
@@ -100,7 +100,7 @@ pub trait Operator {
     /// [`OperatorError::NoRegister`], and those of the link.
     fn register(&mut self, name: &str) -> Result<Numbers, OperatorError>;
 
-    /// Writes a register and looks whether the value was taken.
+    /// Writes a register and checks whether the value was accepted.
     ///
     /// # Errors
     /// [`OperatorError::RegisterRefused`], and those of the link.
@@ -158,7 +158,7 @@ pub trait Operator {
         progress: &mut dyn FnMut(Instant, &GroupState),
     ) -> Result<(), OperatorError>;
 
-    /// The time of the controller's clock at `ours`, and to what it is known. A controller in this program has the same clock.
+    /// The time of the controller's clock at `ours`, and its uncertainty. A controller in this program has the same clock.
     ///
     /// # Errors
     /// Those of the link.
@@ -178,7 +178,8 @@ pub trait Operator {
     /// Nothing follows: a robot that waits for answers is let go. A job that throws does so by itself.
     fn leave(&mut self) {}
 
-    /// Where the arm will stand when its drives are found, where the link knows it before: the start pose of a robot's program.
+    /// Pose in which the arm will stand when its drives are found, if the link knows it before: the start pose of a robot's
+    /// program.
     fn foreseen_pose(&self) -> Option<Joints> {
         None
     }
@@ -192,7 +193,7 @@ pub trait Operator {
         Ok(())
     }
 
-    /// Refuses a motion that the link does not let pass.
+    /// Refuses a motion that the link cannot execute.
     ///
     /// # Errors
     /// [`OperatorError::NotPassed`].
@@ -201,17 +202,17 @@ pub trait Operator {
         Ok(())
     }
 
-    /// What only a robot that is led has; after [`Operator::leave`] also what was seen of it from outside.
+    /// Data that only a robot that is led has; after [`Operator::leave`] also its observation from outside.
     fn led(&mut self) -> Option<Led> {
         None
     }
 
-    /// Frames kept so far; 0 where the link is no bus.
+    /// Frames kept so far; 0 if the link is not a bus.
     fn frames_kept(&self) -> usize {
         0
     }
 
-    /// What was kept since [`Operator::keep_samples`]; no more is kept. `drives` are those of the joints of `arm`.
+    /// Samples since [`Operator::keep_samples`]; no more is kept. `drives` are those of the joints of `arm`.
     fn take_samples(&mut self, arm: &Arm, drives: Option<Drives>) -> Option<Samples>;
 
     /// Addresses at which two drives answer, where the link shows it.
@@ -227,7 +228,7 @@ pub trait Operator {
     /// The number of a register of the group.
     ///
     /// # Errors
-    /// As [`Operator::register`]; [`OperatorError::Unreadable`] if it is none.
+    /// As [`Operator::register`]; [`OperatorError::Unreadable`] if it is not a number.
     fn natural(&mut self, name: &str) -> Result<u64, OperatorError> {
         match self.register(name)? {
             Numbers::Natural(numbers) if numbers.len() == 1 => Ok(numbers[0]),

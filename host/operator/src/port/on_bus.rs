@@ -1,4 +1,4 @@
-//! The operator of a controller on a bus: a session, and the node that it speaks to.
+//! The operator of a controller on a bus: a session, and the node of the controller.
 
 use firmware::fault::Refusal;
 use protocol::cyphal::cubecell::command::{GRIPPER, Gripper, STOP, Trajectory};
@@ -27,20 +27,20 @@ const STOP_MAX: Duration = Duration::from_secs(10);
 /// A controller on a bus.
 pub struct OnBus<'a> {
     session: &'a mut Session,
-    /// The controller that was asked for; `None`: the one that is heard.
+    /// The requested controller; `None`: the one on the bus.
     wanted: Option<NodeId>,
     node: Option<NodeId>,
     clock: ControllerClock,
     keeper: Keeper,
     bit_rate_bit_s: u32,
-    /// The next run is a throw that releases so long after its start.
+    /// The next run is a throw that releases this long after its start.
     release_after: Option<Duration>,
-    /// Those of the plan that was uploaded last.
+    /// Segments of the plan that was uploaded last.
     segments: Vec<Segment>,
 }
 
 impl<'a> OnBus<'a> {
-    /// Operator of the controller `wanted`, or of the one that is heard. Times on the bus are for `bit_rate_bit_s`.
+    /// Operator of the controller `wanted`, or of the one on the bus. Times on the bus are for `bit_rate_bit_s`.
     pub fn new(session: &'a mut Session, wanted: Option<NodeId>, bit_rate_bit_s: u32) -> Self {
         let keeper = Keeper::default();
         session.add_tap(Box::new(keeper.clone()));
@@ -163,7 +163,7 @@ impl Operator for OnBus<'_> {
 
     fn stop(&mut self) -> Result<(), OperatorError> {
         let node = self.node()?;
-        // What the controller reports of it is no news.
+        // The controller's report of this stop is expected.
         self.session.host_node().stops.end();
         self.session.order(node, "to stop", STOP, &())?;
         match self.session.wait_for(STOP_MAX, &|state| !state.may_move()) {

@@ -11,7 +11,7 @@ use crate::port::BallSeen;
 
 /// A run that takes longer has no end.
 const LONGEST: Duration = Duration::from_secs(120);
-/// After the end of the throw the robot is watched until it stands and the ball lies.
+/// Time after the end of the throw in which the robot is observed until it stands and the ball lies.
 pub(super) const AFTER: Duration = Duration::from_secs(3);
 
 /// What the simulated robot did.
@@ -45,7 +45,7 @@ pub fn run(scenario: &KrcScenario, station: &mut Station) -> Result<Seen, KrcErr
     run_with(scenario, station, &mut |_, station| !station.stage().is_end())
 }
 
-/// As [`run`]; `each` is called at every step, and the run ends some time after it says no.
+/// As [`run`]; `each` is called at every step, and the run ends some time after it returns false.
 ///
 /// # Errors
 /// The scenario makes no robot.

@@ -1,4 +1,4 @@
-//! What the telegrams and answers of a log say about the motion: set and measured axes by cycle.
+//! Motion in the telegrams and answers of a log: set and measured axes by cycle.
 
 use protocol::Duration;
 use rsi_protocol::{Config, RobotState, Root, Telegram};
@@ -6,9 +6,9 @@ use rsi_protocol::{Config, RobotState, Root, Telegram};
 use super::log::{Entry, Line};
 pub use crate::samples::Cycle;
 
-/// The number of each cycle, from 0: a telegram that was lost has one too.
+/// The number of each cycle, from 0: a lost telegram has one too.
 ///
-/// The numbers of the telegrams say it; where they disagree with the times by more than two cycles, the times do.
+/// Computed from the numbers of the telegrams; if they disagree with the times by more than two cycles, from the times.
 #[must_use]
 pub fn numbers(cycles: &[Cycle], period_s: f64) -> Vec<u64> {
     let rise = |pair: &[Cycle]| pair[1].ipoc.saturating_sub(pair[0].ipoc);
@@ -24,8 +24,8 @@ pub fn numbers(cycles: &[Cycle], period_s: f64) -> Vec<u64> {
     std::iter::once(0).chain(next).take(cycles.len()).collect()
 }
 
-/// The cycles with those between whose telegrams were lost: their set points are those of the next, because the robot has held
-/// them, and their axes lie on a line between. Gaps of more than `most` cycles stay.
+/// The cycles including those whose telegrams were lost: their set points are those of the next cycle, because the
+/// robot has held them, and their axes are on a line between. Gaps of more than `most` cycles stay.
 #[must_use]
 pub fn without_gaps(cycles: &[Cycle], period_s: f64, most: u64) -> Vec<Cycle> {
     let numbers = numbers(cycles, period_s);
@@ -52,7 +52,7 @@ pub fn without_gaps(cycles: &[Cycle], period_s: f64, most: u64) -> Vec<Cycle> {
     all
 }
 
-/// The outputs that the last answer of a log sets. Whether the robot took it shows in its next telegram only.
+/// The outputs that the last answer of a log sets. Only the robot's next telegram would show whether it accepted the answer.
 #[must_use]
 pub fn last_outputs(lines: &[Line], output: &str) -> Option<f64> {
     lines.iter().rev().find_map(|line| match &line.entry {
@@ -72,8 +72,9 @@ pub fn is_set(outputs: f64, bit: u8) -> bool {
 
 /// The cycles of a log. `output` and `sensor` are names of the configuration.
 ///
-/// A correction is in force from the next telegram on, unless the robot counts that answer as late. A telegram that comes again
-/// is the same cycle: networks double datagrams, and a robot in lock step repeats its first telegram until it is answered.
+/// A correction is in force from the next telegram on, unless the robot counts that answer as late. A repeated
+/// telegram is the same cycle: networks double datagrams, and a robot in lock step repeats its first telegram until
+/// it is answered.
 #[must_use]
 pub fn cycles(lines: &[Line], config: &Config, output: &str, sensor: Option<&str>) -> Vec<Cycle> {
     let correction_name = config

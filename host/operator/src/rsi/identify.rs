@@ -1,7 +1,8 @@
 //! Lag, smoothing and gripper delay of a robot, from cycles in which it was led.
 //!
-//! Set points are joined by straight lines, averaged over some cycles, delayed by a dead time and passed through a first-order
-//! lag (the model of `kuka-rsi` controllers; what was measured on a KR 16 by others is mostly a shift in time):
+//! Set points are joined by straight lines, averaged over some cycles, delayed by a dead time and passed through a
+//! first-order lag (the model of `kuka-rsi` controllers; published measurements on a KR 16 are mostly a shift in
+//! time):
 //!
 //! ```text
 //! T dy/dt = m(t - dead) - y          m: mean of the last n set points
@@ -48,8 +49,8 @@ pub struct MeasuredLag {
     pub dead_s: f64,
     /// Time constant, s.
     pub constant_s: f64,
-    /// Half widths of 95 % intervals of dead time, time constant and both together, s. The first two are longer: the one nearly stands
-    /// for the other.
+    /// Half widths of 95 % intervals of dead time, time constant and both together, s. The first two are longer:
+    /// one can nearly replace the other.
     pub known_s: [f64; 3],
     /// Set points that are averaged; 1: no smoothing.
     pub smoothing_cycles: usize,
@@ -62,7 +63,7 @@ pub struct MeasuredLag {
 }
 
 impl MeasuredLag {
-    /// Dead time, half of the mean's length, and time constant together, s: what a slow motion lags.
+    /// Dead time, half of the mean's length, and time constant together, s: the lag of a slow motion.
     #[must_use]
     pub fn total_s(&self, period_s: f64) -> f64 {
         self.dead_s + self.constant_s + 0.5 * (self.smoothing_cycles - 1) as f64 * period_s
@@ -74,9 +75,10 @@ impl MeasuredLag {
 pub struct MeasuredGripper {
     /// From the output in force to open fingers, mean, s.
     pub delay_s: f64,
-    /// Half of the spread, s. The sensor is read once per cycle, so nothing below half a cycle is told.
+    /// Half of the spread, s. The sensor is read once per cycle, so values below half a cycle are not reported.
     pub jitter_s: f64,
-    /// The mean is known to this, s: half a cycle over the root of the openings, or half a cycle where all took alike.
+    /// Uncertainty of the mean, s: half a cycle over the root of the number of openings, or half a cycle if all took the same
+    /// time.
     pub known_s: f64,
     pub openings: usize,
 }
@@ -100,7 +102,7 @@ pub enum Unclear {
         motion_deg: f64,
     },
     /// No edge of the sensor.
-    #[error("the finger sensor told {0} openings; {OPENINGS_MIN} are needed")]
+    #[error("the finger sensor reported {0} openings; {OPENINGS_MIN} are needed")]
     NoOpenings(usize),
 }
 
@@ -117,8 +119,8 @@ impl Unclear {
     }
 }
 
-/// A motion that tells the lag: all axes swing about the pose `q_rad` with up to `swing_rad`, each with its own signs, and come to
-/// rest again.
+/// A motion that shows the lag: all axes swing about the pose `q_rad` with up to `swing_rad`, each with its own
+/// signs, and come to rest again.
 #[must_use]
 pub fn wiggle(q_rad: &Axes, swing_rad: f64) -> Motion {
     let count = (WIGGLE_S / KNOT_S).round() as usize;

@@ -1,4 +1,5 @@
-//! The lag from slopes of the residuals: the last steps to the least squares, and how well the cycles of a wiggle tell it.
+//! The lag from slopes of the residuals: the last steps to the least squares, and the accuracy that the cycles of a test motion
+//! allow.
 
 use planner::follow::limits::AXES;
 
@@ -48,7 +49,8 @@ impl Slopes {
     }
 }
 
-/// The least squares near a lag, and the lag there: a grid ends anywhere in the long valley in which the one stands for the other.
+/// The least squares near a lag, and the lag there: a grid can end anywhere in the long valley in which one value replaces the
+/// other.
 pub(super) fn polished(
     window: &[Cycle],
     inputs: &[[f64; AXES]],
@@ -60,7 +62,7 @@ pub(super) fn polished(
         let product = |by: &[f64]| by.iter().zip(&slopes.left).map(|(by, left)| by * left).sum::<f64>();
         let (of_dead, of_constant) = (product(&slopes.by_dead), product(&slopes.by_constant));
         let [d, c] = slopes.solve([of_dead, of_constant]);
-        // None of them is negative: where one would be, the other alone takes what is left.
+        // Neither may be negative: if one would be, it becomes zero and the other takes the rest.
         let [a, b, c_c] = slopes.a;
         let next = if constant_s + c < 0.0 {
             (dead_s - (of_dead - b * constant_s) / a, 0.0)
@@ -80,7 +82,7 @@ pub(super) fn polished(
     (cost, dead_s, constant_s)
 }
 
-/// Half widths of 95 % intervals of dead time, time constant and their sum, s. NaN where the cycles do not tell them apart.
+/// Half widths of 95 % intervals of dead time, time constant and their sum, s. NaN if the cycles do not distinguish them.
 ///
 /// The estimate is linear in the residuals for small ones. Its covariance is `A⁻¹ G A⁻¹` with `A = Jᵀ J` and `G` the sum over blocks of
 /// the squares of `Jᵀ r` of each block (clustered "sandwich"; Liang and Zeger 1986): neighbours in time may err together.

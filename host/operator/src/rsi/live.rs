@@ -13,7 +13,7 @@ use super::station::{Stage, Station};
 
 /// Longest datagram that is read, bytes; longer ones are cut and then unreadable.
 const LONGEST: usize = rsi_protocol::MAX_READ_BYTES;
-/// Longest wait without a look at `goes_on`.
+/// Longest wait without a call of `goes_on`.
 const LOOK: std::time::Duration = std::time::Duration::from_millis(20);
 /// Time between two looks for a connection.
 const ACCEPT: std::time::Duration = std::time::Duration::from_millis(1);
@@ -21,13 +21,13 @@ const ACCEPT: std::time::Duration = std::time::Duration::from_millis(1);
 const ANSWER_TIMES_MAX: usize = 1_000_000;
 /// Telegrams that are drained in one go; more waiting ones are drained in the next.
 const DRAINED: usize = 64;
-/// After the end of the throw telegrams are answered for so long, then the robot's program is asked to end.
+/// Telegrams are answered for this long after the end of the throw, then the robot's program is ordered to end.
 const AFTER: Duration = Duration::from_millis(500);
 /// Longest wait for an arm that was ordered to stop.
 const STOPPING: Duration = Duration::from_secs(3);
-/// A robot that was asked to end is heard for so long.
+/// After the order to end, telegrams of the robot are read for this long.
 const LEAVING: std::time::Duration = std::time::Duration::from_millis(200);
-/// In step with the robot: a robot that is silent for so long by the clock has ended.
+/// In step with the robot: a robot that is silent for this long by the clock has ended.
 const SILENT: std::time::Duration = std::time::Duration::from_secs(10);
 
 /// Whose time counts.
@@ -44,7 +44,7 @@ pub enum Time {
 pub struct Exchange {
     /// From the arrival of a telegram to its answer, us, of the first million answers.
     pub answer_us: Vec<u32>,
-    /// Robots (sockets) that were heard.
+    /// Robots (sockets) that have sent telegrams.
     pub connections: u32,
 }
 
@@ -83,7 +83,7 @@ impl Port {
     /// Opens the port at an address of this machine.
     ///
     /// # Errors
-    /// The address cannot be had.
+    /// The address is not available.
     pub fn bind(tcp: bool, address: SocketAddr) -> io::Result<Self> {
         if !tcp {
             return UdpSocket::bind(address).map(Self::Udp);
@@ -96,7 +96,7 @@ impl Port {
     /// Where it is.
     ///
     /// # Errors
-    /// The system does not tell.
+    /// The system does not report it.
     pub fn local_addr(&self) -> io::Result<SocketAddr> {
         match self {
             Self::Udp(socket) => socket.local_addr(),
@@ -116,7 +116,7 @@ impl Port {
                     && let Some((bytes, newer_from)) = datagram(socket, buffer)?
                 {
                     if newer_from != from {
-                        // Another robot, or its new run: what the one before sent is void.
+                        // Another robot, or its new run: earlier data are void.
                         documents.clear();
                     }
                     from = newer_from;
@@ -234,7 +234,7 @@ impl Clock {
                 let left = std::time::Duration::from_micros(due.saturating_since(self.now()).as_micros());
                 (!left.is_zero()).then_some(left)
             }
-            // Time stands while the robot is on its way; one that stays silent is one whose time has run on without it.
+            // Time stands while the robot's telegram is on its way; for a robot that stays silent, time continues without it.
             Time::Robot(_) => {
                 if self.telegrams == 0 || self.heard.elapsed() < SILENT {
                     return Some(LOOK);
@@ -246,11 +246,11 @@ impl Clock {
     }
 }
 
-/// What the caller does while the exchange goes on.
+/// Work of the caller during the exchange.
 pub trait Host {
-    /// Says no to end the exchange; the arm is stopped first.
+    /// Returns false to end the exchange; the arm is stopped first.
     fn goes_on(&mut self, now: Instant, station: &mut Station) -> bool;
-    /// The exchange goes on after the last motion, until [`Host::goes_on`] says no.
+    /// True if the exchange continues after the last motion, until [`Host::goes_on`] returns false.
     fn stays(&self) -> bool {
         false
     }
@@ -258,14 +258,14 @@ pub trait Host {
     fn log(&mut self, lines: Vec<Line>);
 }
 
-/// A robot that is served through a port: the exchange goes on as long as somebody calls [`Live::step`].
+/// A robot that is served through a port: the exchange continues while [`Live::step`] is called.
 pub struct Live<P> {
     port: P,
     clock: Clock,
     exchange: Exchange,
     /// Who sent the last telegram.
     robot: Option<SocketAddr>,
-    /// The robot's program was told to end, and has: the next one is for somebody else.
+    /// The robot's program was ordered to end, and has: the next one is not for this client.
     over: bool,
     leaving: bool,
     buffer: Vec<u8>,
@@ -289,7 +289,7 @@ impl<P: BorrowMut<Port>> Live<P> {
         &self.exchange
     }
 
-    /// Nothing was heard for so long that nothing will be.
+    /// No telegram came for so long that no more are expected.
     #[must_use]
     pub fn is_silent(&self) -> bool {
         self.robot.is_none() || self.clock.heard.elapsed() >= SILENT
@@ -342,15 +342,15 @@ impl<P: BorrowMut<Port>> Live<P> {
         Ok(())
     }
 
-    /// A program that ended just now may have answered the last telegram. A robot that misses an answer says so: no cycle of its
-    /// is answered before a whole one has passed. A stream ends with the program that it belonged to.
+    /// A program of this computer that ended just now may have answered the last telegram. A robot reports a missed
+    /// answer, so its cycles are answered only after a whole one has passed. A stream ends with its program.
     fn listens_from(&self, station: &Station) -> Instant {
         let is_next_program = self.clock.time == Time::Clock && matches!(self.port.borrow(), Port::Udp(_));
         let cycle_us = station.settings().cycle_period().as_micros();
         Instant::from_micros(if is_next_program { cycle_us + cycle_us / 2 } else { 0 })
     }
 
-    /// Stops what moves, then tells the robot's program to end and hears it out; `log` gets what went in and out.
+    /// Stops what moves, then orders the robot's program to end and reads until it has; `log` gets the input and the output.
     ///
     /// # Errors
     /// The socket fails.
@@ -387,8 +387,8 @@ impl<P: BorrowMut<Port>> Live<P> {
     }
 }
 
-/// Serves until the throw has ended, or the host says no; then the arm is stopped first. At the end the robot's program is
-/// asked to end.
+/// Serves until the throw has ended, or the host returns false; then the arm is stopped first. At the end the
+/// robot's program is ordered to end.
 ///
 /// # Errors
 /// The socket fails.

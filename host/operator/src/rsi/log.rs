@@ -1,4 +1,4 @@
-//! The log of an exchange: everything that went into a station and came out of it, so that it can be run again.
+//! The log of an exchange: all input and output of a station, so that it can be run again.
 //!
 //! Text, one line each: time in us, a letter, and for telegrams and answers their bytes (control characters and bytes that are
 //! not ASCII are written as `\n`, `\x00`, ...).
@@ -10,13 +10,13 @@
 //! | `E` | a new end state for the motion that runs |
 //! | `C` | the telegram that follows comes from another socket than the ones before |
 //! | `W` | a telegram that waited behind a newer one |
-//! | `R` | the newest telegram; the station was asked for an answer |
+//! | `R` | the newest telegram; the station had to answer it |
 //! | `A` | the answer |
 //! | `T` | a deadline of the station |
 //! | `S` | stopped by the host |
 //! | `O`, `G` | the gripper was ordered open, closed |
 //! | `H`, `P` | the last trajectory is held at its start, may be run |
-//! | `L` | the robot's program was told to end |
+//! | `L` | the robot's program was ordered to end |
 
 use std::fmt::Write as _;
 
@@ -53,7 +53,7 @@ pub enum Entry {
     Hold,
     /// The last trajectory may be run.
     Proceed,
-    /// The robot's program was told to end.
+    /// The robot's program was ordered to end.
     Leave,
 }
 
@@ -163,7 +163,7 @@ fn unescaped(text: &str) -> Result<Vec<u8>, &'static str> {
 /// Reads a log. A last line without an end was cut off and is left out.
 ///
 /// # Errors
-/// Another head, or a line that is none.
+/// Another head, or a line that is not valid.
 pub fn parse(text: &str) -> Result<Vec<Line>, LogError> {
     let whole = text.rfind('\n').map_or("", |end| &text[..end]);
     let mut lines = whole.lines().zip(1..);

@@ -1,13 +1,14 @@
 //! The operator of a robot that is led: the controller is in this program, between the telegrams of the robot.
 //!
-//! The robot waits for no computation: while a function of this operator waits, telegrams are answered, and between two calls of
-//! them at most one is due. So the way to the start of a motion begins where the robot's program begins
-//! ([`Operator::foreseen_pose`]), and is planned before the robot is there. A robot that stands elsewhere is refused by the controller.
+//! The robot waits for no computation: while a function of this operator waits, telegrams are answered, and between
+//! two calls of them at most one is due. So the way to the start of a motion begins where the robot's program
+//! begins ([`Operator::foreseen_pose`]), and is planned before the robot is there. If the robot stands elsewhere,
+//! the controller refuses.
 //!
-//! A throw lets the robot's program end; between other motions the robot is held, and who made the operator lets it go.
+//! A throw ends with the robot's program; between other motions the robot is held, and the owner of the operator releases it.
 //!
-//! "Armed" is a robot that stands where the motion begins, ready to be led. The station gives its controller the orders that are
-//! left with the next telegrams, so that a motion begins with a cycle.
+//! "Armed" is a robot that stands where the motion begins, ready to be led. The station gives its controller the
+//! remaining orders with the next telegrams, so that a motion begins with a cycle.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -45,9 +46,9 @@ use crate::trajectory::Encoded;
 const LINES_MAX: usize = 100_000;
 /// Longest time until a run that was ordered to begin at once shows.
 const BEGIN_MAX: Duration = Duration::from_secs(1);
-/// Time between two looks at work that goes on beside the exchange.
+/// Time between two checks of work that runs beside the exchange.
 const MEANWHILE: Duration = Duration::from_millis(2);
-/// Longest wait for an arm that was told to stop.
+/// Longest wait for an arm that was ordered to stop.
 const STOPPING: Duration = Duration::from_secs(3);
 
 /// Where the robot is.
@@ -58,7 +59,7 @@ pub enum Place {
     Outside(Box<Live<Port>>),
 }
 
-/// What only a robot that is led has.
+/// Data that only a robot that is led has.
 #[derive(Clone, Debug, Default)]
 pub struct Led {
     /// When the last motion began.
@@ -90,14 +91,14 @@ pub struct LedRobot<'a> {
     reported: (Instant, GroupState),
     started_at: Option<Instant>,
     kept: Option<Kept>,
-    /// Why the controller did not take end states, since the last look.
+    /// Why the controller refused end states, since the last check.
     refused: Vec<Refusal>,
     led: Led,
 }
 
 impl<'a> LedRobot<'a> {
-    /// Leads the robot that `described` describes with a station for it that has no motions yet. `log` gets what goes in and out; `stop`,
-    /// once it is set, ends what is under way.
+    /// Leads the robot that `described` describes with a station for it that has no motions yet. `log` gets the
+    /// input and the output; `stop`, once it is set, ends the work in progress.
     pub fn new(
         described: KrcScenario,
         station: Station,
@@ -125,7 +126,7 @@ impl<'a> LedRobot<'a> {
         &self.station
     }
 
-    /// What went in and out, as much as is kept.
+    /// Input and output, as far as they are kept.
     #[must_use]
     pub fn lines(&self) -> &[Line] {
         &self.lines
@@ -175,7 +176,7 @@ impl<'a> LedRobot<'a> {
         }
     }
 
-    /// Somebody else, the robot or its controller has ended it.
+    /// The exchange was ended by another party, the robot or its controller.
     fn require_led(&self) -> Result<(), OperatorError> {
         self.station.failure(self.by_itself()).map_or(Ok(()), Err)
     }
@@ -237,7 +238,7 @@ impl Operator for LedRobot<'_> {
                 return Ok(());
             }
             self.step(until)?;
-            // The time of a robot that has gone does not pass; one that comes is answered.
+            // Time stands while no robot is connected; a robot that connects is answered.
             if matches!(&self.place, Some(Place::Outside(live)) if live.is_silent()) {
                 return Ok(());
             }
@@ -249,7 +250,7 @@ impl Operator for LedRobot<'_> {
         self.reported.1
     }
 
-    /// The robot is waited for until its program runs, and ten seconds more until it is ready: `limit` means nothing here.
+    /// Waits without limit until the robot's program runs, and ten seconds more until it is ready: `limit` is not used.
     fn wait_for(&mut self, _: Duration, wanted: &dyn Fn(State) -> bool) -> Result<(), OperatorError> {
         self.wait(None, &mut |this| this.station.measured_rad().is_some() && wanted(this.station.state()))
     }
@@ -355,7 +356,7 @@ impl Operator for LedRobot<'_> {
         Ok(())
     }
 
-    /// The lines of the whole exchange are kept anyway: what comes before a motion says where its set points begin.
+    /// The lines of the whole exchange are kept anyway: those before a motion show where its set points begin.
     fn keep_samples(&mut self) {
         self.kept = Some(Kept::new(self.station.controller()));
     }
@@ -390,7 +391,7 @@ impl Operator for LedRobot<'_> {
                 self.led.seen = Some(robot.into_seen());
             }
             Place::Outside(mut live) => {
-                // A socket that fails now has nothing to say about what was done.
+                // A failure of the socket now does not change what was done before.
                 let _ = live.leave(&mut self.station, &mut |lines| kept.extend(lines));
                 self.reported.0 = live.now();
                 self.led.exchange = Some(live.exchange().clone());

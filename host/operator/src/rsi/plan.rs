@@ -17,8 +17,8 @@ const NEAR_RAD: f64 = 2e-6;
 const NEAR_RAD_S: f64 = 2e-4;
 /// Longest stretch without a knot, steps.
 const STRETCH: usize = 16;
-/// Largest distance of an axis from its path while the robot takes every answer, rad. The group takes the known lag and the
-/// measured delay of the path out of the positions, so what is left is the distance of an axis from its path: 0.0004 rad with
+/// Largest distance of an axis from its path while the robot accepts every answer, rad. The group removes the known lag and the
+/// measured delay of the path from the positions, so only the distance of an axis from its path remains: 0.0004 rad with
 /// the simulated robot.
 const OFF_PATH_RAD: f64 = 0.06;
 /// Cycles in a row that a robot may hold its set points before the run ends by their number (`reply_missed_max`, and the late
@@ -26,8 +26,8 @@ const OFF_PATH_RAD: f64 = 0.06;
 const CYCLES_TOLERATED: u32 = 2;
 /// Largest acceleration of an axis, rad/s²: twice what a set point may have, so that no plan reaches it.
 const A_MAX_RAD_S2: f32 = 70.0;
-/// Share of it that a stop along the path uses. The commands lead by the lag, which makes three times as much of its first step: 21
-/// rad/s² within a cycle of 12 ms are 100 000 deg/s³. A KR C2 stops by itself at 150 000.
+/// Share of it that a stop along the path uses. The commands lead by the lag, which makes its first step three
+/// times as large: 21 rad/s² within a cycle of 12 ms are 100 000 deg/s³. A KR C2 stops by itself at 150 000.
 const STOP_SHARE: f32 = 0.1;
 /// Time by which the gripper is ordered before the telegram whose answer carries the order, us.
 const BEFORE_TELEGRAM_US: i64 = 2_000;
@@ -50,8 +50,8 @@ fn largest(name: &str) -> f32 {
 
 /// Settings of the controller for an arm whose own controller closes its loops.
 ///
-/// Ranges and speeds are those of the robot file. Accelerations are bounded by the controller of the robot, so only what no
-/// plan reaches is set here.
+/// Ranges and speeds are those of the robot file. The controller of the robot limits accelerations, so the limit
+/// here is one that no plan reaches.
 #[must_use]
 pub fn settings_of(arm: &Arm, fingerprint: &str, timing: &Timing, release_s: f64) -> Settings {
     let mut settings = Settings::powercube6();
@@ -82,10 +82,10 @@ pub fn settings_of(arm: &Arm, fingerprint: &str, timing: &Timing, release_s: f64
 
 /// Distance of an axis from its reference at which a run ends, rad.
 ///
-/// A cycle whose answer comes late is told by the count of late answers, not as an axis off its path: the bound is beyond the way
-/// that the axis makes in the cycles tolerated, at its largest speed. In one cycle of 12 ms that is 0.13 rad for A6 of a KR 16 and
-/// 0.03 rad for A1, so the axes have bounds of their own. An axis that does not follow its set points ends the run by the
-/// model of the drives, whatever this bound is.
+/// A late answer is reported by the count of late answers, not as an axis off its path: the bound is larger than
+/// the way of the axis in the tolerated cycles, at its largest speed. In one cycle of 12 ms that is 0.13 rad for A6
+/// of a KR 16 and 0.03 rad for A1, so the axes have bounds of their own. An axis that does not follow its set
+/// points ends the run by the model of the drives, for any value of this bound.
 fn error_max_rad(v_max_rad_s: f64, timing: &Timing) -> f32 {
     let held_s = f64::from(CYCLES_TOLERATED * timing.period_us) * 1e-6;
     let bound = (OFF_PATH_RAD + v_max_rad_s * held_s) as f32;

@@ -66,7 +66,7 @@ pub enum NoStation {
         "the description says space = \"{space}\": the robot corrects the pose of its tool, and offsets of axes in degrees are sent"
     )]
     NotAxes {
-        /// What the description says.
+        /// Value in the description.
         space: &'static str,
     },
     /// The motion leads an axis out of its range, or bodies together.
@@ -109,7 +109,7 @@ pub struct Lag {
 }
 
 impl Lag {
-    /// The lag that a description tells. A mean over set points delays them by half its length.
+    /// The lag in a description. A mean over set points delays them by half its length.
     #[must_use]
     pub fn of(scenario: &KrcScenario) -> Self {
         let (lag, cycle) = (&scenario.options.lag, scenario.options.cycle);
@@ -120,8 +120,8 @@ impl Lag {
         }
     }
 
-    /// The lag as a plan allows for it: its commands lead by the first-order part that it was made for, and all the rest is
-    /// a shift in time.
+    /// The lag in the form that a plan can use: its commands lead by the first-order part that it was made for, and
+    /// the rest is a shift in time.
     #[must_use]
     pub fn for_plan(&self, plan: &FollowPlan) -> Self {
         let time_constant = Duration::from_secs_f64(plan.lag_s);
@@ -130,8 +130,8 @@ impl Lag {
     }
 }
 
-/// How the robot goes to the start of a plan, with `share` of the speeds and accelerations of the robot file: inside the ranges of
-/// the axes and of what the robot's program passes.
+/// How the robot moves to the start of a plan, with `share` of the speeds and accelerations of the robot file:
+/// inside the ranges of the axes and of the corrections that the robot's program accepts.
 #[must_use]
 pub fn travel(scenario: &KrcScenario, arm: &Arm, share: f64, seed: u64) -> Travel {
     let (passed, inside) = (command_range(scenario), Axes::repeat(AXES, CORNER_INSIDE_RAD));
@@ -145,8 +145,8 @@ pub fn start_of(scenario: &KrcScenario) -> Axes {
     Axes::from(scenario.options.start_deg.map(f64::to_radians))
 }
 
-/// Lets the program of a scenario begin at the start of a plan, as its first motion command does, with corrections up to the
-/// ranges of the axes; landings are told at the height of the target.
+/// Makes the program of a scenario begin at the start of a plan, as its first motion command does, with corrections
+/// up to the ranges of the axes; landings are reported at the height of the target.
 pub fn prepare(scenario: &mut KrcScenario, arm: &Arm, plan: &FollowPlan) {
     let Some(start) = plan.steps.first() else { return };
     let options = &mut scenario.options;
@@ -191,7 +191,7 @@ pub fn station(
     station_for(scenario, arm, plan, lag, &motions)
 }
 
-/// As [`station`], with all its `motions`: none for a station that is given one after the other.
+/// As [`station`], with all its `motions`: empty for a station that gets them one after the other.
 ///
 /// # Errors
 /// [`NoStation`].
@@ -238,7 +238,7 @@ fn built(
     Ok(Station::new(wire(scenario)?, &settings, options(scenario, lag), files))
 }
 
-/// As [`leading`], for a robot whose lag is not known yet: much later axes than described end nothing.
+/// As [`leading`], for a robot whose lag is not known yet: axes much later than described do not end the run.
 ///
 /// # Errors
 /// [`NoStation`].
@@ -260,7 +260,7 @@ pub fn exploring(scenario: &KrcScenario, arm: &Arm, motions: &[Motion]) -> Resul
     Ok(Station::new(wire(scenario)?, &settings, options, files))
 }
 
-/// All axes stay in their ranges, and no bodies meet: with the empty hand, between two knots along a straight line.
+/// All axes stay in their ranges, and no bodies touch: with the empty hand, between two knots along a straight line.
 fn free_from_start(arm: &Arm, motion: &Motion) -> Result<(), NoStation> {
     let unfree = |what: &str| NoStation::Unfree { what: what.to_owned() };
     let scene = Scene::default();
@@ -359,7 +359,7 @@ fn within_corrections(scenario: &KrcScenario, plan: &FollowPlan) -> Result<(), N
     plan.steps.iter().try_for_each(|step| within_correction(scenario, &Axes::from(step.command_rad)))
 }
 
-/// The set points of a motion, which lead it by the lag, stay within what the robot's program passes.
+/// The set points of a motion, which lead it by the lag, stay within the corrections that the robot's program accepts.
 ///
 /// # Errors
 /// [`NoStation::Correction`].

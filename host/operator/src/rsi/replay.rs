@@ -28,7 +28,7 @@ pub struct Replayed {
     pub difference: Option<Difference>,
 }
 
-/// Hands everything that a recorded station got to `station`, at the same times, and compares the answers.
+/// Passes all input of a recorded station to `station`, at the same times, and compares the answers.
 pub fn replay(lines: &[Line], station: &mut Station) -> Replayed {
     let mut replayed = Replayed::default();
     let (mut waiting, mut new_connection) = (Vec::new(), false);

@@ -72,7 +72,7 @@ impl Stage {
     }
 }
 
-/// A robot that is heard for so long and is never ready is not waited for any longer.
+/// A robot that sends telegrams for this long and is never ready is given up.
 const READY_WITHIN: Duration = Duration::from_secs(10);
 
 /// New starts of a robot's program within one exchange, above which its start pose is believed to move.
@@ -107,7 +107,7 @@ pub struct Station {
     stage: Stage,
     counts: Counts,
     last_unreadable: Option<ReadError>,
-    /// When something was heard of the robot first, or the robot was ready last.
+    /// When the robot sent its first telegram, or was ready last.
     waits_since: Option<Instant>,
     /// The robot was ready to be led once.
     was_ready: bool,
@@ -123,7 +123,7 @@ impl Station {
     /// first. Without files it holds the robot where it stands.
     #[must_use]
     pub fn new(wire: Wire, settings: &Settings, options: Options, files: Vec<Encoded>) -> Self {
-        // Orders come from inside the program only: nobody has to guess tokens.
+        // Orders come only from inside the program, so tokens may be predictable.
         let seed = Seed::FORESEEABLE;
         let controller =
             Controller::with_group(RamStorage::new(), Spline::empty(), Rsi::new(options), settings, seed);
@@ -166,7 +166,7 @@ impl Station {
         }
     }
 
-    /// The controller, for what it says of itself.
+    /// The controller, for its reports.
     pub(super) const fn controller(&self) -> &Controller<RamStorage, Spline, Rsi> {
         &self.controller
     }
@@ -174,7 +174,7 @@ impl Station {
     /// A new end state for the motion that runs, as a `cubecell.TargetState` on the wire.
     ///
     /// # Errors
-    /// As the controller says; the motion before goes on.
+    /// The controller's reason; the motion before continues.
     pub(super) fn retarget(&mut self, now: Instant, message: &[u8]) -> Result<(), Refusal> {
         self.note(now, Entry::Target(message.to_vec()));
         let message = TargetState::from_bytes(message).map_err(|_| Refusal::of(Cause::BadValue))?;
@@ -198,7 +198,7 @@ impl Station {
         &self.counts
     }
 
-    /// What was heard of the robot so far, for people who wait for it.
+    /// State of the robot so far, for people who wait for it.
     #[must_use]
     pub fn heard(&self) -> String {
         let Counts { with_axes, without_axes, unreadable, .. } = self.counts;
@@ -215,13 +215,13 @@ impl Station {
         text
     }
 
-    /// The start pose of the telegrams moves as the axes do, so it is none.
+    /// The start pose in the telegrams moves as the axes do, so it is not a start pose.
     #[must_use]
     pub const fn start_pose_moves(&self) -> bool {
         self.start_moves > START_MOVES
     }
 
-    /// The robot has been heard for ten seconds and was never ready: what was heard.
+    /// The robot has sent telegrams for ten seconds and was never ready: its state.
     #[must_use]
     pub fn waits_in_vain(&self, now: Instant) -> Option<String> {
         let since =
@@ -241,7 +241,7 @@ impl Station {
         f64::from(self.controller.group().path_delay_s())
     }
 
-    /// What ended the motion, or keeps it from beginning. `by_itself`: why the robot stopped by itself, where that is known.
+    /// Why the motion ended, or cannot begin. `by_itself`: why the robot stopped by itself, if that is known.
     #[must_use]
     pub fn failure(&self, by_itself: Option<String>) -> Option<OperatorError> {
         let group = self.controller.state();
@@ -256,7 +256,7 @@ impl Station {
         Some(OperatorError::RobotStopped { cause, joint, by_itself, start_moves, was_ready })
     }
 
-    /// What the controller would report by now, if it is time for it or its state is another than `last`.
+    /// Report of the controller, if it is due or its state differs from `last`.
     pub(super) fn report(&mut self, now: Instant, last: &GroupState) -> Option<GroupState> {
         let due = self.controller.take_telemetry_due(now);
         (due || self.state() != last.state)
@@ -273,7 +273,8 @@ impl Station {
         Some(to_host(self.controller.register(registers::find(name)?)?.as_slice()))
     }
 
-    /// Freeze frame and trace of the controller, as the files that one on a bus hands out; the first is empty without a fault.
+    /// Freeze frame and trace of the controller, in the form of the files of a controller on a bus; the first is empty without
+    /// a fault.
     #[must_use]
     pub fn history(&self) -> [Vec<u8>; 2] {
         let mut files = [vec![0; HISTORY_BYTES], vec![0; HISTORY_BYTES]];
@@ -302,13 +303,13 @@ impl Station {
         self.log.push(Line { at, entry });
     }
 
-    /// Lets the robot's program end: answers say `Stop` from now on, where the configuration has such a value.
+    /// Ends the robot's program: answers say `Stop` from now on, if the configuration has such a value.
     pub fn leave(&mut self, now: Instant) {
         self.note(now, Entry::Leave);
         self.leaving = true;
     }
 
-    /// Does not run the last trajectory before [`Station::proceed_from_hold`]: for a last look at what it is for.
+    /// Does not run the last trajectory before [`Station::proceed_from_hold`], so that its target can be checked once more.
     pub fn hold(&mut self, now: Instant) {
         self.note(now, Entry::Hold);
         self.holds = true;
@@ -332,13 +333,13 @@ impl Station {
     /// Opens or closes the gripper while the arm stands.
     ///
     /// # Errors
-    /// As the controller says.
+    /// The controller's reason.
     pub fn set_gripper(&mut self, now: Instant, open: bool) -> Result<(), Refusal> {
         self.note(now, Entry::Gripper(open));
         self.controller.order(now, SELF, Order::Gripper { open }).map(|_| ())
     }
 
-    /// Stops the arm along its path; what has not begun is not begun any more.
+    /// Stops the arm along its path; motions that have not begun are cancelled.
     pub fn stop(&mut self, now: Instant) {
         self.note(now, Entry::Stop);
         if !matches!(self.stage, Stage::Running { .. }) {
@@ -357,7 +358,7 @@ impl Station {
         self.controller.poll_deadline()
     }
 
-    /// A deadline has come. Nothing is sent: the robot speaks first.
+    /// A deadline has come. Nothing is sent: the robot sends first.
     pub fn handle_timeout(&mut self, now: Instant) {
         self.note(now, Entry::Timeout);
         self.controller.host_heartbeat(now, SELF);
@@ -418,8 +419,9 @@ impl Station {
             .map(|(away, axis)| (axis, f64::from(away).to_degrees()));
     }
 
-    /// The axes go elsewhere than their set points lead. Then other set points need not end it (a program that adds corrections moves
-    /// on while one is held), and the robot is told to leave the sensor motion: it brakes by itself.
+    /// The axes move away from their set points. Other set points may not stop them: a program that adds
+    /// corrections moves on while one is held. The robot is ordered to leave the sensor motion: it brakes by
+    /// itself.
     fn is_disobeyed(&self) -> bool {
         matches!(self.stage, Stage::Stopped { fault } if fault.cause == Cause::RobotLags)
     }
@@ -468,7 +470,7 @@ impl Station {
         self.stage = next.unwrap_or_else(|refusal| Stage::NotThrown { refusal });
     }
 
-    /// What the state of the controller says about the throw.
+    /// State of the throw from the state of the controller.
     fn watch(&mut self) {
         let kind = self.state();
         self.was_ready |= kind == StateKind::Ready;

@@ -8,7 +8,7 @@ use rsi_protocol::{
     Telegram as Document, Value, ValueType, WriteError,
 };
 
-/// Decimals of corrections: 6 are the usual most, and a millionth of a degree is below every resolution of the robot.
+/// Decimals of corrections: usually at most 6, and a millionth of a degree is below every resolution of the robot.
 const DECIMALS: u8 = 6;
 
 /// The configuration file does not describe a link that can lead a robot.
@@ -60,7 +60,7 @@ pub struct Names<'a> {
     pub outputs: &'a str,
     /// Bit of it that opens the gripper.
     pub output_bit: u8,
-    /// Ends the robot's program. A configuration without it is served; then the program is ended at the robot.
+    /// Ends the robot's program. A configuration without it is accepted; then the program must be ended at the robot.
     pub stop: &'a str,
 }
 
@@ -75,7 +75,7 @@ pub struct Wire {
 }
 
 impl Wire {
-    /// For a configuration; `names` are those of its scalars that mean something here.
+    /// For a configuration; `names` are the names of its scalars that are used here.
     ///
     /// # Errors
     /// [`ConfigUnfit`].
@@ -102,7 +102,7 @@ impl Wire {
     /// Reads a telegram; `new_connection`: it came from another socket than the one before.
     ///
     /// # Errors
-    /// It is no telegram of a robot, or a value is no number.
+    /// It is not a telegram of a robot, or a value is not a number.
     pub fn read(&self, bytes: &[u8], new_connection: bool) -> Result<(Telegram, Ipoc), ReadError> {
         let document = Document::parse(bytes, Root::Rob)?;
         let state = RobotState::read(&document)?;

@@ -17,7 +17,7 @@ pub struct Drives {
 }
 
 impl Drives {
-    /// Those of the robot file, mounted so that each drive reads its joint's angle; `None` if the file has none.
+    /// Drives of the robot file, mounted so that each reads its joint's angle; `None` if the file has no drives.
     #[must_use]
     pub fn of(arm: &Arm) -> Option<Self> {
         let address = arm.addresses()?;

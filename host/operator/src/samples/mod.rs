@@ -1,4 +1,4 @@
-//! What was measured and told during a run, in terms of joints, whatever the link: the only thing that an analysis reads.
+//! Measurements and reports of a run, in terms of joints, for every link: the only input of an analysis.
 //!
 //! [`of_log`] makes them from the frames of a CAN bus, live or recorded; each frame is decoded once. `of_controller` reads them from a
 //! controller in this program.
@@ -26,7 +26,7 @@ pub struct At {
     pub value: f64,
 }
 
-/// A ramp that a drive was told to make.
+/// A ramp that a drive was ordered to make.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RampOrder {
     /// When the order was given.
@@ -50,14 +50,14 @@ pub struct JointSamples {
     pub temperatures: Vec<At>,
     /// Orders to the drive.
     pub orders: Vec<RampOrder>,
-    /// What the controller told about the joint.
+    /// Reports of the controller about the joint.
     pub told: Vec<(Instant, JointSample)>,
 }
 
-/// A state of the group, as the controller told it.
+/// A state of the group, as the controller reported it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GroupTold {
-    /// When it was heard whole.
+    /// When it was received completely.
     pub at: Instant,
     /// The controller had made the message by then.
     pub made_by: Instant,
@@ -80,14 +80,14 @@ pub struct JointFreeze {
 /// The group at the moment of a fault.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Freeze {
-    /// When the controller told of it.
+    /// When the controller reported it.
     pub at: Instant,
-    /// What it told.
+    /// Reported state.
     pub group: GroupState,
     pub before: State,
     /// The joints, base first.
     pub joints: Vec<JointFreeze>,
-    /// The last frames before it, oldest first; empty where the link is no bus.
+    /// The last frames before it, oldest first; empty if the link is not a bus.
     pub frames: Vec<(Instant, String)>,
 }
 
@@ -133,7 +133,7 @@ pub struct Cycle {
     pub actual_deg: [f64; 6],
     /// Output value in force.
     pub outputs: f64,
-    /// What the finger sensor says; `None`: the configuration has none.
+    /// State of the finger sensor; `None`: the configuration has no sensor.
     pub fingers_open: Option<bool>,
     /// Late answers as the robot counts them.
     pub late: u64,
@@ -161,7 +161,7 @@ pub struct Samples {
 }
 
 impl Samples {
-    /// True if nothing was heard at all.
+    /// True if no data were received at all.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         let silent = |joint: &JointSamples| joint.positions.is_empty() && joint.told.is_empty();

@@ -28,7 +28,7 @@ impl Kept {
         Self { samples, watch: Watch::default(), traced: controller.trace().total() }
     }
 
-    /// Measurements and orders to the gripper since the last look; with `told` also what the controller tells of its joints.
+    /// Measurements and orders to the gripper since the last call; with `told` also the controller's reports of its joints.
     pub(crate) fn collect<G: DriveGroup>(
         &mut self,
         now: Instant,
@@ -59,7 +59,7 @@ impl Kept {
         self.traced = controller.trace().total();
     }
 
-    /// What the controller tells of the group.
+    /// Report of the controller about the group.
     pub(crate) fn hear<G: DriveGroup>(
         &mut self,
         now: Instant,

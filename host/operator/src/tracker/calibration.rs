@@ -1,7 +1,7 @@
-//! Where the room of the tracker is, seen from the robot: a rigid transform from four or more points that both know.
+//! Place of the tracker's room relative to the robot: a rigid transform from four or more points that both know.
 //!
-//! Three points fix a transform and check nothing: one that is wrong across their plane, or a mirrored room, fits as well. So each
-//! point must be foretold by the others.
+//! Three points determine a transform and check nothing: a point that is wrong across their plane, or a mirrored
+//! room, fits as well. So the other points must predict each point.
 //!
 //! Least squares over rotation and translation (Kabsch, "A solution for the best rotation to relate two sets of vectors", 1976).
 
@@ -160,7 +160,7 @@ pub fn solve(pairs: &[Pair]) -> Result<Solved, Unsolved> {
     if residual_rms_m > RESIDUAL_MAX_M && mirrored_rms_m < 0.5 * residual_rms_m {
         return Err(Unsolved::Mirrored { rms_mm: 1e3 * mirrored_rms_m });
     }
-    // The others are never nearer to a line than all are to a plane: that through the line and the point left out.
+    // The others are never nearer to a line than all points to a plane: the plane through the line and the point left out.
     let foretold_m = (0..pairs.len()).map(|k| {
         let others = Fit::of(&[&pairs[..k], &pairs[k + 1..]].concat());
         residuals(&pairs[k..=k], &others.transform(1.0)).1
@@ -185,7 +185,7 @@ struct Fit {
     room_mean: Vector3<f64>,
     u: Matrix3<f64>,
     v_t: Matrix3<f64>,
-    /// How far the room's points lie from a plane, from a line, and from one place, m.
+    /// How far the room's points are from a plane, from a line, and from one place, m.
     spreads_m: [f64; 3],
     /// Lengths of the robot's points over those of the room's.
     scale: f64,
@@ -238,7 +238,7 @@ impl Calibration {
     /// Reads a file.
     ///
     /// # Errors
-    /// It cannot be read, or says something else.
+    /// It cannot be read, or its content is something else.
     pub fn load(path: &Path) -> Result<Self, FileError> {
         let file = path.display().to_string();
         let text = read_text(path, DESCRIPTION_MAX_BYTES)
@@ -246,10 +246,10 @@ impl Calibration {
         Self::from_toml(&file, &text)
     }
 
-    /// Reads a text; `file` is what errors call it. Results in the file are for people: they are computed again.
+    /// Reads a text; `file` is its name in errors. Results in the file are for people: they are computed again.
     ///
     /// # Errors
-    /// The text says something else.
+    /// The content is something else.
     pub fn from_toml(file: &str, text: &str) -> Result<Self, FileError> {
         let source = Source { file, text };
         let document = source.parse()?;
@@ -391,7 +391,7 @@ mod tests {
         assert!(matches!(solve(&on_a_line), Err(Unsolved::OnALine { .. })));
         let in_a_plane = at(&[[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.02], [1.0, 1.0, 1.0]]);
         assert!(matches!(solve(&in_a_plane), Err(Unsolved::InAPlane { .. })));
-        // Three lie near a line: the fourth alone would fix the rotation about it.
+        // Three are near a line: the fourth alone would determine the rotation about it.
         let alone = at(&[[0.0, 0.0, 1.0], [0.5, 0.06, 1.0], [1.0, 0.0, 1.0], [0.5, 0.8, 1.9]]);
         assert!(matches!(solve(&alone), Err(Unsolved::InAPlane { .. })), "{:?}", solve(&alone));
     }

@@ -96,7 +96,7 @@ pub enum TrackerError {
     #[error("{place}: {error}")]
     Socket {
         place: String,
-        /// What the system says.
+        /// Error of the system.
         error: io::Error,
         /// What to do.
         next: &'static str,
@@ -104,7 +104,7 @@ pub enum TrackerError {
     /// Nothing comes.
     #[error("{place}: no frame within {} s", FRAME_LIMIT.as_secs_f64())]
     Silent { place: String },
-    /// A datagram or stream is none.
+    /// A datagram or stream is not valid.
     #[error("{place}: {what}")]
     Unreadable {
         place: String,
@@ -115,12 +115,12 @@ pub enum TrackerError {
     #[error("{place}: the tracker answers \"{answer}\" to \"{command}\"")]
     Refused {
         place: String,
-        /// What was asked.
+        /// Request.
         command: String,
-        /// What it said.
+        /// Answer of the tracker.
         answer: String,
     },
-    /// Frames come, and the target is none.
+    /// Frames come, but the target cannot be used.
     #[error(transparent)]
     NoTarget(#[from] NoTarget),
     /// The caller ended it.
@@ -244,7 +244,7 @@ fn vrpn(
     wish: &TargetRequest,
     goes_on: &dyn Fn() -> bool,
 ) -> Result<Target, TrackerError> {
-    let next = "check the address of the VRPN server; its port is 3883 unless it was told otherwise";
+    let next = "check the address of the VRPN server; its port is 3883 unless it was set otherwise";
     let mut stream = socket_error(place, next, connect(server))?;
     socket_error(place, next, stream.set_read_timeout(Some(LOOK)))?;
     socket_error(place, next, stream.write_all(&VrpnClient::greeting()))?;

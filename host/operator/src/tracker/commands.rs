@@ -10,15 +10,15 @@ pub enum CommandError {
     /// The stream failed, or an answer did not come in time.
     #[error(transparent)]
     Stream(#[from] io::Error),
-    /// An answer is none.
+    /// An answer is not valid.
     #[error("\"{0}\" is not an answer to a command")]
     Unreadable(String),
     /// The tracker refuses.
     #[error("the tracker answers \"{answer}\" to \"{command}\"")]
     Refused {
-        /// What was asked.
+        /// Request.
         command: String,
-        /// What it said.
+        /// Answer of the tracker.
         answer: String,
     },
 }
@@ -33,10 +33,10 @@ pub struct Tracking<S> {
 }
 
 impl<S: Read + Write> Tracking<S> {
-    /// Lets the tracker measure, and send channel 1 to port `data_port` of this machine.
+    /// Orders the tracker to measure, and to send channel 1 to port `data_port` of this machine.
     ///
     /// # Errors
-    /// [`CommandError`], so when another program has the tracker.
+    /// [`CommandError`], for example when another program uses the tracker.
     pub fn start(stream: S, data_port: u16) -> Result<Self, CommandError> {
         let mut this = Self { stream, messages: Messages::default(), waiting: Vec::new(), started: false };
         let access = Command::GetAccess.to_string();

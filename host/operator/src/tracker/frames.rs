@@ -8,13 +8,13 @@ use super::target::{Estimator, Frame, NoTarget, Target, TargetRequest};
 
 /// Longest wait for the first and for the next frame.
 pub const FRAME_LIMIT: Duration = Duration::from_secs(3);
-/// A frame counter that falls by more than this says that the tracker was started again.
+/// A fall of the frame counter by more than this means that the tracker was started again.
 const RESTART_AFTER: u64 = 1_000;
 /// Older frames in a row whose numbers rise: a tracker that was started again soon after its first start.
 const RISING_OLD: u32 = 10;
 /// A tracker that is started again more often than this in one measurement is not waited for.
 const RESTARTS_MAX: u32 = 3;
-/// Unreadable datagrams in a row after which something else is believed to send there. One is a torn frame.
+/// Unreadable datagrams in a row after which another sender is assumed. One alone is a torn frame.
 const UNREADABLE_MAX: u32 = 10;
 
 const NO_TIME: &str = "frames have no time; switch `ts` on in the output settings";
@@ -25,10 +25,10 @@ pub enum FrameError {
     /// Nothing comes.
     #[error("no frame within {} s", FRAME_LIMIT.as_secs_f64())]
     Silent,
-    /// It is no frame.
+    /// It is not a frame.
     #[error("{0}")]
     Unreadable(String),
-    /// Frames come, and the target is none.
+    /// Frames come, but the target cannot be used.
     #[error(transparent)]
     NoTarget(#[from] NoTarget),
 }
@@ -74,7 +74,7 @@ impl DTrackFrames {
     /// Takes the next datagram; the target once there are enough.
     ///
     /// # Errors
-    /// Nothing can come of it.
+    /// No target is possible.
     pub fn push(&mut self, now: Instant, datagram: &[u8]) -> Result<Option<Target>, FrameError> {
         let frame = match DataFrame::parse(datagram) {
             Ok(frame) => frame,
@@ -93,7 +93,7 @@ impl DTrackFrames {
         }
         (self.unreadable, self.ends_lines, self.sends_ts2) = (0, ended, frame.ts2.is_some());
         match self.gate.judge(frame.frame) {
-            // No sign of life: a tracker that hangs may send its last frame for ever.
+            // Not a sign of life: a tracker that hangs may repeat its last frame without end.
             Verdict::Old => {
                 let rising = match self.old {
                     Some((before, rising)) if frame.frame > before => rising + 1,
@@ -131,7 +131,7 @@ impl DTrackFrames {
         Ok(None)
     }
 
-    /// The tracker was started again: what it said before does not count.
+    /// The tracker was started again: its earlier data do not count.
     fn restart(&mut self) -> Result<(), FrameError> {
         self.restarts += 1;
         if self.restarts > RESTARTS_MAX {
@@ -143,7 +143,7 @@ impl DTrackFrames {
         Ok(())
     }
 
-    /// Whether it is worth to wait longer.
+    /// Whether it makes sense to wait longer.
     ///
     /// # Errors
     /// No new frame has come for too long.
@@ -184,7 +184,7 @@ impl VrpnFrames {
     /// Takes the next piece of the stream; the target once there are enough poses.
     ///
     /// # Errors
-    /// Nothing can come of it.
+    /// No target is possible.
     pub fn push(&mut self, now: Instant, piece: &[u8]) -> Result<Option<Target>, FrameError> {
         let items = self.client.push(piece).map_err(|error| FrameError::Unreadable(error.to_string()))?;
         let body = self.wish.body;
@@ -192,7 +192,7 @@ impl VrpnFrames {
             let pose = match item {
                 VrpnItem::Pose(pose) if pose.body == body => pose,
                 VrpnItem::NotAPose { sensor } if u32::try_from(sensor) == Ok(body) => {
-                    let what = "its pose has NaN or a rotation that is none".to_owned();
+                    let what = "its pose has NaN or no valid rotation".to_owned();
                     return Err(NoTarget::NotAPose { body, what }.into());
                 }
                 _ => continue,
@@ -207,7 +207,7 @@ impl VrpnFrames {
         Ok(None)
     }
 
-    /// Whether it is worth to wait longer. A lost body just stops reporting.
+    /// Whether it makes sense to wait longer. For a lost body the server simply sends no more reports.
     ///
     /// # Errors
     /// The body has not reported for too long.

@@ -1,4 +1,4 @@
-//! Targets from an optical tracker: where a body is, how sure that is, and where the room is seen from the robot.
+//! Targets from an optical tracker: position of a body, its uncertainty, and the place of the room relative to the robot.
 //!
 //! ```text
 //! client        sockets: DTrack data and commands, VRPN
@@ -6,7 +6,7 @@
 //!    v      v
 //! frames   commands       datagrams and pieces of a stream to frames; start and stop of a measurement
 //!    v
-//! target   calibration    mean over frames with its scatter, or why there is none; room to robot from points
+//! target   calibration    mean over frames with its scatter, or the reason without one; room to robot from points
 //! ```
 //!
 //! Only [`client`] does IO; the others take bytes, times and points as arguments.

@@ -1,4 +1,4 @@
-//! A point on a tracked body as a target: mean over some frames with its scatter, or the reason why there is none.
+//! A point on a tracked body as a target: mean over some frames with its scatter, or the reason why there is no target.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use protocol::{Duration, Instant};
@@ -7,7 +7,7 @@ use tracker_protocol::TrackedPose;
 /// Longest time in which all frames come late.
 const LATE_MAX: Duration = Duration::from_secs(1);
 
-/// What is asked of the tracker.
+/// Request to the tracker.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TargetRequest {
     /// Number of the body.
@@ -22,7 +22,8 @@ pub struct TargetRequest {
     pub jump_max_m: f64,
     /// Frames in a row without the body after which it is lost.
     pub missing_max: usize,
-    /// Oldest frame that counts as present, by what the tracker says and by the time that it took longer than the fastest one.
+    /// Oldest frame that counts as present, by the age that the tracker reports and by its delay compared with the fastest
+    /// frame.
     pub age_max: Duration,
 }
 
@@ -65,7 +66,7 @@ pub enum NoTarget {
     /// Frames come, the body was never in them.
     #[error("body {body} was not seen in {frames} frames")]
     NotSeen { body: u32, frames: usize },
-    /// It was seen and is gone.
+    /// It was seen and then lost.
     #[error("body {body} was lost after {seen} frames: it is missing in {missing} frames in a row")]
     Lost {
         body: u32,
@@ -87,7 +88,7 @@ pub enum NoTarget {
     /// It does not stand.
     #[error("body {body} moves: {what}")]
     Moves { body: u32, what: String },
-    /// Its pose is no pose.
+    /// Its pose is not valid.
     #[error("body {body}: {what}")]
     NotAPose { body: u32, what: String },
 }
@@ -132,7 +133,7 @@ pub struct Estimator {
     missing_in_row: usize,
     missing: usize,
     last_stamp: Option<Instant>,
-    /// Least difference so far between the clocks of this machine and of the tracker, us: that of the frame that came fastest.
+    /// Least difference so far between the clocks of this machine and of the tracker, us: from the frame with the least delay.
     fastest_us: Option<i64>,
     /// When the last frame came that was young enough.
     fresh_at: Option<Instant>,
@@ -168,7 +169,7 @@ impl Estimator {
     /// Takes the next frame; the target once there are enough.
     ///
     /// # Errors
-    /// [`NoTarget`]: nothing more can come of it.
+    /// [`NoTarget`]: a target is no longer possible.
     pub fn push(&mut self, frame: &Frame) -> Result<Option<Target>, NoTarget> {
         let body = self.wish.body;
         self.frames += 1;
@@ -206,7 +207,7 @@ impl Estimator {
         // Written so that NaN is refused.
         let finite = point.iter().all(|x| x.is_finite());
         if !finite {
-            return Err(NoTarget::NotAPose { body, what: "a number of its pose is none".to_owned() });
+            return Err(NoTarget::NotAPose { body, what: "a value of its pose is not a number".to_owned() });
         }
         if let Some((_, before)) = self.points.last() {
             let by_m = (point - before).norm();
@@ -332,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn some_missing_frames_are_told_and_many_in_a_row_are_a_lost_body() {
+    fn some_missing_frames_are_reported_and_many_in_a_row_are_a_lost_body() {
         let gap = |from: u64, length: u64| {
             move |k: u64| {
                 if (from..from + length).contains(&k) { Frame { pose: None, ..still(k) } } else { still(k) }

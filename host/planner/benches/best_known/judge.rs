@@ -8,10 +8,10 @@ use robot_model::RobotModel;
 
 use super::rows::Row;
 
-/// The price of the row's throw, computed from it, if it keeps every limit of a rung by the verifier.
+/// The price of the row's throw, computed from it, if it keeps every limit of a relaxation level (`rung`) by the verifier.
 ///
 /// # Errors
-/// What the throw lacks.
+/// Why the throw is not valid.
 pub(crate) fn judge(arm: &RobotModel, row: &Row, rung: usize) -> Result<f64, String> {
     let throw = row.throw(arm.n()).ok_or("the throw is missing or has another number of joints")?;
     let (_, options) = rungs(&Options::best(), Kept::default())

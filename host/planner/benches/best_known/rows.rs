@@ -1,8 +1,8 @@
 //! Rows of a file of best known throws: `index,x_m,y_m,z_m,rung,objective,starts,solved,at_best,throw`.
 //!
-//! `rung` is the place in the ladder of options: 0 with the limits of the landing's shift, 1 nulled, 2 neither; it is empty
-//! where no throw is known. `throw` has the time of flight and the two phases in s, then angles, speeds and accelerations of
-//! the joints at the release in rad and s, with `;` between; it may be missing.
+//! `rung` is the relaxation level: 0 with the limits of the landing's shift, 1 nulled, 2 without both; it is empty
+//! if no throw is known. `throw` has the time of flight and the two phases in s, then angles, speeds and
+//! accelerations of the joints at the release in rad and s, with `;` between; it may be missing.
 
 use nalgebra::Vector3;
 use planner::throw::Throw;
@@ -12,9 +12,9 @@ use robot_model::JointVec;
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Row {
     pub(crate) target: Vector3<f64>,
-    /// Place in the ladder of options, and the price there; `None` if no throw is known.
+    /// Relaxation level, and the price there; `None` if no throw is known.
     pub(crate) known: Option<(usize, f64)>,
-    /// Numbers of the throw as in the file; none if it is missing.
+    /// Numbers of the throw as in the file; empty if it is missing.
     pub(crate) throw: Vec<f64>,
 }
 

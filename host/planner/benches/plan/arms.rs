@@ -1,5 +1,5 @@
-//! Arms without a closed form, and arms with other than six joints: how often the default search finds a throw where
-//! many random starts find one.
+//! Arms without a closed form, and arms without six joints: how often the default search finds a throw if many
+//! random starts find one.
 
 use nalgebra::Vector3;
 use planner::plan::problem::{Options, Problem};

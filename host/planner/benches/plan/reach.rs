@@ -1,4 +1,4 @@
-//! Reach: farthest floor targets, and what a free spin of the hand is worth.
+//! Reach: farthest floor targets, and the gain by a free spin of the hand.
 
 use nalgebra::Vector3;
 use planner::plan::problem::{Options, Problem};

@@ -154,7 +154,7 @@ pub(crate) fn reference(arm: &Arm, index: &Index, set: &Set, n: usize, starts: u
     }
 }
 
-/// Seeded reachable targets from the table, against the reference; a random start where the table has none.
+/// Seeded reachable targets from the table, compared with the reference; a random start if the table has no throw.
 pub(crate) fn targets(arm: &Arm, index: &Index, set: &Set, n: usize) {
     let references = references(set);
     let n = n.min(references.len());
@@ -212,7 +212,7 @@ pub(crate) fn targets(arm: &Arm, index: &Index, set: &Set, n: usize) {
     }
 }
 
-/// Our form from the table, against a search of stored and 16 random starts, which decides what is in reach.
+/// The best form from the table, compared with a search of stored and 16 random starts, which decides what is in reach.
 pub(crate) fn best_form(arm: &Arm, index: &Index, n: usize) {
     println!("\nour form, {n} of the targets in reach, from the table");
     let (mut times, mut gaps, mut missed, mut k) = (Vec::new(), Vec::new(), 0, 0);

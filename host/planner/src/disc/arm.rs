@@ -11,7 +11,7 @@ use super::{HandJacobian, Joints};
 /// θ2 + θ3 + θ4 of a level hand that points outwards.
 pub const LEVEL_SUM_RAD: f64 = -std::f64::consts::FRAC_PI_2;
 
-/// Where the arm waits for a throw, rad: folded, hand level and outwards, chosen so that most places are near.
+/// Where the arm waits for a throw, rad: folded, hand level and outwards, chosen so that most catch places are near.
 pub const READY_RAD: [f64; 4] = [0.0, 0.4, -1.6, LEVEL_SUM_RAD + 1.2];
 
 /// A four-axis arm with the zero position of paper 001, and its sizes.
@@ -53,7 +53,7 @@ impl Size {
     }
 }
 
-/// Why a robot is no arm for discs.
+/// Why a robot is not an arm for discs.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NotADiscArm {
     /// Other kinematics.

@@ -1,9 +1,9 @@
 //! The flight of a disc from noisy views of its centre and normal.
 //!
 //! Gauss-Newton over all views in information form: unknown are centre, velocity and tilt at the release and the
-//! horizontal wind; a prior holds tilt and wind where the views do not tell them. Views count by their time stamp, in
-//! whatever order they arrive. The covariance is the inverse of the information at the solution, which is the
-//! Cramer-Rao bound of the linearised problem.
+//! horizontal wind; a prior determines tilt and wind if the views do not. Views count by their time stamp, in any
+//! order of arrival. The covariance is the inverse of the information at the solution, which is the Cramer-Rao
+//! bound of the linearised problem.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
@@ -106,7 +106,7 @@ fn residual(model: &Model, path: &Path, view: &View) -> (Vector3<f64>, Option<Ve
 }
 
 impl Estimate {
-    /// From views; `None` with fewer than three, or if their times do not tell a velocity.
+    /// From views; `None` with fewer than three, or if their times do not determine a velocity.
     #[must_use]
     pub fn new(model: &Model, views: &[View]) -> Option<Self> {
         Self::refit(model, views, None)
@@ -203,7 +203,7 @@ fn fit(model: &Model, views: &[View], mut x: Vars) -> Option<(Vars, Information)
             .collect();
         information = Information::from_diagonal(&prior);
         let mut gradient: Vars = -prior.component_mul(&x);
-        // The priors are about zero for tilt and wind only; centre and velocity have none worth the name.
+        // The priors are about zero for tilt and wind only; centre and velocity have practically no prior.
         gradient.fixed_rows_mut::<6>(0).fill(0.0);
         for view in views {
             let (center, normal) = residual(model, &path, view);

@@ -1,8 +1,8 @@
 //! Levenberg-Marquardt inverse kinematics of paper 001.
 //!
-//! Lengths are centimetres here: the paper starts with λ0 = 100 and stops at 10⁻³, and λ has the unit of the Jacobian.
-//! Eq. (11) lacks the inverse: δq = (JᵀJ + λ²I)⁻¹ Jᵀ e. λ falls by β while the error falls; where it rises, the step is
-//! taken back and λ rises by β (the usual rule; the paper only says that λ stops falling).
+//! Lengths are centimetres here: the paper starts with λ0 = 100 and stops at 10⁻³, and λ has the unit of the
+//! Jacobian. Eq. (11) lacks the inverse: δq = (JᵀJ + λ²I)⁻¹ Jᵀ e. λ falls by β while the error falls; if the error
+//! rises, the step is undone and λ rises by β (the usual rule; the paper only says that λ stops falling).
 
 use nalgebra::{Matrix2, Matrix4, SMatrix, SVector, Vector2, Vector3};
 
@@ -87,7 +87,7 @@ pub struct HandPose {
 
 /// Full form, eq. (6)-(11): all four joints to a pose of the hand.
 ///
-/// Four joints cannot reach every pose; `reached` tells.
+/// Four joints cannot reach every pose; `reached` is then false.
 #[must_use]
 pub fn full(arm: &DiscArm, wanted: &HandPose, from: &Joints, settings: &Settings) -> Ended<4> {
     let to_cm = SMatrix::<f64, 6, 6>::from_diagonal(&SVector::from([100.0, 100.0, 100.0, 1.0, 1.0, 1.0]));

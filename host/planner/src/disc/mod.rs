@@ -11,7 +11,7 @@
 //! - [`motion`]: joint motion under speed, acceleration and jerk limits.
 //! - [`intercept`]: where and when to catch under limits; declines with a reason.
 //! - [`online`]: a catch in progress: views in, motion out.
-//! - [`witness`]: judges a catch from joint angles and the disc alone.
+//! - [`witness`]: the observer; judges a catch from joint angles and the disc alone.
 //!
 //! SI units and radians. The paper prints centimetres.
 

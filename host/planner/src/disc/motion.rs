@@ -203,17 +203,17 @@ pub struct DiscMotion {
     pub waits_s: (f64, f64),
 }
 
-/// Least time between two knots of a trajectory, s: the controller's, with room for its rounding to microseconds.
+/// Least time between two knots of a trajectory, s: the controller's, with a margin for its rounding to microseconds.
 const KNOTS_APART_S: f64 = 2.1e-3;
-/// Longest time between two knots, s: a quintic piece is a chain of cubics then, off by less than 10 µrad.
+/// Longest time between two knots, s: a quintic piece is then a chain of cubics with an error below 10 µrad.
 const KNOTS_MOST_S: f64 = 1e-2;
 
 impl DiscMotion {
-    /// The motion as knots and cubics, with a gripper that opens at `open_s` and begins to close at `close_s`. It stands for `stand_s`
-    /// before: that much later is everything in it.
+    /// The motion as knots and cubics, with a gripper that opens at `open_s` and begins to close at `close_s`. It
+    /// stands for `stand_s` before: everything in it is later by this time.
     ///
-    /// A piece of constant acceleration stays what it is, but where pieces of two joints end within 2 ms of each other. There a cubic
-    /// covers the step, with up to 1.5 times the acceleration.
+    /// A piece of constant acceleration stays unchanged, unless pieces of two joints end within 2 ms of each other.
+    /// There a cubic covers the step, with up to 1.5 times the acceleration.
     #[must_use]
     pub fn as_motion(&self, stand_s: f64, open_s: f64, close_s: f64) -> Motion {
         let ends = self.tracks.iter().flat_map(|track| track.pieces.iter().map(Piece::end_s));
@@ -251,7 +251,7 @@ impl DiscMotion {
         }
     }
 
-    /// Some piece is no parabola.
+    /// True if a piece is not a parabola.
     fn is_quintic(&self) -> bool {
         self.tracks.iter().flat_map(|track| &track.pieces).any(|piece| piece.c[3..].iter().any(|c| *c != 0.0))
     }
@@ -358,7 +358,7 @@ pub fn plan(
             if needs > has || has <= 0.0 || moving {
                 return Err(Impossible::Late((needs - has).max(0.0)));
             }
-            // Without haste where there is time: half as long again, if that leaves it waiting.
+            // Not at full speed if there is time: half as long again, if it still waits then.
             let takes = (1.5 * needs).min(has);
             for (j, track) in tracks.iter_mut().enumerate() {
                 rest_to_rest(track, law, limits[j].v, wait_at[j], takes)?;

@@ -108,13 +108,13 @@ pub struct Run {
     pub steps: Vec<Step>,
     /// First step with the hold point in reach.
     pub in_reach: Option<u32>,
-    /// Step at which the rule of the paper ends: all closing steps are done. The rule does not look at the gripper;
+    /// Step at which the rule of the paper ends: all closing steps are done. The rule does not check the gripper;
     /// [`super::witness`] does.
     pub captured: Option<u32>,
 }
 
 impl Run {
-    /// The steps as the witness takes them; the disc is level.
+    /// The steps in the form for the observer; the disc is level.
     #[must_use]
     pub fn moments(&self) -> Vec<Moment> {
         let moment = |s: &Step| Moment { t_s: s.t_s, q: s.q, center_m: s.disc_m, normal: Vector3::z() };

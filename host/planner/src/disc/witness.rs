@@ -1,8 +1,8 @@
-//! Judges a catch from joint angles and disc poses, by geometry alone.
+//! The observer: judges a catch from joint angles and disc poses, by geometry alone.
 //!
-//! Knows no plan and no stage. It places the boxes and the hand by the robot model, samples the surface of the disc, and
-//! looks at where these points are: between the fingers, in a finger, in a box of the arm. Speeds and accelerations are
-//! differences of the joint angles.
+//! It knows no plan and no stage. It places the boxes and the hand by the robot model, samples the surface of the
+//! disc, and checks where these points are: between the fingers, in a finger, in a box of the arm. Speeds and
+//! accelerations are differences of the joint angles.
 
 use nalgebra::Vector3;
 use robot_model::collision::{CollisionChecker, Scene};
@@ -155,7 +155,7 @@ fn surface(radius_m: f64, half_height_m: f64) -> Vec<Vector3<f64>> {
 /// Half the height of the paper's disc, m.
 pub(crate) const HALF_HEIGHT_M: f64 = 0.005;
 
-/// Judges a motion; moments in order of time. Looks until the disc is caught, and at the joints to the end.
+/// Judges a motion; moments in order of time. Checks the disc until it is caught, and the joints to the end.
 #[must_use]
 pub fn judge(arm: &DiscArm, gripper: &Gripper, rule: &Rule, moments: &[Moment]) -> Verdict {
     let scene = Scene::default();

@@ -1,4 +1,4 @@
-//! What the ball is to meet: a point on a plane, at rest or moving.
+//! Target of the ball: a point on a plane, at rest or moving.
 
 use nalgebra::{SMatrix, Vector2, Vector3};
 
@@ -192,8 +192,8 @@ impl Aim {
         self.point_m + self.axes[0] * off.x + self.axes[1] * off.y
     }
 
-    /// How coordinates of a landing change with the ball beside its path, for the velocity `approach` against the plane:
-    /// the plane is met earlier or later.
+    /// Derivative of the coordinates of a landing by the ball's distance from its path, for the velocity `approach`
+    /// against the plane: the plane is met earlier or later.
     #[must_use]
     #[inline]
     pub(crate) fn onto_plane(&self, approach: &Vector3<f64>) -> SMatrix<f64, 2, 3> {

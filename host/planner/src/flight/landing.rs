@@ -43,7 +43,7 @@ impl FlightModel {
     /// Landing on the horizontal plane at height `z_m` for a release at `p` (m) with `v` (m/s), on the way down.
     ///
     /// `None` if the ball never comes down through the plane (it starts below and does not rise to it), or for
-    /// input that is not finite. The time is solved for to rounding.
+    /// input that is not finite. The time is exact to rounding.
     #[must_use]
     #[inline]
     pub fn land(&self, p: &Vector3<f64>, v: &Vector3<f64>, z_m: f64) -> Option<Landing> {
@@ -53,7 +53,7 @@ impl FlightModel {
     /// First passage through the plane of an aim, from the side of its normal, for a release at `p` (m) with `v` (m/s)
     /// `since_s` after the planned release.
     ///
-    /// `None` if there is none within 20 s, or for input that is not finite. The time is solved for to rounding.
+    /// `None` if there is no passage within 20 s, or for input that is not finite. The time is exact to rounding.
     #[must_use]
     pub fn meet(&self, p: &Vector3<f64>, v: &Vector3<f64>, aim: &Aim, since_s: f64) -> Option<Landing> {
         let finite = p.iter().chain(v.iter()).all(|c| c.is_finite());

@@ -8,8 +8,8 @@
 //! | [`launch`] | the velocity that carries the ball from the hand to the target in a given time, with derivatives |
 //! | [`landing`] | where and when a released ball meets a plane, with its 2 × 6 Jacobian; late release |
 //!
-//! Vacuum is a closed form. Everything else is integrated together with its variational equation, so derivatives are
-//! those of the integrated flight and the landing is solved for, never corrected afterwards.
+//! Vacuum is a closed form. Otherwise the flight is integrated together with its variational equation, so
+//! derivatives are those of the integrated flight. The landing is solved for, never corrected afterwards.
 
 pub mod aim;
 pub mod landing;

@@ -129,7 +129,7 @@ impl FlightModel {
         state
     }
 
-    /// Position and velocity after `duration_s`: those of [`FlightModel::fly`] to the bit, at a fraction of its price.
+    /// Position and velocity after `duration_s`: bit for bit those of [`FlightModel::fly`], at a fraction of the cost.
     #[must_use]
     #[inline]
     pub fn coast(&self, p: &Vector3<f64>, v: &Vector3<f64>, duration_s: f64) -> (Vector3<f64>, Vector3<f64>) {
@@ -146,8 +146,8 @@ impl FlightModel {
         (p, v)
     }
 
-    /// The step to take at a velocity with `left_s` to go (which may be negative): the forces turn or brake the ball by
-    /// a small part only.
+    /// The step at a velocity with `left_s` to go (which may be negative): forces turn or brake the ball only a
+    /// little in it.
     #[inline]
     pub(super) fn step_s(&self, v: &Vector3<f64>, left_s: f64) -> f64 {
         let speed = v.norm();
@@ -271,14 +271,14 @@ impl Stages {
     }
 }
 
-/// A duration that is no number has no steps.
+/// A duration that is not a number has no steps.
 fn finite(duration_s: f64) -> f64 {
     if duration_s.is_finite() { duration_s } else { 0.0 }
 }
 
 /// Longest integration step in s.
 const STEP_S: f64 = 0.05;
-/// Share of the time in which gravity turns the velocity, and the step that is short enough wherever it turns at once.
+/// Share of the time in which gravity turns the velocity, and the step that is short enough for every velocity.
 const TURN_SHARE: f64 = 0.2;
 const STEP_AT_APEX_S: f64 = 0.01;
 /// Share of the velocity that forces may turn or brake in one step, about.

@@ -118,14 +118,14 @@ impl<'m> Clear<'m> {
         }
     }
 
-    /// Height of the fingers above the floor, in m: they reach around the ball, also when it has left them. No box stands for
-    /// them, because the ball would touch it.
+    /// Height of the fingers above the floor, in m: they reach around the ball, also when it has left them. They
+    /// have no boxes, because the ball would touch them.
     fn fingers_m(&self, frames: &Frames) -> f64 {
         let low_m = self.arm.ball(frames).pos.z - self.arm.gripper().ball_radius_m;
         low_m - self.arm.world().floor_z_m
     }
 
-    /// Distance of the free ball at `center` from arm and hand beyond what is asked for, in m; negative is a contact.
+    /// Distance of the free ball at `center` from arm and hand beyond the required one, in m; negative is a contact.
     #[must_use]
     pub(crate) fn ball_spare_m(&mut self, frames: &Frames, center: &Vector3<f64>) -> f64 {
         self.empty.ball_clearance(frames, center).distance_m - (self.grip_m - self.margins.grip_slack_m)
@@ -133,8 +133,8 @@ impl<'m> Clear<'m> {
 
     /// The first contact of a motion; `flight` has t = 0 at the first step on the parabola and ends at `landing_s`.
     ///
-    /// Boxes are proven clear between the steps, too (joints move in straight lines from step to step). The ball is
-    /// held until the last step on the parabola and flies on from there: whoever opens the gripper earlier has the
+    /// Boxes are proven clear also between the steps (joints move in straight lines from step to step). The ball is
+    /// held until the last step on the parabola and flies on from there: a gripper that opens earlier gives the
     /// same flight.
     pub fn first_contact(
         &mut self,

@@ -124,8 +124,8 @@ impl StageCounts {
         self.0.iter().sum()
     }
 
-    /// The last test that candidates reached and did not pass, with their number: what stands between these throws and
-    /// a feasible one.
+    /// The last test that candidates reached and did not pass, with their number: the obstacle between these throws
+    /// and a feasible one.
     #[must_use]
     pub(crate) fn last_obstacle(&self) -> Option<(Stage, u64)> {
         let refusing = Stage::ALL.into_iter().filter(|s| !matches!(s, Stage::Dominated | Stage::Feasible));
@@ -165,7 +165,7 @@ pub struct Found {
 pub struct NotFound {
     /// What was searched.
     pub size: SearchSize,
-    /// The nearest target to which the same search finds a throw, as far as it looks for one: whole centimetres.
+    /// The nearest target to which the same search finds a throw, as far as it is searched: whole centimetres.
     pub nearest: Option<Vector3<f64>>,
 }
 

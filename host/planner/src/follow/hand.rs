@@ -12,7 +12,7 @@ use super::parabola::Parabola;
 /// Motion of the hand along a flight; t = 0 is where the flight has `p0` and `v0`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HandLaw {
-    /// Share of the tangent's turn that the hand takes part in: 0 constant orientation, 1 z always along the velocity.
+    /// Share of the tangent's turn that the hand follows: 0 constant orientation, 1 z always along the velocity.
     pub follow: f64,
     /// Roll about z: angle in rad, rate in rad/s, second derivative in rad/s².
     pub roll: [f64; 3],

@@ -1,4 +1,4 @@
-//! Where the ball lands if the gripper opens at another instant than planned, or if the axes lag otherwise than planned for.
+//! Where the ball lands if the gripper opens at another instant than planned, or if the lag of the axes differs from the plan.
 
 use nalgebra::{Rotation2, Vector2, Vector3};
 use robot_model::cubic::Cubic;
@@ -75,14 +75,14 @@ pub fn sensitivity(
 
 /// Instants per step at which an executed motion is sampled, and at which openings are tried.
 const SAMPLES: usize = 12;
-/// A lag is over after so many time constants.
+/// A lag counts as settled after this many time constants.
 const SETTLED: f64 = 8.0;
 /// Steps after the window at which openings are still tried: a lag carries the flight on beyond it.
 const STEPS_BEYOND: usize = 4;
 /// Openings about the planned one whose landings are taken together.
 const SPREAD: usize = 33;
 
-/// What a first-order lag of `lag_s` executes of commands that lead by `lead_s`, set points joined by straight lines.
+/// Motion that a first-order lag of `lag_s` makes of commands that lead by `lead_s`, set points joined by straight lines.
 ///
 /// Sampled [`SAMPLES`] times per step; sample `SAMPLES k` is at the time of step `k`, so the motion is late by about
 /// `lag_s - lead_s`.
@@ -123,10 +123,9 @@ pub struct Opening {
 
 /// The opening and the turn whose landings have the smallest root mean square distance from the target, if the axes lag by a first
 /// order of `lag_s` behind commands that lead by `lead_s`, and the opening varies evenly by up to `jitter_s`.
-///
-/// Axes that lag otherwise than planned for are off the parabola: most after the leap of the acceleration at the first step
-/// on it, less with every step. Late in the window the landing depends little on the instant, but is beside the target; a turn
-/// brings it back. The time of the plan is that of a robot late by `lag_s - lead_s` and nothing else.
+/// Axes whose lag differs from the plan are off the parabola: most after the leap of the acceleration at the first
+/// step on it, less with every step. Late in the window the landing depends little on the instant, but is beside
+/// the target; a turn corrects this. The time of the plan is that of a robot with a delay of `lag_s - lead_s`.
 /// `None` if no opening has landings.
 #[must_use]
 pub(crate) fn best_opening(

@@ -11,7 +11,7 @@ pub type Axes = JointVec;
 
 pub type Arm = RobotModel;
 
-/// Cut-out of the simulated KR C by acceleration, deg/s² (chosen; lower bound is what the paper's run survived).
+/// Cut-out of the simulated KR C by acceleration, deg/s² (chosen; the paper's run gives a lower bound).
 const KRC_CUT_OUT_DEG_S2: f64 = 2000.0;
 /// Cut-out of the simulated KR C by jerk, deg/s³ (chosen as above).
 pub(crate) const KRC_CUT_OUT_DEG_S3: f64 = 1.5e5;
@@ -48,7 +48,8 @@ pub enum LimitSource {
 }
 
 impl Limits {
-    /// Those of the paper: it states no acceleration for set points on the flight, so only the cut-out of the simulated KR C binds.
+    /// Limits of the paper: it states no acceleration for set points on the flight, so only the cut-out of the simulated KR C
+    /// applies.
     #[must_use]
     pub fn of_paper(arm: &Arm) -> Self {
         let a_max_rad_s2 = Axes::repeat(AXES, KRC_CUT_OUT_DEG_S2.to_radians());
@@ -81,8 +82,8 @@ impl Limits {
         }
     }
 
-    /// Limits for a search whose commands a robot takes at its own times, with its own decimals: differences at times between those
-    /// of the plan are up to 1 % larger.
+    /// Limits for a search whose commands a robot takes at its own times, with its own decimals: differences at
+    /// times between those of the plan are up to 1 % larger.
     #[must_use]
     pub fn with_spare_for_commands(&self) -> Self {
         Self {

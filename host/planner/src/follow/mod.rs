@@ -4,15 +4,15 @@
 //! speed of the flight, ramps to rest. Inside the window the instant of the opening does not matter.
 //!
 //! # Map
-//! An arrow goes from user to used. `plan` is what leaves this module; `verify` judges it by its steps alone; `landing`
-//! says what the instant of the opening does to the landing.
+//! An arrow goes from user to used. `plan` is the result of this module; `verify` judges it by its steps alone;
+//! `landing` computes how the landing depends on the instant of the opening.
 //!
 //! ```text
 //!  search           one of the two forms with its options
 //!    v
 //!  best             longest window under the limits of what is commanded
 //!  paper            form of the paper: grid of releases, criteria j1 and j2
-//!    |   \
+//!   |    v    found     result of a search, or the tests that refused its candidates
 //!    v    found     what a search found, or what refused its candidates
 //!  clear            floor, boxes, flying ball against arm and hand
 //!    v
@@ -23,7 +23,7 @@
 //!          hand     how the hand turns on the flight
 //!            v
 //!          parabola the flight
-//!  setting, limits  what is asked, what the robot allows
+//!  setting, limits  the request, the limits of the robot
 //! ```
 
 pub mod best;

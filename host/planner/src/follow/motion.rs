@@ -9,7 +9,8 @@ use super::ramp::{AxisState, Ramp, RampShape};
 pub struct RampPlan {
     /// Blend and fade.
     pub shape: RampShape,
-    /// 0: every axis takes its own shortest time; 1: all take the time of the slowest (synchronised); between: between.
+    /// 0: every axis takes its own shortest time; 1: all take the time of the slowest (synchronised); values between
+    /// interpolate.
     pub together: f64,
 }
 

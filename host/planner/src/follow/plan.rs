@@ -54,7 +54,7 @@ pub struct Step {
     pub q_rad: [f64; AXES],
     /// Speeds that the arm shall have, in rad/s.
     pub qd_rad_s: [f64; AXES],
-    /// What is commanded so that a first-order lag executes `q_rad`; equal to it where no lag is planned for.
+    /// Commands that make a first-order lag execute `q_rad`; equal to it if the plan assumes no lag.
     pub command_rad: [f64; AXES],
 }
 
@@ -136,8 +136,8 @@ pub struct FollowPlan {
     pub form: Form,
     /// Target in m, world frame.
     pub target_m: [f64; 3],
-    /// Where the parabola leads, in m, world frame, if not to the target: a lag that the commands do not allow for brings the
-    /// ball to the target instead.
+    /// End of the parabola, in m, world frame, if it is not the target: a lag that the commands do not compensate
+    /// brings the ball to the target instead.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub aim_m: Option<[f64; 3]>,
     /// Time between two steps in s.
@@ -271,7 +271,7 @@ impl FollowPlan {
         first_difference(self, &again)
     }
 
-    /// What the types cannot say.
+    /// Conditions that the types cannot express.
     ///
     /// # Errors
     /// What is wrong.
@@ -348,9 +348,9 @@ impl FollowPlan {
         }
     }
 
-    /// Refuses this plan for axes whose lag `lag_s` is too different from that of the plan: the ball then lands farther than
-    /// `tolerance_m` from the target, whenever the gripper opens ([`FollowPlan::opened_for`]). A plan of the paper's form counts on
-    /// no lag, so it is never refused.
+    /// Refuses this plan for axes whose lag `lag_s` differs too much from that of the plan: the ball then lands
+    /// farther than `tolerance_m` from the target, for every opening of the gripper ([`FollowPlan::opened_for`]). A
+    /// plan of the paper's form assumes no lag, so it is never refused.
     ///
     /// # Errors
     /// [`OtherLag`].
@@ -408,14 +408,15 @@ impl FollowPlan {
         self.release_time_s - self.window[0] as f64 * self.period_s
     }
 
-    /// What the axes do with the plan, and when the gripper opens: through a first-order lag of `lag_s`, or as planned if it is zero.
+    /// Motion of the axes by the plan, and when the gripper opens: through a first-order lag of `lag_s`, or as planned if it is
+    /// zero.
     #[must_use]
     pub fn release(&self, lag_s: f64) -> landing::Release {
         let (motion, opening_s) = (self.motion(), self.opening_s());
         if lag_s <= 0.0 {
             return landing::Release { motion, opening_s, target: self.aim() };
         }
-        // The time of the plan is that of a robot late by what the commands do not lead.
+        // The time of the plan is that of a robot with the part of the delay that the commands do not compensate.
         let opening_s = opening_s + lag_s - self.lag_s;
         let motion = landing::executed(&motion, self.lag_s, lag_s);
         landing::Release { motion, opening_s, target: self.target_m.into() }
@@ -446,8 +447,8 @@ impl FollowPlan {
         self.aim_m.unwrap_or(self.target_m).into()
     }
 
-    /// The same throw without following, with ramps through the middle of the window: what following is compared with. It is
-    /// not on its flight longer than for one step, so the verifier does not judge it.
+    /// The same throw without following, with ramps through the middle of the window, to compare with following. It
+    /// is on its flight for one step only, so the verifier does not judge it.
     #[must_use]
     pub fn without_following(&self, limits: &Limits) -> Self {
         let motion = landing::without_following(&self.motion(), limits);

@@ -1,4 +1,4 @@
-//! A search with its options: one type for everybody who lets the user choose the form.
+//! A search with its options: one type for programs that let the user choose the form.
 
 use super::best::{self, BestOptions};
 use super::found::{Found, NotFound};

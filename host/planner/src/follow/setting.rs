@@ -1,4 +1,4 @@
-//! What both forms of the planner are asked.
+//! Request to both forms of the planner.
 
 use nalgebra::Vector3;
 
@@ -53,7 +53,7 @@ pub struct Setting<'m> {
     pub target: Vector3<f64>,
     /// What the controller accepts.
     pub limits: Limits,
-    /// What may be commanded: the robot's program may pass less than the ranges of the joints. Unbounded by default.
+    /// Allowed commands: the robot's program may accept less than the ranges of the joints. Unbounded by default.
     pub commands: CommandRange,
     /// First-order lag of the controller in s: `q + lag q̇` is commanded and limited; 0 commands `q`.
     pub lag_s: f64,

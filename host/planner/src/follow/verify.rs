@@ -3,9 +3,9 @@
 //! Nothing of the search is used: joints come from the steps of the plan, frames from products of exponentials, boxes
 //! from alternating projections, rates from finite differences, landings from the closed form of the flight.
 //!
-//! A robot is led through angles and speeds of the steps, so the ball must land by both: by the differences of the angles
-//! on the parabola, and by the speeds that the steps state. The speeds must be those of the angles as far as the jerk limit lets
-//! differences tell.
+//! A robot is led through angles and speeds of the steps, so the ball must land by both: by the differences of the
+//! angles on the parabola, and by the speeds that the steps state. The speeds must be those of the angles, to the
+//! accuracy that the jerk limit allows.
 
 use std::fmt;
 
@@ -264,7 +264,7 @@ fn stated_speeds(plan: &FollowPlan, joints: &[Axes], report: &mut Report) {
     }
 }
 
-/// A robot clamps what its program does not pass, and tells nobody.
+/// A robot clamps commands that its program does not accept, and does not report it.
 fn passed_commands(plan: &FollowPlan, passed: &CommandRange, report: &mut Report) {
     for step in &plan.steps {
         for (i, value) in step.command_rad.into_iter().enumerate() {
@@ -284,7 +284,7 @@ struct Executed {
     qd: Axes,
 }
 
-/// Largest difference of executed and planned angles that the joining of set points by straight lines explains, in rad.
+/// Largest difference of executed and planned angles that straight lines between set points explain, in rad.
 const LAG_MAX_RAD: f64 = 2e-3;
 
 /// A first-order lag behind set points that are joined by straight lines, solved exactly from step to step.

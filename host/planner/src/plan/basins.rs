@@ -1,17 +1,18 @@
 //! Local optima found by the starts of a search, and an estimate of the chance that another start finds a better one.
 //!
-//! A local solve from a random start ends in one of a few basins. A multi-start search knows two things about its result: how
-//! many starts ended in the best basin, and how many starts ago it was found. After `n` random starts in a row without a better
-//! throw, the chance that the next start finds one is estimated as 1/(n + 2) (rule of succession).
+//! A local solve from a random start ends in one of a few local optima. A multi-start search knows two things about
+//! its result: how many starts ended in the best local optimum, and how many starts ago it was found. After `n`
+//! random starts in a row without a better throw, the chance that the next start finds one is estimated as 1/(n +
+//! 2) (rule of succession).
 
 use super::local::Found;
 
-/// What the stored throws around a target say.
+/// Information of the stored throws around a target.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Surroundings {
-    /// There are too few of them to say anything.
+    /// There are too few of them for a conclusion.
     Unknown,
-    /// A table says that no throw comes near the target.
+    /// By a table no throw comes near the target.
     Empty,
     /// A table has throws to targets around.
     Stored,
@@ -33,8 +34,8 @@ pub struct Confidence {
     pub since_best: usize,
     /// Estimated chance that one more random start finds a better throw.
     pub better_chance: f64,
-    /// Estimated part of the price that one more random start takes off: the chance times the mean step between the
-    /// prices that were found.
+    /// Estimated decrease of the price by one more random start: the chance times the mean step between the prices
+    /// that were found.
     pub gap_share: f64,
 }
 
@@ -121,7 +122,7 @@ impl Basins {
         }
     }
 
-    /// The cheapest throw of every basin, cheapest first.
+    /// The cheapest throw of every local optimum, cheapest first.
     pub(super) fn found(&self) -> Vec<Found> {
         self.basins.iter().map(|b| b.found).collect()
     }

@@ -1,4 +1,4 @@
-//! Search space of the release: the paper's `h_min` and `h_max`, or what the robot's workspace and limits leave.
+//! Search space of the release: the paper's `h_min` and `h_max`, or the region that the robot's workspace and limits allow.
 
 use robot_model::RobotModel;
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -31,7 +31,7 @@ pub struct Bounds {
 const PAPER_REACH_M: f64 = 1.102;
 /// An arm whose reach is this near to that of the paper's arm has the paper's bounds in the paper's form.
 const PAPER_REACH_SHARE: f64 = 0.05;
-/// A release nearer to the shoulder than this share of the reach has no use: the hand hardly moves there.
+/// A release nearer to the shoulder than this share of the reach is useless: the hand hardly moves there.
 const RADIUS_MIN_SHARE: f64 = 0.15;
 /// Shortest flight and motion, in s.
 const FLIGHT_MIN_S: f64 = 0.1;
@@ -57,7 +57,7 @@ impl Bounds {
         }
     }
 
-    /// What workspace and limits of the robot leave: bounds that no throw of this arm can be better beyond.
+    /// Region that workspace and limits of the robot allow: no throw of this arm beyond these bounds can be better.
     ///
     /// `shoulder` is the centre of the spherical coordinates in m, world.
     #[must_use]
@@ -87,7 +87,7 @@ impl Bounds {
         }
     }
 
-    /// Bounds of a form for an arm, where nothing else was asked for.
+    /// Bounds of a form for an arm, unless others are requested.
     ///
     /// The paper states its bounds for its own arm. An arm of another size has its own in the paper's form too.
     #[must_use]
@@ -96,7 +96,7 @@ impl Bounds {
         if form == Form::Paper && same_size { Self::paper() } else { Self::of_robot(arm, shoulder) }
     }
 
-    /// The same with what was asked for in its place.
+    /// The same with the requested bounds in their place.
     #[must_use]
     pub fn with(self, asked: &AskedBounds) -> Self {
         let or = |asked: &Option<RangeInclusive<f64>>, own| asked.clone().unwrap_or(own);

@@ -1,8 +1,8 @@
 //! Constraints that hold at every instant of the motion, at the instants where they matter.
 //!
-//! Collision and current over the motion are infinitely many constraints. The planner solves without them, looks
-//! along the motion for the worst instants ([`super::scan`]), adds those as ordinary rows (cuts) and solves again
-//! from there; few rounds are needed, because at the optimum at most a handful can be active.
+//! Collision and current over the motion are infinitely many constraints. The planner solves without them, searches
+//! the motion for the worst instants ([`super::scan`]), adds those as ordinary rows (cuts) and solves again from
+//! there. Few rounds are needed, because at the optimum only a handful can be active.
 
 use nalgebra::{Matrix3, Vector3};
 use robot_model::collision::{Obb, Proximity};
@@ -60,8 +60,8 @@ pub(crate) struct CutContext<'a, 'p> {
 
 /// Clearances count in decimetres, so that they weigh like the other scaled rows.
 pub(crate) const CLEARANCE_SCALE: f64 = 10.0;
-/// Shortly after the release the ball moves away from the hand by `½ a t²` and no more, so their distance hardly changes
-/// with the throw. Before this time it counts as much more as makes it change like the other rows.
+/// Shortly after the release the ball moves away from the hand by `½ a t²` only, so their distance hardly changes
+/// with the throw. Before this time the row is scaled up so that it changes like the other rows.
 const PARTING_S: f64 = 0.1;
 /// See [`CutKind::extra_m`].
 const HAND_EXTRA_M: f64 = 1e-6;
@@ -83,9 +83,9 @@ impl CutKind {
         if self.is_hand(problem) { HAND_CLEARANCE_M } else { problem.options.clearance_m }
     }
 
-    /// What a row asks for beyond the clearance, in m, so that a look along the motion finds nothing more. Right after the
-    /// release the distance from the hand is half the squared time times their acceleration: there even 0.2 mm cost up to 12 %, and
-    /// a throw that keeps them by chance must not be cheaper than one that keeps them by a row.
+    /// Distance of a row beyond the clearance, in m, so that the next scan finds nothing more. Right after the
+    /// release the distance from the hand is half the squared time times their acceleration. There even 0.2 mm cost
+    /// up to 12 %, and a throw that keeps them by chance must not be cheaper than one that keeps them by a row.
     fn extra_m(self, problem: &Problem<'_>) -> f64 {
         if self.is_hand(problem) { HAND_EXTRA_M } else { CLEARANCE_EXTRA_M }
     }
@@ -159,7 +159,7 @@ impl Cut {
         };
         let floor = arm.world().floor_z_m;
         let held = arm.ball(&frames).pos;
-        // Proximity, and the links of first and second body; past the last link: the ball in the hand; none: the flying ball.
+        // Proximity, and the links of first and second body; past the last link: the ball in the hand; `None`: the flying ball.
         let flight_s = self.sigma * c.throw.hb_s;
         let flown = || problem.flight.fly(&c.p0, &c.v0, flight_s);
         let (near, first, second): (Proximity, usize, Option<usize>) = match self.kind {
@@ -203,7 +203,7 @@ impl Cut {
         if self.sigma <= 1.0 {
             g[h_index] += by_angle.dot(&(qd * basis.pos_by_h.0 + qdd * basis.pos_by_h.1));
         } else {
-            // The arm stands at its stop: its phase stays 1 whatever h_b.
+            // The arm stands at its stop: its phase stays 1 for every h_b.
             g[var.hb] += by_angle.dot(&(qd * basis.pos_by_h.0 + qdd * basis.pos_by_h.1));
         }
         if second.is_none() {

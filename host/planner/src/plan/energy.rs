@@ -35,7 +35,7 @@ fn abs_eps(x: f64) -> (f64, f64) {
 
 /// Energy of a throw in J; `None` without current constants.
 pub(crate) fn joule(problem: &Problem<'_>, throw: &Throw) -> Option<f64> {
-    // The gradient is not used: this is asked once per throw, not once per step.
+    // The gradient is not used: this is called once per throw, not once per step.
     energy(problem, &Layout::new(problem, None), throw).map(|e| e.joule)
 }
 

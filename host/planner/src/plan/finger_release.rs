@@ -127,7 +127,7 @@ pub fn predict_with_fingers(
     })
 }
 
-/// Weights and nodes for the three sources of the fingers together: what a late finger does depends on how fast both open.
+/// Weights and nodes for the three sources of the fingers together: the effect of a late finger depends on how fast both open.
 fn finger_nodes(scatter: &FingerScatter) -> Vec<(f64, Deviation)> {
     let with_centre = |rule: &[(f64, f64)], sigma: f64| {
         let others: f64 = rule.iter().map(|(_, weight)| weight).sum();
@@ -148,8 +148,8 @@ fn finger_nodes(scatter: &FingerScatter) -> Vec<(f64, Deviation)> {
     out
 }
 
-/// Landings of `draws` disturbed throws with everything off at once; those whose ball stays in the fingers or does not come
-/// down are left out. The oracle of [`predict_with_fingers`].
+/// Landings of `draws` disturbed throws with all deviations at once; throws whose ball stays in the fingers or does
+/// not come down are left out. The reference for [`predict_with_fingers`].
 #[must_use]
 pub fn monte_carlo_with_fingers(
     problem: &Problem<'_>,

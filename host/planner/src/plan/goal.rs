@@ -27,7 +27,7 @@ pub(crate) struct Price {
 }
 
 impl Goal {
-    /// Price of a landing about `aim` (coordinates in m); `None` for a goal that does not look at it.
+    /// Price of a landing about `aim` (coordinates in m); `None` for a goal that does not depend on it.
     pub(crate) fn price(
         &self,
         mean_m: &Vector2<f64>,

@@ -1,9 +1,10 @@
-//! What a search asks of the landing when the gripper opens late, and what it gives up where no throw keeps that.
+//! Requirements of a search on the landing when the gripper opens late, and which of them it gives up if no throw keeps them.
 //!
-//! The rungs are, strictest first: nulling with limits of the landing's shift, nulling to first order, no nulling. A search
-//! goes down until a rung has a throw. Random starts often miss the narrow basins of a strict rung: to some targets of a
-//! UR5 one start in thirty ends in one. So a rung that had no throw gets a second chance where the one below has some: from
-//! the throws of the rung below, then, without a table of this robot, from more random starts.
+//! The relaxation levels ("rungs") are, strictest first: nulling with limits of the landing's shift, nulling to
+//! first order, no nulling. A search tries one level after the other until a level has a throw. Random starts often
+//! miss the few local optima of a strict level: to some targets of a UR5 one start in thirty ends in one. So a
+//! level without a throw is tried again if the next level has some: from the throws of that level, then, without a
+//! table of this robot, from more random starts.
 
 use nalgebra::Vector3;
 use robot_model::RobotModel;
@@ -18,9 +19,9 @@ use super::search::counted;
 use crate::parallel::each;
 use crate::store::Index;
 
-/// Throws of one rung that are carried to the rung above.
+/// Throws of one level that are carried to the stricter one.
 const CARRIED_MAX: usize = 12;
-/// Random starts of the second chance over those of the first: one start in thirty is then missed by one search in 10 000.
+/// Random starts of the second try over those of the first: one start in thirty is then missed by one search in 10 000.
 const SECOND_CHANCE: usize = 2;
 /// Sets the random starts of the second chance apart.
 const SECOND_SEED: u64 = 0x5ec0_4dc4_a4ce_0001;
@@ -28,7 +29,7 @@ const SECOND_SEED: u64 = 0x5ec0_4dc4_a4ce_0001;
 /// What a search gave up to find a throw.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum GivenUp {
-    /// The throw keeps all that was asked for.
+    /// The throw keeps the whole request.
     Nothing,
     /// The limits of the landing's shift; it is zero to first order.
     ShiftLimits,
@@ -36,7 +37,7 @@ pub enum GivenUp {
     Nulling,
 }
 
-/// What a search must keep, because it was asked for by name.
+/// Requirements that a search must keep, because they were requested by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Kept {
     /// The limits of the landing's shift, and with them the nulling.
@@ -44,7 +45,7 @@ pub struct Kept {
     pub nulling: bool,
 }
 
-/// The options of all rungs, strictest first: `asked`, and what may be given up of it.
+/// The options of all relaxation levels, strictest first: `asked`, and what may be given up of it.
 #[must_use]
 pub fn rungs(asked: &Options, kept: Kept) -> Vec<(GivenUp, Options)> {
     let mut rungs = vec![(GivenUp::Nothing, asked.clone())];
@@ -58,28 +59,28 @@ pub fn rungs(asked: &Options, kept: Kept) -> Vec<(GivenUp, Options)> {
     rungs
 }
 
-/// A target with the problems of all rungs.
+/// A target with the problems of all relaxation levels.
 #[derive(Debug, Clone)]
 pub struct Ladder<'a> {
     /// Strictest first; never empty.
     rungs: Vec<(GivenUp, Problem<'a>)>,
 }
 
-/// The throw of a ladder.
+/// The throw of a search over the levels.
 #[derive(Debug, Clone)]
 pub struct Settled<'l, 'a> {
     /// The problem that the throw solves.
     pub problem: &'l Problem<'a>,
-    /// What it does not keep of what was asked for.
+    /// Requirements that it does not keep.
     pub given_up: GivenUp,
     /// The best throw.
     pub best: Best,
-    /// Whether the first tries of stored throws were not enough, or not asked for.
+    /// True if the first tries of stored throws were not enough, or not requested.
     pub searched: bool,
 }
 
 impl<'a> Ladder<'a> {
-    /// The ladder for a target, in m.
+    /// The relaxation levels for a target, in m.
     ///
     /// # Errors
     /// The options are refused.
@@ -96,13 +97,14 @@ impl<'a> Ladder<'a> {
         Ok(Self { rungs: problems })
     }
 
-    /// The best throw within a budget, with as little given up as the search can manage.
+    /// The best throw within a budget, at the strictest level that has a throw.
     ///
-    /// Every rung has the whole budget of starts. With `quick`, so many stored throws of each rung are tried first, and
-    /// the first that leads to the target ends the search of that rung. A target clearly out of reach is refused at once.
+    /// Every level has the whole budget of starts. With `quick`, this many stored throws of each level are tried
+    /// first, and the first that leads to the target ends the search of that level. A target clearly out of reach
+    /// is refused at once.
     ///
     /// # Errors
-    /// [`NoThrow`] if no rung has one; with the nearest reachable target of the last rung unless the search was stopped.
+    /// [`NoThrow`] if no level has a throw; with the nearest reachable target of the last level unless the search was stopped.
     pub fn search(
         &self,
         index: &Index,
@@ -133,10 +135,10 @@ impl<'a> Ladder<'a> {
         Ok(Settled { searched, ..self.climb(at, best, index, budget, watch) })
     }
 
-    /// Gives the rungs above one that has throws a second chance, the nearest first.
+    /// Tries the levels stricter than one that has throws again, the nearest first.
     fn climb(&self, at: usize, best: Best, index: &Index, budget: &Budget, watch: &Watch) -> Settled<'_, 'a> {
         let (mut at, mut best) = (at, best);
-        // Whoever names a number of starts gets that many.
+        // A requested number of starts is kept.
         let more = (!budget.all && !index.is_own()).then_some(Budget {
             starts: SECOND_CHANCE * budget.starts,
             seed: budget.seed ^ SECOND_SEED,
@@ -158,7 +160,7 @@ fn stored_alone(planner: &Planner<'_, '_>, index: &Index, tries: usize) -> Optio
     planner.from_index(index, tries).map(Best::alone)
 }
 
-/// The best throw that local solves from throws of another rung end in.
+/// The best throw that local solves from throws of another level end in.
 fn carry(planner: &Planner<'_, '_>, from: &[Found], watch: &Watch) -> Option<Best> {
     let stopped = || watch.stop.load(std::sync::atomic::Ordering::Relaxed);
     let carried = each(&from[..from.len().min(CARRIED_MAX)], |found| {

@@ -1,4 +1,4 @@
-//! Release and landing of one throw that is not quite as planned, and how they move with every variable.
+//! Release and landing of one throw with deviations from the plan, and their derivatives by every variable.
 
 use nalgebra::{Matrix2x3, SMatrix, SVector, Vector2, Vector3};
 use robot_model::{JOINTS_MAX, Jacobian, JointVec};

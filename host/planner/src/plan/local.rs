@@ -31,7 +31,7 @@ pub(crate) enum Begin {
         /// Whether a start that runs into a collision begins once more with its rows.
         again: bool,
     },
-    /// As `Anywhere`, of an arm at rest: what it is beside says nothing about the motion.
+    /// As `Anywhere`, of an arm at rest: its contacts show nothing about the motion.
     Rest { again: bool },
     /// It is the best throw to a target near this one.
     Optimal {
@@ -67,11 +67,11 @@ pub(crate) fn solve_from(
     let mut x = layout.row(start);
     let mut cuts: Vec<Cut> = Vec::new();
     let mut iterations = 0;
-    // The first round knows of no collision and may end deep inside one, from where the rows lead nowhere. The start is outside more
-    // often: with the rows that were found from there it stays outside.
+    // The first round has no collision rows and may end deep inside a body, from where the rows lead nowhere. The
+    // start is outside more often: with the rows that were found from there it stays outside.
     let mut may_begin_again = matches!(begin, Begin::Anywhere { again: true } | Begin::Rest { again: true });
     let mut multipliers = None;
-    // Without rows for what the start is beside, the first round ends inside it, and from there the rows lead elsewhere.
+    // Without rows for bodies near the start, the first round ends inside them, and from there the rows lead elsewhere.
     if matches!(begin, Begin::Anywhere { .. } | Begin::Optimal { touches: true }) {
         let scan = scanner.scan(problem, start);
         add(&mut cuts, &scan.cuts);
@@ -183,7 +183,7 @@ pub(crate) fn blocking(problem: &Problem<'_>, multipliers: &Multipliers, cuts: &
     describe(problem, largest.0, cuts)
 }
 
-/// Adds what a scan found; false if there is no room left.
+/// Adds the findings of a scan; false if there is no room left.
 pub(crate) fn add(cuts: &mut Vec<Cut>, found: &[Cut]) -> bool {
     for cut in found {
         let near = cuts.iter().position(|c| c.kind == cut.kind && (c.sigma - cut.sigma).abs() < 0.012);

@@ -1,34 +1,34 @@
-//! Throw planner: from a target to the best throw the arm can do, or to the reason why there is none.
+//! Throw planner: from a target to the best throw of the arm, or to the reason why there is no throw.
 //!
 //! # Map
 //! | module | holds |
 //! |---|---|
-//! | [`options`] | what can be asked for: form, goal, bounds, margins, limits |
+//! | [`options`] | the request: form, goal, bounds, margins, limits |
 //! | [`problem`] | target, limits and options, validated |
-//! | [`bounds`] | search space: the paper's, the robot's, or as asked for |
-//! | [`goal`] | the price of a throw under what a search makes small: objective (1), energy, or how badly the ball lands |
+//! | [`bounds`] | search space: the paper's, the robot's, or a requested one |
+//! | [`goal`] | the price of a throw that a search minimises: objective (1), energy, or a measure of the landing |
 //! | [`paper`] | the paper's eight parameters, release frame, choice of branch |
-//! | [`margins`] | what a throw leaves of every limit |
+//! | [`margins`] | margins of a throw to every limit |
 //! | `energy` | electrical energy of a throw, with gradient |
-//! | `disturbed` | what is off in one throw |
+//! | `disturbed` | the deviations of one throw |
 //! | `landed`, `spread` | landing of a disturbed throw; mean and covariance with gradients |
-//! | `layout` | where each variable and each row of a throw stands |
+//! | `layout` | the place of each variable and each row of a throw |
 //! | `rows` | objective and constraints with exact gradients |
-//! | `cuts`, `scan` | what must hold at every instant: where it is worst, and as rows |
+//! | `cuts`, `scan` | constraints at every instant: their rows, and their worst instants |
 //! | `local` | one start |
 //! | `warm_start` | which stored throws to try first |
 //! | `posture` | postures of the arm at a release: closed form, numerical, or drawn |
 //! | `place` | stored throws turned to a target |
 //! | `continuation` | stored throws carried to a target in steps |
-//! | `basins` | local optima that the starts ended in, and when to stop starting |
-//! | [`planner`] | what all starts to one target have in common |
+//! | `basins` | local optima in which the starts ended, and when to stop starting |
+//! | [`planner`] | common data of all starts to one target |
 //! | [`outcome`] | budget of a search, and its result |
-//! | [`ladder`] | what a search gives up where no throw keeps all limits of the landing's shift |
+//! | [`ladder`] | requirements that a search gives up if no throw keeps all limits of the landing's shift |
 //! | [`search`] | stored and random starts on all cores |
 //! | [`nearest`] | the nearest reachable target, for one that is not |
 //! | [`release_delays`] | delays of a measured gripper |
 //! | [`opening`] | a disc that the ball passes |
-//! | `obstruction` | what closes every posture of the arm |
+//! | `obstruction` | the body that blocks every posture of the arm |
 //! | [`seeds`], [`prepare`] | the stored throws that come with the program, and how tables are made |
 //! | [`statistics`] | covariance of the landing, probability of a hit |
 //! | [`finger_release`] | the same for a ball that leaves between fingers that open |

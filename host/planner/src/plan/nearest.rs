@@ -20,7 +20,7 @@ const STORED_STARTS: usize = 12;
 const RANDOM_STARTS: u64 = 48;
 /// A nearest target within this distance is believed at once, in m.
 const DIRECT_MAX_M: f64 = 0.5;
-/// Where that fails, because the target is too far for it, throws are walked towards it from this many stored targets.
+/// If that fails because the target is too far for it, throws are walked towards it from this many stored targets.
 const WALKED: usize = 12;
 /// Random starts for a stored target to which the stored throw does not lead under the options at hand.
 const WALK_RANDOM_STARTS: u64 = 8;
@@ -29,13 +29,13 @@ const WALK_STEP_M: f64 = 0.2;
 const WALK_STEP_MIN_M: f64 = 0.02;
 const WALK_STEPS_MAX: usize = 40;
 const WALK_GAIN_M: f64 = 1e-3;
-/// A target farther than this from what the stored throws reach is refused without a search, in m.
+/// A target farther than this from the reach of the stored throws is refused without a search, in m.
 const CLEARLY_M: f64 = 0.05;
 /// Stored throws that are tried, moved, and walked before a target is refused without a search.
 const QUICK_TRIES: usize = 6;
 const QUICK_STARTS: usize = 8;
 const QUICK_WALKED: usize = 3;
-/// How far inside the edge of the reach a target is looked for that a search finds, in m, one after the other.
+/// Distances inside the edge of the reach at which a target that a search finds is sought, in m, one after the other.
 const INWARD_M: [f64; 3] = [0.0, 0.003, 0.02];
 /// Shares of the way from there to the nearest stored target.
 const SHARES: [f64; 3] = [0.25, 0.5, 1.0];
@@ -60,7 +60,7 @@ impl Planner<'_, '_> {
             return direct;
         }
         let walked = {
-            // The nearest ones may lie on the edge of the reach of other options: some of the nearer half of all.
+            // The nearest ones may be at the edge of the reach of other options: some of the nearer half of all.
             let stored = self.stored_near(index, |_| true, index.records().len().div_ceil(2));
             let apart = stored.len().div_ceil(WALKED).max(1);
             let some: Vec<&Record> = stored.into_iter().step_by(apart).collect();
@@ -159,7 +159,7 @@ impl Planner<'_, '_> {
         stored
     }
 
-    /// From a stored target, with whatever options it was reached, towards this one.
+    /// From a stored target, reached with any options, towards this one.
     fn walk(&self, record: &Record, seed: u64) -> Option<(NearestTarget, Throw)> {
         let (arm, target) = (self.problem.arm, self.problem.target);
         let options = &self.problem.options;

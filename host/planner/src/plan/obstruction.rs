@@ -1,4 +1,4 @@
-//! Why no throw of an arm can exist, wherever the target is: a body that something touches in every posture.
+//! Why an arm has no throw to any target: a body that something touches in every posture.
 
 use robot_model::JointVec;
 use robot_model::collision::Obb;
@@ -56,12 +56,12 @@ impl Obstruction {
     }
 }
 
-/// Postures over the joint ranges. A body that is free in one posture of a thousand is hardly ever missed with this many.
+/// Postures over the joint ranges. A body that is free in one posture of a thousand is hardly ever missed with this number.
 const POSTURES: usize = 1000;
 /// Contacts of exactly touching boxes are rounding.
 const OVERLAP_MIN_M: f64 = 1e-6;
 
-/// Looks for a body that is touched in every posture. `None` says only that none was found.
+/// Searches a body that is touched in every posture. `None` only means that no such body was found.
 pub(super) fn obstruction(problem: &Problem<'_>) -> Option<Obstruction> {
     ball_in_hand(problem).or_else(|| obstacle_in_arm(problem))
 }

@@ -34,7 +34,7 @@ pub(crate) struct NearRim {
     pub(crate) by_flight_s: f64,
 }
 
-/// Instants that are looked at, to both sides of the passage; and how often a step is halved at the nearest.
+/// Instants that are checked, to both sides of the passage; and how often a step is halved at the nearest.
 const STEPS: i32 = 16;
 const HALVINGS: usize = 24;
 

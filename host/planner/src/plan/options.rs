@@ -1,4 +1,4 @@
-//! What can be asked for: form, goal, bounds, margins and limits of a throw, as plain data.
+//! The request: form, goal, bounds, margins and limits of a throw, as plain data.
 
 use std::ops::RangeInclusive;
 
@@ -15,8 +15,9 @@ pub enum Form {
     /// The paper's: the hand turns only about the throw, the joints do not accelerate at the release, currents are
     /// checked at the release, and the ball may be met by the hand again later.
     Paper,
-    /// Ours: free spin of the hand, free joint acceleration at the release such that a late gripper does not move the
-    /// landing, currents over the whole motion, a clean release, and acceleration kept back for the controller.
+    /// The best form: free spin of the hand, joint acceleration at the release such that a late gripper does not
+    /// move the landing, currents over the whole motion, a clean release, and acceleration kept back for the
+    /// controller.
     Best,
 }
 
@@ -67,17 +68,18 @@ pub struct DelayWindow {
     pub shift_m: f64,
 }
 
-/// What a plan leaves of a [`DelayWindow`], in m: more than rounding moves the landing of a late release against one on time.
-///
-/// A controller has the knots of a plan in steps of 1 µs and in binary32, and a cubic between two of them. A phase of h seconds that is
-/// ε shorter changes the acceleration at the release by the share ε/h, and with it the shift by `δ F e ε / h`: 0.5 µm for a delay δ of 25 ms,
-/// a flight F of 0.8 s, 15 m/s² at the hand, and 0.5 µs of 0.3 s. An angle of up to 4 rad is off by 1.2e-7 rad, which changes the
-/// acceleration by `6 · 1.2e-7 / h²` and the shift, at 1 m, by 0.2 µm; 6 µm in the shortest phases of 0.05 s. Measured over the 1340 throws
-/// of the benchmark that keep the limits: at most 2.2 µm. The planner's tolerance is 1e-9 m. Two integrations of a flight with drag were not compared.
+/// Reserve of a plan in a [`DelayWindow`], in m: more than rounding moves the landing of a late release compared
+/// with one on time. A controller has the knots of a plan in steps of 1 µs and in binary32, and a cubic between two
+/// of them. A phase of h seconds that is ε shorter changes the acceleration at the release by the share ε/h, and
+/// with it the shift by `δ F e ε / h`: 0.5 µm for a delay δ of 25 ms, a flight F of 0.8 s, 15 m/s² at the hand, and
+/// 0.5 µs of 0.3 s. An angle of up to 4 rad has an error of 1.2e-7 rad, which changes the acceleration by `6 ·
+/// 1.2e-7 / h²` and the shift, at 1 m, by 0.2 µm; 6 µm in the shortest phases of 0.05 s. Measured over the 1340
+/// throws of the benchmark that keep the limits: at most 2.2 µm. The planner's tolerance is 1e-9 m. Two
+/// integrations of a flight with drag were not compared.
 pub const WINDOW_ROUNDING_M: f64 = 1e-5;
 
-/// Clearance in m that the released ball keeps from the hand that threw it. The ball comes out of the hand, so 5 mm cannot be
-/// asked for; with nothing at all, a tracking error of 0.2 mrad lets the ball touch the fingers.
+/// Clearance in m that the released ball keeps from the hand that threw it. The ball comes out of the hand, so 5 mm
+/// are not possible; without any clearance, a tracking error of 0.2 mrad lets the ball touch the fingers.
 pub const HAND_CLEARANCE_M: f64 = 2e-4;
 
 /// What to plan besides the target.
@@ -109,13 +111,13 @@ pub struct Options {
     pub avoid_collisions: bool,
     /// Whether the ball must stay clear of arm and obstacles after the release.
     pub clean_release: bool,
-    /// Whether a ball that touches the arm after the release may be thrown all the same: asked for, not only not forbidden.
+    /// True if a ball that touches the arm after the release may be thrown all the same: it must be requested.
     pub touch_allowed: bool,
     /// Clearance of arm, base, floor, obstacles and ball in m; from the hand that threw it the ball keeps [`HAND_CLEARANCE_M`].
     pub clearance_m: f64,
     /// Drag of the ball in 1/m; zero is vacuum.
     pub drag_per_m: f64,
-    /// Whether the landing is also told for a ball that leaves between fingers that open, as the robot file says they do.
+    /// True if the landing is also predicted for a ball that leaves between fingers that open, as described in the robot file.
     pub finger_release: bool,
     /// Spin of the ball times its lift constant in 1/s.
     pub magnus_rad_s: Vector3<f64>,
@@ -123,7 +125,7 @@ pub struct Options {
     pub obstacles: Vec<Obstacle>,
     /// Limits at the target.
     pub arrival: Arrival,
-    /// An opening with its centre at the target, through which the ball passes; else it comes down on the target.
+    /// An opening with its centre at the target, through which the ball passes; without one it comes down on the target.
     pub opening: Option<Opening>,
     /// How the target moves from the planned release on.
     pub course: Course,
@@ -159,13 +161,13 @@ impl Options {
         }
     }
 
-    /// Our form.
+    /// The best form.
     ///
-    /// 80 % of the acceleration: a plan that uses all of it leaves none for the controller, and the controller may
-    /// command a little less than the planner's table allows (eq. (11) of the paper). 98 % of the speed: arms whose masses
-    /// and friction are not the model's overshoot it by up to 1.2 %. 0.02 rad to the ends of the ranges:
-    /// tracking errors reach 17 mrad (robot-models 1.10), and a drive stops at the end of its range. 5 mm between bodies:
-    /// the cheapest throws pass as near as they may, and neither the boxes nor a tracked motion are as exact as the plan.
+    /// 80 % of the acceleration: the controller needs the rest, and it may command a little less than the planner's
+    /// table allows (eq. (11) of the paper). 98 % of the speed: arms whose masses and friction differ from the
+    /// model overshoot it by up to 1.2 %. 0.02 rad to the ends of the ranges: tracking errors reach 17 mrad
+    /// (robot-models 1.10), and a drive stops at the end of its range. 5 mm between bodies: the cheapest throws
+    /// pass as near as they may, and neither the boxes nor a tracked motion are as exact as the plan.
     #[must_use]
     pub fn best() -> Self {
         Self {
@@ -196,7 +198,7 @@ impl Options {
     }
 }
 
-/// Bounds that were asked for; `None` leaves a bound to the form and the robot.
+/// Requested bounds; `None` leaves a bound to the form and the robot.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct AskedBounds {
     /// See [`super::bounds::Bounds::azimuth_rad`].
@@ -230,7 +232,7 @@ pub enum Goal {
 }
 
 impl Goal {
-    /// Noise of the landing; `None` for a goal that does not look at it.
+    /// Noise of the landing; `None` for a goal that does not depend on it.
     #[must_use]
     pub fn noise(&self) -> Option<&Noise> {
         match self {
@@ -300,7 +302,7 @@ pub struct Opening {
     pub incidence_max_rad: f64,
 }
 
-/// Largest angle of incidence that can be asked for, in rad: beyond it a ball hardly enters.
+/// Largest angle of incidence that can be requested, in rad: beyond it a ball hardly enters.
 pub(crate) const INCIDENCE_MAX_RAD: f64 = 1.4;
 
 /// Most limits of the landing's shift, each for late and for early release.

@@ -1,4 +1,4 @@
-//! What is asked of a search, and what comes out of it.
+//! Request to a search, and its result.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize};
 use std::time::Duration;
@@ -51,7 +51,7 @@ pub struct Best {
     pub solved: usize,
     /// Whether the search was stopped before its budget was used.
     pub interrupted: bool,
-    /// What the starts say about throws that were not found.
+    /// Conclusion of the starts about throws that were not found.
     pub confidence: Confidence,
     /// The cheapest throws that were found, cheapest first; equal ones once.
     pub others: Vec<Found>,
@@ -74,11 +74,11 @@ pub struct NoThrow {
     pub target: Vector3<f64>,
     /// The nearest target that a throw reaches, if one was found.
     pub nearest: Option<NearestTarget>,
-    /// What closes every posture of the arm, if that is why.
+    /// The body that blocks every posture of the arm, if that is the reason.
     pub obstruction: Option<Box<Obstruction>>,
     /// Starts that were run.
     pub starts: usize,
-    /// Whether the search was stopped before its budget was used, so that "none" is not proven by it.
+    /// True if the search was stopped before its budget was used, so that a missing throw is not proven.
     pub interrupted: bool,
 }
 
@@ -94,7 +94,7 @@ fn reason_text(none: &NoThrow) -> String {
 pub struct NearestTarget {
     /// The point in m.
     pub point: Vector3<f64>,
-    /// Distance from the target asked for in m.
+    /// Distance from the requested target in m.
     pub distance_m: f64,
     /// The constraint that blocks the rest of the way.
     pub constraint: String,
@@ -107,7 +107,7 @@ fn point_text(point: &Vector3<f64>) -> String {
     format!("({:.3}, {:.3}, {:.3})", told(x), told(y), told(z))
 }
 
-/// As the end of a message: where the nearest target is and what blocks; nothing if none is known.
+/// End of a message: where the nearest target is and what blocks; empty if no such target is known.
 fn nearest_text(nearest: Option<&NearestTarget>) -> String {
     nearest.map_or_else(String::new, |n| {
         format!(

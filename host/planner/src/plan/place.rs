@@ -1,7 +1,7 @@
 //! Stored throws turned to a target, and throws turned back to be stored.
 //!
-//! Turning about the base axis changes nothing but the angle of joint 1, so a throw is stored in the frame in which its
-//! target lies on the x axis. It serves every azimuth at which joint 1 keeps its range.
+//! Turning about the base axis changes only the angle of joint 1, so a throw is stored in the frame in which its
+//! target is on the x axis. It serves every azimuth at which joint 1 keeps its range.
 
 use std::f64::consts::{PI, TAU};
 

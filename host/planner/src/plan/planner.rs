@@ -27,7 +27,7 @@ pub fn kind_of(options: &Options) -> u32 {
 #[derive(Debug, Clone)]
 pub struct Planner<'p, 'a> {
     pub(super) problem: &'p Problem<'a>,
-    /// The problem with the paper's objective, if `problem` has another: what every start is solved for first.
+    /// The problem with the paper's objective, if `problem` has another: every start is solved for it first.
     pub(super) effort: Option<Problem<'a>>,
     pub(super) scanner: Scanner,
     pub(super) azimuth_rad: f64,
@@ -39,7 +39,7 @@ pub struct Planner<'p, 'a> {
 impl<'p, 'a> Planner<'p, 'a> {
     #[must_use]
     pub fn new(problem: &'p Problem<'a>) -> Self {
-        // Stored throws are for targets at rest: one that moves is looked for where it will be.
+        // Stored throws are for targets at rest: for one that moves, its later position is used.
         let t = &problem.aim.point_at(USUAL_FLIGHT_S);
         let effort = (problem.options.goal != Goal::Effort).then(|| {
             let mut effort = problem.clone();
@@ -68,7 +68,7 @@ impl<'p, 'a> Planner<'p, 'a> {
         (record.range_m - self.range_m).hypot(record.height_m - self.problem.target.z)
     }
 
-    /// A local solve from random start number `index`: an arm at rest. Where the throws found so far are `known`, there is no table, and
+    /// A local solve from random start number `index`: an arm at rest. Without a table, `known` are the throws so far, and
     /// every second start moves: it launches the ball, or varies one of the cheapest throws.
     pub(super) fn solve_random(&self, seed: u64, index: u64, known: Option<&[Found]>) -> Option<Found> {
         let mut rng = SplitMix64::stream(seed, index);
@@ -112,8 +112,9 @@ impl<'p, 'a> Planner<'p, 'a> {
     }
 }
 
-/// Random starts first use this share of the limits of the landing's shift, then all of it. How many end in a throw changes erratically
-/// with it, for a reason that is not known: to (1.5, 1, -1) 28 of 60 with this share, 13 with all of it (docs/measured/search-quality.md).
+/// Random starts first use this share of the limits of the landing's shift, then all of it. The number of them that
+/// end in a throw changes erratically with it, for an unknown reason: to (1.5, 1, -1) 28 of 60 with this share, 13
+/// with all of it (docs/measured/search-quality.md).
 const INSIDE_SHARE: f64 = 0.98;
 /// Throws that random starts vary.
 const VARIED: usize = 4;

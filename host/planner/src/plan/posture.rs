@@ -30,8 +30,8 @@ const WRIST: usize = 3;
 
 /// Postures inside the joint ranges in which the hand is at `x_we`, each with its number.
 ///
-/// The closed form gives all of them, numbered by branch. Without one they are looked for by damped least squares from
-/// several starts; arms with more than six joints have a family of postures, of which some are found.
+/// The closed form gives all of them, numbered by branch. Without a closed form, damped least squares searches them
+/// from several starts; arms with more than six joints have a family of postures, of which some are found.
 pub(super) fn postures(arm: &RobotModel, x_we: &Pose) -> Vec<(usize, JointVec)> {
     match arm.ik(x_we) {
         Ok(solutions) => solutions.in_range().map(|s| (s.branch.index(), s.q)).collect(),

@@ -1,10 +1,10 @@
 //! Makes the table of stored throws of a robot: over range and height of the target, for several sets of options.
 //!
 //! For every set of options: random starts in every cell of a grid, neighbours pass their throws on, every throw is
-//! finished, cells beyond the edge are pulled in, and random targets (any azimuth) show where the table needs more. Such a
-//! target often adds a throw in a basin that a whole region lacks. So neighbours pass throws on after every few targets too.
-//! All of it is cut into steps. A step depends on nothing but the records so far and its number, so a preparation can be
-//! stopped between any two steps and continued later: the table is the same.
+//! finished, throws are carried to cells beyond the edge, and random targets (any azimuth) show where the table
+//! needs more. Such a target often adds a throw in a local optimum that a whole region lacks. So neighbours pass
+//! throws on after every few targets too. The work is cut into steps. A step depends only on the records so far and
+//! its number, so a preparation can be stopped between any two steps and continued later: the table is the same.
 
 use robot_model::RobotModel;
 use std::f64::consts::PI;
@@ -67,7 +67,7 @@ const COLUMNS: usize = 4;
 const TRIALS_PER_STEP: u64 = 128;
 /// Updates of the table between two sweeps.
 const ROUNDS_PER_SWEEP: u64 = 4;
-/// A throw is passed on over this many steps of the grid, and so many throws are passed on to a cell.
+/// A throw is passed on over this many steps of the grid, and at most this many throws to a cell.
 const PASSED_STEPS: f64 = 1.5;
 const PASSED_MAX: usize = 16;
 /// Stored throws per trial, and the share of the price that is not worth another throw.
@@ -191,7 +191,7 @@ impl Step<'_, '_> {
     fn starts(&self, chunk: usize, own: Vec<Record>) -> Vec<Record> {
         let p = self.prepared;
         let first = 1 + (chunk * COLUMNS) as i32;
-        // Beyond the last column with a throw there is none.
+        // There is no cell beyond the last column with a throw.
         let reached = |r: &Record| r.range_m > (f64::from(first) - 1.5 - COLUMNS as f64) * p.grid.step_m;
         if chunk > 0 && !own.is_empty() && !own.iter().any(reached) {
             return own;
@@ -251,8 +251,8 @@ impl Step<'_, '_> {
         })
     }
 
-    /// Throws on the edge of the reach: cells beyond it are pulled in from their neighbours' throws until they are
-    /// reached. Without them a target between the last cell in reach and the edge has starts on one side only.
+    /// Throws on the edge of the reach: neighbours' throws are carried to cells beyond it until they are reached.
+    /// Without them a target between the last cell in reach and the edge has starts on one side only.
     fn edge(&self, own: Vec<Record>) -> Vec<Record> {
         let p = self.prepared;
         let table = self.by_cell(&own);
@@ -280,8 +280,8 @@ impl Step<'_, '_> {
 
     /// Tries the table at random targets and adds a throw where the quick pass finds none or a dearer one than a search.
     ///
-    /// The price has cliffs (from letting the ball drop to really throwing it), where a uniform grid is too coarse, and
-    /// behind the arm joint 1 ends.
+    /// The price has cliffs (between a ball that is dropped and one that is thrown), where a uniform grid is too
+    /// coarse, and behind the arm joint 1 ends.
     fn trials(&self, round: u64, own: Vec<Record>) -> Vec<Record> {
         let p = self.prepared;
         let floor = p.arm.world().floor_z_m;

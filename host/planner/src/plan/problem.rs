@@ -19,7 +19,7 @@ pub fn short(value: f64) -> String {
     if plain { value.to_string() } else { format!("{value:.3e}") }
 }
 
-/// Cuts aim a little beyond the clearance asked for, so that the proof of the motion has room for its tolerance.
+/// Cuts keep a little more than the requested clearance, so that the proof of the motion has a margin for its tolerance.
 pub(crate) const CLEARANCE_EXTRA_M: f64 = 2e-4;
 
 /// A problem that cannot be stated.
@@ -329,7 +329,7 @@ fn range(option: &'static str, r: &RangeInclusive<f64>, least: f64, most: f64) -
 const FAR: f64 = 1e6;
 /// Thinner boxes are no obstacles.
 const HALF_EDGE_MIN_M: f64 = 1e-6;
-/// Twice the drag of a toy balloon; what is lighter is not thrown.
+/// Twice the drag of a toy balloon; lighter balls are not thrown.
 const DRAG_MAX_PER_M: f64 = 10.0;
 /// Turns the velocity once in 60 ms.
 const MAGNUS_MAX_1_S: f64 = 100.0;

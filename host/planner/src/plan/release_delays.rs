@@ -1,8 +1,9 @@
 //! Delays of a measured gripper, as a few nodes with weights.
 //!
-//! A Gauss rule of the measured distribution: `n` nodes integrate every polynomial of degree `2 n - 1` in the delay as the mean
-//! over all measured delays does (Golub and Welsch 1969, by the recurrence of Stieltjes). So a gripper that is mostly quick and
-//! sometimes late counts as it is, not as a normal distribution with its standard deviation.
+//! A Gauss rule of the measured distribution: `n` nodes integrate every polynomial of degree `2 n - 1` in the delay
+//! as the mean over all measured delays does (Golub and Welsch 1969, by the recurrence of Stieltjes). So a gripper
+//! that is mostly quick and sometimes late is represented exactly, not as a normal distribution with its standard
+//! deviation.
 
 use nalgebra::DMatrix;
 
@@ -38,7 +39,7 @@ impl ReleaseNodes {
     /// Mean of measured delays in s, and the nodes about it.
     ///
     /// # Errors
-    /// [`DelaysRefused`]: fewer than 8 or more than a million, or one that is no number or more than 50 ms from the mean.
+    /// [`DelaysRefused`]: fewer than 8 or more than a million, or one that is not a number or more than 50 ms from the mean.
     pub fn of(delays_s: &[f64]) -> Result<(f64, Self), DelaysRefused> {
         let count = delays_s.len();
         if !(DELAYS_MIN..=DELAYS_MAX).contains(&count) {

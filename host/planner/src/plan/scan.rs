@@ -1,7 +1,7 @@
-//! Looks along a motion for the instants at which clearances and currents are worst.
+//! Searches a motion for the instants at which clearances and currents are worst.
 //!
-//! Distances are not taken everywhere: how fast two bodies can approach follows from the joint travel and from how far
-//! a body can be from each joint axis, so a pair that is far apart is left alone until it could have come near.
+//! Distances are not computed everywhere: the joint travel and the distance of a body from each joint axis bound
+//! how fast two bodies can approach, so a pair that is far apart is skipped until it could have come near.
 
 use nalgebra::Vector3;
 use robot_model::collision::Obb;
@@ -13,13 +13,13 @@ use crate::throw::Throw;
 
 /// Instants before the release; after it as many as make steps of the same length.
 const STEPS: usize = 25;
-/// Between instants a distance can dip; what is nearer than this, or than the largest dip, is looked at there.
+/// Between instants a distance can dip; pairs nearer than this, or than the largest dip, are checked there.
 const REFINE_BELOW_M: f64 = 4e-3;
 const REFINE_HALVINGS: usize = 4;
 /// The ball leaves the fingers for this long without being tested against them (robot-models 1.9).
 pub(crate) const RELEASE_BLIND_S: f64 = 0.02;
 
-/// What is this close to a limit is worth a row from the beginning when a throw like this one is solved for again.
+/// Pairs this close to a limit get a row from the beginning when a similar throw is solved again.
 const NEAR_M: f64 = 5e-3;
 const NEAR_SHARE: f64 = 0.97;
 
@@ -40,9 +40,9 @@ pub(crate) struct Scan {
 #[derive(Debug, Clone, Copy)]
 struct Pair {
     kind: CutKind,
-    /// Which [`Group`] says how fast they approach.
+    /// The [`Group`] that bounds how fast they approach.
     group: usize,
-    /// Boxes that must be placed: none for what does not move or is not a box.
+    /// Boxes that must be placed: `None` for a body that does not move or is not a box.
     boxes: [Option<usize>; 2],
     held: bool,
 }
@@ -72,7 +72,7 @@ impl Group {
 /// What is known about a pair so far.
 #[derive(Debug, Clone)]
 struct Track {
-    /// Lower bound of the distance above the clearance asked for, in m.
+    /// Lower bound of the distance beyond the requested clearance, in m.
     slack_m: f64,
     worst_m: f64,
     worst_sigma: f64,
@@ -118,7 +118,7 @@ pub(crate) struct Scanner {
     obstacles: Vec<Obb>,
 }
 
-/// The arm at one instant; boxes are placed when they are asked for.
+/// The arm at one instant; boxes are placed when they are needed.
 struct Placed<'a> {
     problem: &'a Problem<'a>,
     obstacles: &'a [Obb],
@@ -324,7 +324,7 @@ fn flying_ball(problem: &Problem<'_>, throw: &Throw, out: &mut Scan) {
     let radius_m = arm.gripper().ball_radius_m;
     let bodies = if problem.options.clean_release { arm.collision().boxes().len() } else { 0 };
     let obstacles: Vec<Obb> = problem.options.obstacles.iter().map(|o| Obb::new(o.x_wo, o.half_m)).collect();
-    // Distance of body k at a time; what is far is not measured exactly.
+    // Distance of body k at a time; far bodies are not measured exactly.
     let distance = |k: usize, s: f64, frames: &Frames, p: &Vector3<f64>| -> f64 {
         let Some(o) = k.checked_sub(bodies) else {
             let body = &arm.collision().boxes()[k];
@@ -365,8 +365,8 @@ fn flying_ball(problem: &Problem<'_>, throw: &Throw, out: &mut Scan) {
                 continue;
             }
             let (mut near_m, mut near_s) = (sample_m, at_step(step));
-            // The ball flies centimetres between two instants, and a hand that rotates comes near more than once: look
-            // about every instant that is nearer than those beside it.
+            // The ball flies centimetres between two instants, and a rotating hand comes near more than once: check
+            // around every instant that is nearer than those beside it.
             if near_m < BALL_REFINE_BELOW_M {
                 let mut half_s = 0.5 * step_s;
                 for _ in 0..BALL_HALVINGS {
@@ -397,7 +397,7 @@ fn flying_ball(problem: &Problem<'_>, throw: &Throw, out: &mut Scan) {
 
 /// Bodies whose bounding sphere is farther than this from the ball are not measured exactly.
 const FAR_FROM_BALL_M: f64 = 0.3;
-/// Instants of the flight, what is near enough to look between them, and how often a step is halved there.
+/// Instants of the flight, the distance below which instants between them are checked, and how often a step is halved there.
 const BALL_STEPS: usize = 40;
 const BALL_REFINE_BELOW_M: f64 = 0.1;
 const BALL_HALVINGS: usize = 8;

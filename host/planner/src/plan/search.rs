@@ -1,4 +1,4 @@
-//! Search: stored throws, continuation from their neighbours, then seeded random starts until more hardly pay.
+//! Search: stored throws, continuation from their neighbours, then seeded random starts until more of them hardly help.
 
 use std::sync::atomic::Ordering;
 use std::time::Instant;
@@ -45,8 +45,8 @@ impl Planner<'_, '_> {
         Some(self.refine(self.polish(record, &Settings::default(), usize::MAX)?))
     }
 
-    /// The second stage for a goal other than the paper's objective: from a throw that keeps every limit downhill in
-    /// what counts. Never worse than the throw itself.
+    /// The second stage for a goal other than the paper's objective: from a throw that keeps every limit downhill
+    /// in the goal. Never worse than the throw itself.
     fn refine(&self, found: Found) -> Found {
         if self.effort.is_none() {
             return found;
@@ -94,12 +94,12 @@ impl Planner<'_, '_> {
         self.solve(&self.place(&record.throw)?, begin, settings, most)
     }
 
-    /// The best throw from stored throws alone; this is what answers in a fraction of a millisecond.
+    /// The best throw from stored throws alone, in a fraction of a millisecond.
     ///
-    /// Stored throws are taken in the order of their expected prices. Each gets only a few steps, because a good start
-    /// needs no more and a bad one would need hundreds; `tries` bounds the local solves. If none of them ends in a
-    /// throw, all the others around have their turn, then the most promising ones with patience, unless the table ends
-    /// before the target.
+    /// Stored throws are tried in the order of their expected prices. Each gets only a few steps, because a good
+    /// start needs no more and a bad one would need hundreds; `tries` bounds the local solves. If none of them ends
+    /// in a throw, all the others around are tried, then the most promising ones with more steps, unless the table
+    /// ends before the target.
     #[must_use]
     pub fn from_index(&self, index: &Index, tries: usize) -> Option<Found> {
         let order = self.warm_starts(index, MORE_TRIES.max(tries));
@@ -159,8 +159,9 @@ impl Planner<'_, '_> {
 
     /// The best throw within a budget.
     ///
-    /// Stored throws are polished first, then random starts run on all cores until more of them hardly pay. The result
-    /// depends only on the index, the seed and the number of starts, unless time or `watch.stop` ends the search.
+    /// Stored throws are polished first, then random starts run on all cores until more of them hardly help. The
+    /// result depends only on the index, the seed and the number of starts, unless time or `watch.stop` ends the
+    /// search.
     ///
     /// # Errors
     /// [`NoThrow`] with the nearest reachable target if no start ends in a throw.
@@ -198,7 +199,7 @@ impl Planner<'_, '_> {
         Err(NoThrow { nearest: persistent.proven(&nearest, index, budget, watch), ..none })
     }
 
-    /// Whether the index says something about targets that it has no throw for.
+    /// True if the index allows conclusions about targets that it has no throw for.
     pub(super) fn has_table(&self, index: &Index) -> bool {
         let kind = kind_of(&self.problem.options);
         let for_such_targets = self.problem.aim.is_level() && self.problem.options.opening.is_none();
@@ -207,10 +208,10 @@ impl Planner<'_, '_> {
             && index.records().iter().filter(|r| r.kind == kind).count() >= TABLE_MIN
     }
 
-    /// Walks to the target from the stored throws nearest to it, whatever they are expected to cost there.
+    /// Walks to the target from the stored throws nearest to it, with any expected price.
     ///
-    /// A kind of throw that reaches farther is often dearer than the one that ends before the target. Stored throws of the
-    /// cheaper one are tried first and all end at the edge of its reach.
+    /// A kind of throw that reaches farther is often more expensive than the kind that ends before the target.
+    /// Stored throws of the cheaper kind are tried first and all end at the edge of its reach.
     fn walk_from_nearest(&self, index: &Index, stopped: &(dyn Fn() -> bool + Sync), watch: &Watch) -> Basins {
         let kind = kind_of(&self.problem.options);
         let wanted = |r: &Record| r.kind == kind && self.away_m(r) <= WALKED_WITHIN_M;
@@ -222,7 +223,7 @@ impl Planner<'_, '_> {
         basins
     }
 
-    /// The best of the throws that some starts ended in; `None` if none did.
+    /// The best of the throws that some starts ended in; `None` if no start ended in a throw.
     pub(super) fn best_of(&self, basins: &Basins, stopped: &(dyn Fn() -> bool + Sync)) -> Option<Best> {
         let others = self.finish(basins, stopped);
         Some(Best {
@@ -235,7 +236,8 @@ impl Planner<'_, '_> {
         })
     }
 
-    /// As [`Planner::search`], without the walks and without looking for the nearest reachable target if there is no throw.
+    /// As [`Planner::search`], but without the walks and without a search for the nearest reachable target if there is no
+    /// throw.
     ///
     /// # Errors
     /// [`NoThrow`] if no start ends in a throw.
@@ -313,7 +315,7 @@ impl Planner<'_, '_> {
         }
     }
 
-    /// More steps for the best few throws: a start has steps enough to tell where it will end, not to end there.
+    /// More steps for the best few throws: the steps of a start show where it will end, but may not suffice to end there.
     pub(super) fn finish(&self, basins: &Basins, stopped: &(dyn Fn() -> bool + Sync)) -> Vec<Found> {
         let finished = basins
             .found()
@@ -343,7 +345,7 @@ impl Planner<'_, '_> {
 
     /// One evaluation of objective and constraints with all gradients at a throw; returns the largest violation.
     ///
-    /// For benchmarks: it is what a step of the local solver starts with.
+    /// For benchmarks: the first part of each step of the local solver.
     #[must_use]
     pub fn evaluate(&self, throw: &Throw) -> f64 {
         evaluate_once(self.problem, throw)
@@ -366,8 +368,8 @@ const IN_VAIN_MAX: usize = 2;
 const MORE_TRIES: usize = 30;
 /// Steps for one stored throw in the last pass.
 const PATIENT_STEPS: usize = 60;
-/// Patience with a stored throw in the last pass, see [`Settings::patience`]. With that of a random start, 12, six more of 396
-/// targets of `pincher4` get a throw under fewer limits.
+/// Steps without progress before a stored throw is given up in the last pass, see [`Settings::patience`]. With the
+/// number for a random start, 12, six more of 396 targets of `pincher4` get a throw under fewer limits.
 const STORED_PATIENCE: usize = 25;
 /// Steps for one stored throw in the first pass, and its tolerances.
 const QUICK_STEPS: usize = 12;
@@ -377,21 +379,22 @@ const QUICK: Settings = Settings {
     objective: 3e-4,
     give_up_above: f64::INFINITY,
     patience: 4,
-    // At the edge of the reach a throw nearly fits, and the rows that the look along it adds put it far off. Of 43 first tries in vain
-    // for 1000 targets (paper's form) 22 were that far off, of 1022 successful tries one.
+    // At the edge of the reach a throw nearly fits, and the rows that a scan adds make it far from feasible. Of 43
+    // failed first tries for 1000 targets (paper's form) 22 were that far off, of 1022 successful tries one.
     hopeless_above: 0.5,
     chord: Chord::NEAR,
 };
 /// Stored throws that a full search polishes.
 const STORED_TRIES: usize = 12;
-/// Stored throws that are walked to the target if none leads there at once.
+/// Stored throws that are walked to the target if none leads there directly.
 const WALKED: usize = 4;
 /// Stored throws that are walked to the target before it is refused, and how far at most, in m.
 const NEAREST_WALKED: usize = 24;
 const WALKED_WITHIN_M: f64 = 0.3;
-/// Fewer stored throws than this say nothing about the targets they are not for.
+/// Fewer stored throws than this allow no conclusion about other targets.
 const TABLE_MIN: usize = 200;
-/// Random starts between two looks at what they have found, without stored throws; a fixed number, so that cores do not matter.
+/// Random starts between two checks of their results, without stored throws; a fixed number, so that the number of cores does
+/// not matter.
 const BATCH: usize = 8;
 /// Factor for the starts of the budget in a search without a table, once it has found a throw.
 const MORE_STARTS: usize = 4;

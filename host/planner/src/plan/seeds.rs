@@ -1,7 +1,7 @@
 //! The stored throws that come with the program.
 //!
-//! A table is only a set of starts: the planner works without it from random starts, only slower, and every throw is
-//! solved and checked afresh. [`super::prepare`] makes tables.
+//! A table is only a set of starts: the planner works without it from random starts, only slower, and every throw
+//! is solved and checked again. [`super::prepare`] makes tables.
 
 use robot_model::RobotModel;
 

@@ -1,10 +1,10 @@
 //! Mean and covariance of the landing as functions of the throw, with exact gradients.
 //!
-//! The sources of error are independent and normal. Each is moved alone to the nodes of a Gauss-Hermite rule and the
-//! full model says where the ball then lands: no linearisation, so that what bends (a nulled release delay leaves
-//! nothing but second and third order) counts with its bend. What two sources do only together is left out; it is of
-//! fourth order in their standard deviations, apart from drag: its mean is above its planned value, and the other sources
-//! are moved at the mean. The Monte Carlo in [`super::statistics`] has everything at once.
+//! The sources of error are independent and normal. Each alone is set to the nodes of a Gauss-Hermite rule, and the
+//! full model gives the landing: no linearisation, so that curvature counts (a nulled release delay leaves only
+//! second and third order). Joint effects of two sources are left out; they are of fourth order in their standard
+//! deviations. Drag is an exception: its mean is above its planned value, and the other sources are varied at the
+//! mean. The Monte Carlo in [`super::statistics`] has everything at once.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -48,7 +48,7 @@ pub(crate) struct Spread {
 impl Spread {
     /// Of a throw at an aim; `None` if the ball does not meet its plane at some node.
     pub(crate) fn of(problem: &Problem<'_>, throw: &Throw, aim: &Aim, noise: &Noise) -> Option<Self> {
-        // Drag that is not known is not zero on average: what the other sources do is counted at the mean drag.
+        // An unknown drag is not zero on average: the effects of the other sources are computed at the mean drag.
         let DragFlights { mean: flight, nodes: drag } = &DragFlights::of(&problem.flight, noise)?;
         let centre = Landed::of(problem, flight, throw, aim, 0.0)?;
         let mut sources: Vec<Source> = Vec::with_capacity(2 + 2 * problem.joints());
@@ -105,7 +105,7 @@ impl Spread {
         by_mean: &Vector2<f64>,
         by_covariance: &Matrix2<f64>,
     ) {
-        // Every node pulls with its own weight; what all pull together is taken from the centre.
+        // Every node contributes with its own weight; the sum of all contributions is taken from the centre.
         let mut rest = *by_mean;
         for (source, shift) in self.sources.iter().zip(&self.shifts) {
             for (weight, landed) in source {
@@ -119,7 +119,7 @@ impl Spread {
     }
 }
 
-/// Release delays in s with their weights; none for a gripper that is exact.
+/// Release delays in s with their weights; empty for an exact gripper.
 pub(super) fn release_delays(noise: &Noise) -> Vec<(f64, f64)> {
     match &noise.release_nodes {
         Some(nodes) => nodes.iter().collect(),
@@ -133,7 +133,7 @@ pub(super) fn release_delays(noise: &Noise) -> Vec<(f64, f64)> {
 /// Flights with a drag that is not known: with its mean, and at its nodes with their weights.
 pub(super) struct DragFlights {
     pub(super) mean: FlightModel,
-    /// None if the drag is known.
+    /// Empty if the drag is known.
     pub(super) nodes: Vec<(f64, FlightModel)>,
 }
 

@@ -1,7 +1,7 @@
-//! Where the ball lands when nothing is exact: covariance of the landing and the probability of a hit.
+//! Landing of the ball with all errors: covariance of the landing and the probability of a hit.
 //!
-//! Mean and covariance come from `spread`: sigma points of every source, not a linearisation. The Monte Carlo here is
-//! their oracle. All sources are independent and normal; the drag is folded at zero.
+//! Mean and covariance come from `spread`: sigma points of every source, not a linearisation. The Monte Carlo here
+//! is their reference. All sources are independent and normal; the drag is folded at zero.
 
 use nalgebra::{Matrix2, Vector2, Vector3, Vector6};
 

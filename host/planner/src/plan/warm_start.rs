@@ -18,10 +18,10 @@ pub(crate) type WarmStart<'i> = (f64, &'i Record);
 
 /// Stored throws around a target (range and height in m), the cheapest first; at most `most`.
 ///
-/// The expected price of a throw is its own, carried to the target by its own slope, and a charge for the distance. That is far
-/// too good where the price has a cliff (from letting the ball drop to really throwing it) between the two. So it is
-/// held against the throws stored on the other side: where a known best price is above what is expected at that
-/// point, the expectation is wrong there, and by part of that already at the target.
+/// The expected price of a throw is its own, carried to the target by its own slope, and a charge for the distance.
+/// That is far too low if the price has a cliff (between a ball that is dropped and one that is thrown) between the
+/// two. So it is compared with the throws stored on the other side: if a known best price is above the expectation
+/// at that point, the expectation is wrong there, and by part of that already at the target.
 pub(crate) fn warm_starts<'i>(
     index: &'i Index,
     kind: u32,
@@ -71,7 +71,7 @@ fn best_known<'i>(near: &[&'i Record]) -> Vec<&'i Record> {
     known
 }
 
-/// What the known prices beyond the target, seen from the record, say against its promise `way` from it.
+/// Error of a record's expected price at distance `way` from it, from the known prices beyond the target.
 fn refutation(record: &Record, way: &Vector2<f64>, known: &[&Record]) -> f64 {
     let distance = way.norm();
     let mut worst = 0.0_f64;

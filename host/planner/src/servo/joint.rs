@@ -195,7 +195,7 @@ fn before_the_end(state: &JointState, goal: JointGoal, bounds: &Bounds, dt_s: f6
     }
 }
 
-/// The goal itself, if the state is so near that one tick of jerk would move the joint beyond it, to and fro.
+/// The goal itself, if the state is so near that one tick of jerk would move the joint beyond it, back and forth.
 fn arrived(state: &JointState, goal: JointGoal, bounds: &Bounds, dt_s: f64) -> Option<JointState> {
     let step = bounds.j_rad_s3 * dt_s;
     let (q_rad, qd_rad_s) = match goal {

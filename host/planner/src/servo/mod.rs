@@ -4,15 +4,15 @@
 //! commands, whenever they come ──▶ Servo ──▶ states of all joints, one per tick of 20 ms
 //! ```
 //!
-//! The motion keeps these rules, whatever is asked for and whenever:
+//! The motion keeps these rules, for all commands at all times:
 //! * speed, acceleration and jerk of each joint are bounded ([`Bounds`]);
 //! * from each state the arm can come to rest inside its joint ranges, and with the distance that it keeps, both with bounded jerk
 //!   (as the servo brakes) and at once with the acceleration alone (as a controller does when nothing more comes). Both ways are
 //!   proven before the state is given; if one is not free, the arm brakes on the way that was proven before;
 //! * without a command for `hold_s` it comes to rest.
 //!
-//! Joints go each by itself. A pose of the hand is turned into angles once, with the least motion; a speed of the hand is turned into
-//! speeds of the joints at each tick, all of them scaled if one would be too fast.
+//! Each joint moves by itself. A pose of the hand is turned into angles once, with the least motion; a speed of the
+//! hand is turned into speeds of the joints at each tick, all of them scaled if one would be too fast.
 
 mod joint;
 
@@ -27,7 +27,7 @@ use crate::way::at_point;
 
 /// Time between two states.
 pub const TICK_S: f64 = 0.02;
-/// Acceleration of the braking at once, as a share of that of the servo: above 1, so that what the servo does is within it.
+/// Acceleration of braking at once, as a share of that of the servo: above 1, so that the servo's motions are within it.
 pub const BRAKE_SHARE: f64 = 1.05;
 /// Largest distance that is kept from everything, m.
 pub const DISTANCE_M: f64 = 0.01;
@@ -38,7 +38,7 @@ const MARGIN_RAD: f64 = 2e-3;
 /// Damping of the inverse of the Jacobian: near a singularity the hand follows less and no joint races.
 const DAMPING: f64 = 4e-4;
 
-/// What somebody who streams may ask for.
+/// Commands of a stream.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Command {
     /// Joint angles, rad.
@@ -64,7 +64,7 @@ pub enum Refused {
     OutOfReach,
 }
 
-/// Why the arm does less than it was asked for.
+/// Why the arm does less than its command.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Limited {
     /// The end of the range of a joint, from 0.
@@ -157,7 +157,7 @@ impl<'a> Servo<'a> {
         JointVec::from_fn(self.arm.n(), |k| self.state[k].q_rad)
     }
 
-    /// Nothing moves, and nothing is asked for.
+    /// True if nothing moves, and nothing is ordered.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         self.command.is_none() && (0..self.arm.n()).all(|k| self.state[k].qd_rad_s.abs() < 1e-9)
@@ -203,8 +203,7 @@ impl<'a> Servo<'a> {
         self.command = None;
     }
 
-    /// The next state, [`TICK_S`] later, and what keeps the arm from doing what it was asked for. `now_s` is the time of the
-    /// commands.
+    /// The next state, [`TICK_S`] later, and what limits the command. `now_s` is the time of the commands.
     pub fn tick(&mut self, now_s: f64) -> Option<Limited> {
         if now_s - self.heard_s > self.hold_s {
             self.command = None;
@@ -266,7 +265,7 @@ impl<'a> Servo<'a> {
         })
     }
 
-    /// A joint that stands at the end of its range and is asked to go on.
+    /// A joint that stands at the end of its range and is ordered beyond it.
     fn at_range(&self, goals: &PerJoint<JointGoal>) -> Option<Limited> {
         let at = |k: &usize| {
             let (bounds, q_rad) = (&self.bounds[*k], self.state[*k].q_rad);

@@ -9,8 +9,8 @@
 //! | `curvature` | the Hessian of the Lagrangian, and a positive definite matrix in its place |
 //! | `sqp` | sequential quadratic programming |
 //!
-//! A task gives its rows with exact gradients; the solver knows nothing else about it. Rows are [`WIDTH`] wide, so that they stay
-//! on the stack; work is done up to the number of variables.
+//! A task gives its rows with exact gradients; the solver knows nothing else about it. Rows are [`WIDTH`] wide, so
+//! that they stay on the stack; work is done up to the number of variables.
 //!
 //! The throw of this package is one task. A task of your own needs no change here: the example `own_task` finds the posture
 //! that holds a point with the least torque.
@@ -43,7 +43,7 @@ impl Gradient<'_> {
 
 /// Receives the rows of an evaluation. Inequalities mean `value ≥ 0`.
 pub trait Sink {
-    /// Whether this inequality is of interest; asked before costly rows.
+    /// True if this inequality is needed; called before costly rows.
     fn wants(&self, id: usize) -> bool;
     /// Whether this equality is of interest.
     fn wants_eq(&self, id: usize) -> bool;
@@ -55,7 +55,7 @@ pub trait Sink {
     fn ineq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_>));
 }
 
-/// What the local solver makes small, and under which constraints.
+/// Objective of the local solver, and its constraints.
 ///
 /// The Hessian is made by differences of the gradient, part by part, along the variables that a part of the rows bends
 /// with; the other entries follow from symmetry.

@@ -347,7 +347,7 @@ pub(crate) fn solve(
         let Some(number) = most_violated(&set, ineq, likely, &is_active) else {
             let mut solution = QpSolution { d: set.x, eq: vec![0.0; eq.len()], ineq: vec![0.0; ineq.len()] };
             for k in 0..set.count {
-                // A dependent equality is not in the set, so positions say nothing; `fixed` does.
+                // A dependent equality is not in the set, so positions cannot be used; `fixed` can.
                 let into = if k < set.fixed { &mut solution.eq } else { &mut solution.ineq };
                 into[set.index[k]] = set.u[k];
             }

@@ -91,7 +91,7 @@ pub struct Local {
 const STEP_MAX_RAD: f64 = 0.5;
 /// Beyond this a step is not believed.
 const STEP_FAR_RAD: f64 = 2.5;
-/// Price of squared violations where the linearised constraints contradict each other, and damping of such steps.
+/// Price of squared violations if the linearised constraints contradict each other, and damping of such steps.
 const RELAX_PRICE: f64 = 1e4;
 const RELAX_DAMPING: f64 = 30.0;
 const RELAX_CAP: f64 = 1e2;
@@ -105,10 +105,10 @@ const LAST_VIOLATION: f64 = 1e-2;
 const DESCENDING_VIOLATION: f64 = 1e-3;
 /// Steps back into the constraints after the last step of a run.
 const RETURN_STEPS: usize = 8;
-/// Where a run ends can be told when it is this near to the constraints and its steps are this short.
+/// The end of a run can be predicted when it is this near to the constraints and its steps are this short.
 const GIVE_UP_VIOLATION: f64 = 1e-2;
 const GIVE_UP_STEP: f64 = 0.1;
-/// Below this violation multipliers say which inequalities a solution rests on.
+/// Below this violation multipliers show which inequalities are active at a solution.
 const PRICED_VIOLATION: f64 = 0.1;
 /// Halvings of a step at most.
 const HALVINGS: usize = 12;
@@ -179,7 +179,7 @@ struct Run<'t, T> {
     mark: (f64, usize),
 }
 
-/// What the program of a step says.
+/// Solution of the program of a step.
 struct Direction {
     d: Row,
     /// Whether the linearised constraints agree with each other.
@@ -284,7 +284,7 @@ impl<'t, T: Task> Run<'t, T> {
         }
         let used = self.factor.take()?;
         let gradient = used.gradient(rows, n);
-        // A program that is feasible only by a huge step says nothing about here: treat it like an infeasible one.
+        // A program that is feasible only by a huge step is of no use here: it is treated as infeasible.
         let far = |d: &Row| d[self.task.angles()].iter().any(|d| d.abs() > STEP_FAR_RAD);
         let (d, eq, ineq, plain) =
             match qp::solve(&used.factor, &gradient, n, &rows.eq, &rows.ineq, &self.likely) {
@@ -302,7 +302,7 @@ impl<'t, T: Task> Run<'t, T> {
         Some(Direction { d, plain, used })
     }
 
-    /// Moves along `d` as far as the merit function allows; whether that was the full step. `None`: nowhere.
+    /// Moves along `d` as far as the merit function allows; returns whether that was the full step. `None`: no step.
     fn go_along(&mut self, d: &Row, slope: f64) -> Option<bool> {
         let n = self.task.variables();
         let (total, penalty) = (self.rows.total(), self.penalty);
@@ -340,8 +340,9 @@ impl<'t, T: Task> Run<'t, T> {
     }
 }
 
-/// The shortest way back into the constraints. A run that ends without steps left is a little outside those that it descended
-/// along; back inside it is a throw, which a later run can continue. `rows` are those of the end, `next` is room.
+/// The shortest way back into the constraints. A run that ends without steps left is a little outside the
+/// constraints along which it descended; back inside it is a throw, which a later run can continue. `rows` are
+/// those of the end, `next` is working space.
 fn step_back<T: Task>(task: &T, settings: &Settings, end: &mut Local, mut rows: Rows, mut next: Rows) {
     let n = task.variables();
     for _ in 0..RETURN_STEPS {

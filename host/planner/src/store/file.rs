@@ -47,7 +47,7 @@ pub fn to_bytes(robot: u64, records: &[Record]) -> Vec<u8> {
     bytes
 }
 
-/// Writes a file that appears complete or not at all; what is no ordinary file (a pipe, a terminal) is written as it is.
+/// Writes a file that appears complete or not at all; a special file (a pipe, a terminal) is written directly.
 ///
 /// # Errors
 /// If writing or renaming fails; nothing is left behind then.

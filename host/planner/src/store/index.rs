@@ -33,7 +33,7 @@ impl Index {
         index
     }
 
-    /// From the records of another robot. They are starts and no more: what they do not reach, this robot may reach.
+    /// Index of the records of another robot. They are only starts: this robot may reach targets that they do not.
     #[must_use]
     pub fn lent(records: Vec<Record>, lender: &'static str) -> Self {
         Self { lender: Some(lender), ..Self::new(records) }
@@ -92,10 +92,10 @@ impl Index {
         out.sort_by(|a, b| key(a).total_cmp(&key(b)));
     }
 
-    /// Whether records of a kind lie around a target on all sides, within `rings` cells; true where they are too few to
-    /// tell.
+    /// True if records of a kind are around a target on all sides, within `rings` cells, or if there are too few
+    /// records to decide.
     ///
-    /// What a table holds for a kind ends at the edge of the reach. Beyond it all records lie on one side.
+    /// The records of a kind end at the edge of the reach. Beyond it all records are on one side.
     #[must_use]
     pub fn surrounds(&self, kind: u32, range_m: f64, height_m: f64, rings: i32) -> bool {
         let (r, h) = cell(range_m, height_m);
@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn too_few_records_do_not_tell_where_the_edge_is() {
+    fn too_few_records_do_not_show_where_the_edge_is() {
         let index = Index::new(vec![Record::example(1.0), Record::example(1.1)]);
         assert!(index.surrounds(0, 1.2, 0.0, 6));
         assert!(index.surrounds(1, 1.05, 0.0, 6));

@@ -155,7 +155,7 @@ mod tests {
     use crate::throw::Joints;
 
     #[test]
-    fn fingerprint_is_that_of_the_motors_too() {
+    fn fingerprint_covers_the_motors_too() {
         let text = include_str!("../../../../robots/openarm7.toml");
         let of = |text: &str| robot_fingerprint(&RobotModel::from_toml("arm.toml", text).unwrap());
         assert!(text.contains("kp_nm_rad = 240"));

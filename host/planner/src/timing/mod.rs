@@ -1,4 +1,5 @@
-//! When an arm is where on its way: from a path in joint space to a motion within limits of speed, acceleration and jerk.
+//! Position of an arm on its way over time: from a path in joint space to a motion within limits of speed, acceleration and
+//! jerk.
 //!
 //! ```text
 //! points ──► Path (lines, rounded corners) ──► fastest (x = ṡ² over s) ──► Law (bounded jerk) ──► knots of cubics
@@ -142,10 +143,10 @@ pub(crate) fn use_of_cubics(knots: &[At], limits: &Limits) -> Use {
     most
 }
 
-/// Shortest time between two knots, s; a controller takes none below 2 ms.
+/// Shortest time between two knots, s; a controller accepts no time below 2 ms.
 const KNOT_MIN_S: f64 = 4e-3;
 
-/// Share above its limits that a motion may use once its numbers are those of a controller, which allows twice as much.
+/// Factor on its limits that a motion may use in the numbers of a controller, which allows twice the excess.
 const ROUNDED: f64 = 1.0005;
 /// Rounding is another one after each stretching.
 const STRETCHES_MAX: usize = 16;
@@ -157,7 +158,7 @@ pub(crate) fn stretch_within(knots: &mut [At], limits: &Limits) {
     stretch_by(knots, use_of_cubics(knots, limits).stretch());
     for _ in 0..STRETCHES_MAX {
         let sent: Vec<At> = knots.iter().map(as_sent).collect();
-        // No controller looks at the jerk.
+        // Controllers do not check the jerk.
         let used = Use { jerk: 0.0, ..use_of_cubics(&sent, limits) };
         if used.stretch() <= ROUNDED.sqrt() {
             break;

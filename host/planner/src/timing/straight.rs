@@ -78,7 +78,7 @@ impl Straight {
         let (mut t, mut s, mut v) = (0.0, 0.0, 0.0);
         let mut ends = vec![(t, s, v)];
         for (h, a0, jerk) in pieces {
-            // A piece of rounding errors is none.
+            // A piece of rounding errors is left out.
             if h > 1e-9 {
                 s += h * (v + h * (0.5 * a0 + h * jerk / 6.0));
                 v += h * (a0 + 0.5 * h * jerk);

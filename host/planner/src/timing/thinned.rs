@@ -1,7 +1,7 @@
 //! The same motion with fewer knots.
 //!
-//! A path of many short pieces gives a motion with knots for each of them, although one cubic would follow several pieces. From each
-//! knot the cubic goes on to the last one with which it stays near the motion and within the limits.
+//! A path of many short pieces gives a motion with knots for each of them, although one cubic could follow several
+//! pieces. From each knot the cubic goes to the last one with which it stays near the motion and within the limits.
 
 use super::{At, Limits, motion_of, padded, use_of_cubics};
 use crate::motion::Motion;
@@ -29,7 +29,7 @@ pub fn thinned(motion: &Motion, limits: &Limits, off_rad: f64) -> Motion {
     };
     let mut kept = vec![0];
     while let Some(&from) = kept.last().filter(|from| **from + 1 < all.len()) {
-        // Twice as far until it does not fit, then the half of the rest.
+        // Double the distance until it does not fit, then halve the rest.
         let (mut good, mut step) = (from + 1, 1);
         while step > 0 {
             let next = (good + step).min(all.len() - 1);

@@ -18,7 +18,7 @@ const STEP_S: f64 = 1e-3;
 const SHARE_TOLERANCE: f64 = 1e-6;
 /// Overshoot of a joint range that counts as kept, in rad.
 const RANGE_TOLERANCE_RAD: f64 = 1e-6;
-/// Delay of the central difference, and slope that counts as none in m/s (mm per ms).
+/// Delay of the central difference, and slope that counts as zero in m/s (mm per ms).
 const SLOPE_DELAY_S: f64 = 1e-3;
 const SLOPE_TOLERANCE_M_S: f64 = 0.01;
 /// Shortfall of a clearance that counts as kept, in m; bodies that touch never pass.
@@ -31,7 +31,7 @@ const RIM_WINDOW_S: f64 = 0.3;
 const INCIDENCE_TOLERANCE_RAD: f64 = 1e-4;
 /// Miss that counts as a hit, in m.
 const LANDING_TOLERANCE_M: f64 = 1e-4;
-/// Difference between a told and a found value that counts as none: s, m, m/s, rad, rad/s, rad/s².
+/// Difference between a stated and a computed value that counts as zero: s, m, m/s, rad, rad/s, rad/s².
 const TOLD_TOLERANCE: f64 = 1e-4;
 
 /// How findings about the clearance of the released ball begin.
@@ -222,7 +222,7 @@ pub fn check(arm: &RobotModel, plan: &PlanFile) -> Report {
     Report { findings, samples: steps + 1 }
 }
 
-/// The release and the landing that the file tells, against those of its motion: programs read them without the motion.
+/// The release and the landing that the file states, compared with those of its motion: programs read them without the motion.
 fn told(plan: &PlanFile, [p, v]: [Vector3<f64>; 2], landed: Option<&Met>) -> Finding {
     let (release, landing) = (&plan.release, &plan.landing);
     let moved = motion::at(plan, plan.release_time_s);
@@ -259,7 +259,7 @@ fn told(plan: &PlanFile, [p, v]: [Vector3<f64>; 2], landed: Option<&Met>) -> Fin
             met.v.as_slice(),
         );
     }
-    worst.finding("release and landing are told as the motion has them", 1.0, "of the tolerance", true)
+    worst.finding("stated release and landing are those of the motion", 1.0, "of the tolerance", true)
 }
 
 /// Limits of the joints, joins of the segments, clearances of the arm, currents.
@@ -268,7 +268,7 @@ fn motion_findings(arm: &RobotModel, chain: &Chain, plan: &PlanFile, watched: &W
     segments_meet(plan, &mut jump);
     currents(arm, chain, plan, &mut motor, &mut supply);
     let (clearance_m, clear) = (plan.search.clearance_m, plan.claims("clearance of arm"));
-    // The part of the limits that the plan says it uses.
+    // The part of the limits that the plan states it uses.
     let part = |used: f64| used + SHARE_TOLERANCE;
     let over_motion = plan.claims("currents over the motion");
     vec![
@@ -417,7 +417,7 @@ impl<'p> Obstacles<'p> {
 
 /// The flight as it was seen.
 struct Flown {
-    /// Distance of the landing from the target; none if the ball does not come down there.
+    /// Distance of the landing from the target; `None` if the ball does not come down there.
     miss_m: Option<f64>,
     /// Where and how it meets the plane of the target.
     landed: Option<Met>,

@@ -1,12 +1,12 @@
-//! One thing that a check has looked at.
+//! Result of one check.
 
-/// One thing that was checked.
+/// Result of one check.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Finding {
     pub what: String,
     /// Whether it holds.
     pub ok: bool,
-    /// Worst value, with what it is measured against, for people.
+    /// Worst value, with its limit, as text.
     pub worst: String,
     /// When it is worst, in s, if it depends on time.
     pub at_s: Option<f64>,

@@ -9,11 +9,11 @@
 //! | [`boxes`] | separating axes, features | alternating projections between convex sets |
 //! | [`ball`] | closed form, Runge-Kutta with variations | Heun in small steps |
 //! | [`target`] | one plane, closed forms | powers summed, differences in time, distances from the circle |
-//! | [`finding`] | | one thing that was looked at |
+//! | [`finding`] | | result of one check |
 //! | [`mod@check`] | rows and margins | one pass over the grid, findings with time and place |
 //!
-//! What follows from the rest of the file (spread, margins, currents, parameters) has no second means: it is computed again and
-//! compared, `PlanFile::false_claim`.
+//! Values that follow from the rest of the file (spread, margins, currents, parameters) have no second method: they
+//! are computed again and compared, `PlanFile::false_claim`.
 //!
 //! The verifier takes a tenth of a second. It uses simple formulas instead of fast ones, so that a reader can check them.
 

@@ -13,8 +13,8 @@ pub struct Plane {
 }
 
 impl Plane {
-    /// From the file. The normal of an opening is taken as it stands: one that is no unit vector gives wrong distances,
-    /// and a finding of its own.
+    /// From the file. The normal of an opening is used unchanged: if it is not a unit vector, it gives wrong
+    /// distances, and a finding of its own.
     #[must_use]
     pub fn new(target: &Target) -> Self {
         Self {

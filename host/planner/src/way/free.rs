@@ -1,4 +1,4 @@
-//! A motion that somebody else made: is it free of contact?
+//! Check of a motion from another program: is it free of contact?
 
 use robot_model::collision::{CollisionChecker, MotionVerdict, Scene, Travel};
 use robot_model::cubic::Cubic;
@@ -23,7 +23,7 @@ impl Travel for Piece {
     }
 }
 
-/// That no two bodies touch on `motion`, at any instant.
+/// Checks that no two bodies touch on `motion`, at any instant.
 ///
 /// # Errors
 /// [`WayError::Contact`] with the first time and the bodies.

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 use robot_model::collision::CollisionChecker;
 use robot_model::{JointVec, Pose, RobotModel};
 
-/// Starts of the search where there is no closed form.
+/// Starts of the search if there is no closed form.
 const STARTS: usize = 48;
 /// Poses to which a way around is searched.
 pub(super) const POSES_MAX: usize = 3;

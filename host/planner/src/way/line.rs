@@ -44,7 +44,7 @@ impl std::fmt::Display for LineBreak {
     }
 }
 
-/// The hand cannot go on a straight line.
+/// The hand cannot move on a straight line.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error(
     "the straight line breaks after {:.3} of {:.3} m, at ({:.3}, {:.3}, {:.3}) m: {what}", .after_m, .of_m, .at_m[0], .at_m[1], .at_m[2]

@@ -8,7 +8,7 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | here | what is asked for, and the way |
+//! | here | the request, and the way |
 //! | `goal` | joint angles for a place of the hand |
 //! | `search` | corners of a free path in joint space |
 //! | `line` | a straight line of the hand |
@@ -44,7 +44,7 @@ const THERE_RAD: f64 = 1e-3;
 /// Corners are rounded by as much as this at first; below the second number not at all, rad.
 const BLEND_RAD: f64 = 0.4;
 const BLEND_MIN_RAD: f64 = 0.01;
-/// A line of the hand is made of many short pieces; a cubic that is at most so far beside them, rad, follows several.
+/// A line of the hand consists of many short pieces; a cubic that is at most this far beside them, rad, follows several.
 const THIN_RAD: f64 = 5e-5;
 
 /// How an arm goes from one rest to another.
@@ -68,14 +68,14 @@ impl Default for Travel {
 /// Why there is no way.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum WayError {
-    /// One end touches something or is no pose of this arm.
+    /// One end touches something or is not a pose of this arm.
     #[error("at {} {what}", if *.at_start { "its present pose the arm" } else { "the end of the motion the arm" })]
     Blocked {
         at_start: bool,
         /// What is wrong there.
         what: String,
     },
-    /// None was found.
+    /// No way was found.
     #[error("no free way was found in {tries} tries")]
     NoWay { tries: usize },
     #[error(transparent)]
@@ -88,7 +88,7 @@ pub enum WayError {
     /// Two bodies touch on a line between corners that were given, which count from 1.
     #[error("on the line from corner {leg} to the next {a} and {b} touch")]
     Leg { leg: usize, a: String, b: String },
-    /// The share is no number above 0 and at most 1.
+    /// The share is not a number above 0 and at most 1.
     #[error("a share of {share} of the limits is not above 0 and at most 1")]
     Share { share: f64 },
 }
@@ -121,8 +121,8 @@ pub fn way(
         .ok_or(WayError::NoWay { tries: search::SAMPLES_MAX })
 }
 
-/// Motion along lines in joint space through `corners`, such as another search found, each corner rounded as much as is proven free;
-/// `None` where all are one place.
+/// Motion along lines in joint space through `corners`, for example from another search, each corner rounded as
+/// much as is proven free; `None` if all are one place.
 ///
 /// # Errors
 /// [`WayError::Leg`], [`WayError::Share`].
@@ -253,7 +253,7 @@ fn limits(arm: &RobotModel, share: f64) -> Result<Limits, WayError> {
     fits.then(|| Limits::of_arm(arm, share)).flatten().ok_or(WayError::Share { share })
 }
 
-/// That the arm at `q` is inside its ranges and touches nothing.
+/// Checks that the arm at `q` is inside its ranges and touches nothing.
 ///
 /// # Errors
 /// [`WayError::Blocked`].

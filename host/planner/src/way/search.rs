@@ -1,7 +1,8 @@
 //! Corners of a free path in joint space.
 //!
-//! Two trees grow towards each other through free space (Kuffner, LaValle, "RRT-Connect: an efficient approach to single-query path
-//! planning", 2000); then what a straight line can replace is taken out, between corners and between points on the edges.
+//! Two trees grow towards each other through free space (Kuffner, LaValle, "RRT-Connect: an efficient approach to
+//! single-query path planning", 2000). Then straight lines replace parts of the path, between corners and between
+//! points on the edges.
 
 use robot_model::collision::{CollisionChecker, Scene};
 use robot_model::{JointVec, RobotModel};

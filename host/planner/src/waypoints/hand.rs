@@ -19,7 +19,7 @@ const COLUMNS: [(&str, usize, f64); 9] = [
     ("yaw_deg", 5, std::f64::consts::PI / 180.0),
 ];
 
-/// The lines that say something, with their numbers from 1.
+/// The lines with content, with their numbers from 1.
 fn lines(text: &str) -> impl Iterator<Item = (&str, u64)> {
     let all = text.lines().zip(1_u64..).map(|(line, number)| (line.trim(), number));
     all.filter(|(line, _)| !line.is_empty() && !line.starts_with('#'))
@@ -42,7 +42,7 @@ pub fn read_hand(text: &str) -> Result<Vec<Goal>, WaypointError> {
     for name in header.split(',').map(str::trim) {
         let of = COLUMNS.iter().find(|(known, ..)| *known == name);
         let (_, place, factor) = of.copied().ok_or_else(|| WaypointError::Form {
-            why: format!("the column \"{name}\" is none of x_m, y_m, z_m, roll_deg, pitch_deg, yaw_deg"),
+            why: format!("the column \"{name}\" is not one of x_m, y_m, z_m, roll_deg, pitch_deg, yaw_deg"),
         })?;
         if columns.iter().any(|(other, _)| *other == place) {
             return Err(WaypointError::Twice { name: name.to_owned() });
@@ -53,7 +53,7 @@ pub fn read_hand(text: &str) -> Result<Vec<Goal>, WaypointError> {
         |places: std::ops::Range<usize>| places.filter(|k| columns.iter().any(|(of, _)| of == k)).count();
     let turns = has(3..6);
     if has(0..3) != 3 || !matches!(turns, 0 | 3) {
-        let why = "places of the hand need x_m, y_m and z_m, and all three of roll, pitch and yaw or none";
+        let why = "places of the hand need x_m, y_m and z_m, and either all three of roll, pitch and yaw or no angle";
         return Err(WaypointError::Form { why: why.to_owned() });
     }
     let mut goals = Vec::new();

@@ -6,8 +6,8 @@
 //! | CSV of the hand | `x_m`, `y_m`, `z_m` in the frame of the base, and `roll_deg`, `pitch_deg`, `yaw_deg` if it is to turn; without times |
 //! | JSON, YAML | `joint_names`, `points` with `positions` (rad), and `velocities` (rad/s) and `time_from_start` if there are any |
 //!
-//! Times are in all rows or in none, and so are speeds. Accelerations and efforts are read over: the motion between the points follows
-//! from positions, times and speeds.
+//! Times are in all rows or in no row, and so are speeds. Accelerations and efforts are ignored: the motion between
+//! the points follows from positions, times and speeds.
 
 mod hand;
 mod yaml;
@@ -69,7 +69,7 @@ impl WaypointError {
         Some(match self {
             Self::NoJoint { known, .. } => format!("name the columns {}", known.join(",")),
             Self::NoSuchJoint { known, .. } => format!("name them {}", known.join(",")),
-            Self::Uneven { .. } => "give them in all points or in none".to_owned(),
+            Self::Uneven { .. } => "give them in all points or leave them out".to_owned(),
             _ => return None,
         })
     }
@@ -101,7 +101,7 @@ pub fn read(text: &str, joints: &[&str]) -> Result<Waypoints, WaypointError> {
     Ok(Waypoints { rows, timed })
 }
 
-/// The first line that says something begins a mapping.
+/// The first line with content begins a mapping.
 fn is_yaml(text: &str) -> bool {
     let first = text.lines().map(str::trim).find(|line| !line.is_empty() && !line.starts_with('#'));
     first.is_some_and(|line| line == "---" || line.split(',').next().is_some_and(|word| word.contains(':')))

@@ -160,7 +160,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     bar.finish_and_clear();
     let findings = findings?;
     session.finish()?;
-    tell(args, &findings)?;
+    print(args, &findings)?;
     let refusals = findings.refusals();
     if refusals.is_empty() { Ok(()) } else { Err(ExpectedError::new(exit::FINDINGS, refusals.join("\n"))) }
 }
@@ -202,7 +202,7 @@ fn progress_bar(quiet: bool) -> ProgressBar {
 }
 
 /// Text or JSON, patch and report.
-fn tell(args: &Args, findings: &Findings) -> Result<(), ExpectedError> {
+fn print(args: &Args, findings: &Findings) -> Result<(), ExpectedError> {
     let write = |path: &PathBuf, text: &str| {
         std::fs::write(path, text).map_err(|cause| ExpectedError::output(path, &cause))
     };

@@ -116,7 +116,7 @@ fn jog(
     jogged.map_err(|error| at(args.module, controlled.renumbered(error)))
 }
 
-/// A controller jogs no faster than it is set to; a slower jog than was asked for is not told as done.
+/// A controller jogs no faster than it is set to; a slower jog than the order is not reported as done.
 fn require_speed(
     controlled: &mut Controlled,
     joint: JointIndex,

@@ -103,7 +103,7 @@ fn stop(mut session: Session, machine: Machine, beside: bool) -> Result<(), Expe
         return Err(ExpectedError::new(
             exit::DRIVE,
             format!(
-                "{name}: the halt was sent, but module {} still moves or does not tell",
+                "{name}: the halt was sent, but module {} still moves or does not report its state",
                 moving.join(", ")
             ),
         )

@@ -125,10 +125,10 @@ impl Looked {
                         if air { "" } else { "; `--no-limits` shows the rule of the paper alone" }
                     )))
             }
-            Some(Ok((_, verdict))) if verdict.caught.is_none() || !verdict.within_limits(&self.arm) => {
-                Err(ExpectedError::new(exit::BUG, format!("the plan is refuted by the witness: {verdict:?}"))
-                    .next("report it with the command line"))
-            }
+            Some(Ok((_, verdict))) if verdict.caught.is_none() || !verdict.within_limits(&self.arm) => Err(
+                ExpectedError::new(exit::BUG, format!("the plan is refuted by the observer: {verdict:?}"))
+                    .next("report it with the command line"),
+            ),
             _ => self.executed.as_ref().map_or(Ok(()), on_controller::ended),
         }
     }
@@ -213,7 +213,7 @@ fn as_text(arm: &DiscArm, throw: &Throw, rule: Option<&(Run, Verdict)>, plan: Op
             (Some(first), None) => format!("  in reach at step {first}, not closed within 50 steps\n"),
             (None, _) => "  never in reach within 50 steps\n".to_owned(),
         };
-        out += &format!("  witness: {}\n", report::witness_of_rule(run, verdict));
+        out += &format!("  observer: {}\n", report::witness_of_rule(run, verdict));
         out += &format!(
             "  joint speeds demanded {} rad/s, allowed {}\n",
             list(run.speed_demanded_rad_s().iter().copied(), 1),

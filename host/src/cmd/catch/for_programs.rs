@@ -13,7 +13,7 @@ use crate::exit;
 /// Steps of a table at most.
 const ROWS_MAX: f64 = 100_000.0;
 
-/// What `cubectl catch --ball --json` tells, and more: how the program ends, where the arm stands, the path of its cup, and a table
+/// What `cubectl catch --ball --json` prints, and more: how the program ends, where the arm stands, the path of its cup, and a table
 /// of the last motion, in steps of `step_s` from its start to its end. Times count from the release.
 ///
 /// # Errors
@@ -47,7 +47,7 @@ pub fn ball(words: &[String], step_s: f64) -> Result<Value, ExpectedError> {
     Ok(result)
 }
 
-/// What `cubectl catch --disc --json` tells, and more: how the program ends, and tables of the flight of the disc and of the
+/// What `cubectl catch --disc --json` prints, and more: how the program ends, and tables of the flight of the disc and of the
 /// motion, in steps of `step_s`. Times count from the start of the flight.
 ///
 /// # Errors

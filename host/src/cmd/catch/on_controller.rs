@@ -49,7 +49,7 @@ pub(super) fn run(
 /// # Errors
 /// The controller stopped the arm, or the disc was not caught.
 pub(super) fn ended(run: &Judged) -> Result<(), ExpectedError> {
-    if let Err(why) = &run.executed.told {
+    if let Err(why) = &run.executed.reported {
         let code = match why {
             OperatorError::Stopped { .. } => exit::STOPPED,
             why if why.is_stop_by_other() => exit::STOPPED,
@@ -74,21 +74,21 @@ pub(super) fn ended(run: &Judged) -> Result<(), ExpectedError> {
 pub(super) fn as_text(arm: &DiscArm, run: &Judged, planned: &Verdict) -> String {
     let (executed, tracking) = (&run.executed, &run.tracking);
     let mut out = format!("on the controller, period {:.0} ms:\n", executed.period_s * 1e3);
-    out += &match &executed.told {
-        Ok(()) => "  told: the motion ran to its end\n".to_owned(),
-        Err(why) => format!("  told: {why}\n"),
+    out += &match &executed.reported {
+        Ok(()) => "  controller: the motion ran to its end\n".to_owned(),
+        Err(why) => format!("  controller: {why}\n"),
     };
     out += &match (&run.verdict.caught, &run.verdict.touched) {
         (Some((_, seen)), _) => format!(
-            "  witness: caught at {:.3} s, tip {:.1} cm inside the rim, {:.1} mm off the middle of the gap\n",
+            "  observer: caught at {:.3} s, tip {:.1} cm inside the rim, {:.1} mm off the middle of the gap\n",
             seen.t_s,
             seen.depth_m * 100.0,
             seen.height_m * 1e3
         ),
         (None, Some(touch)) => {
-            format!("  witness: not caught; touches the {} at {:.3} s\n", touch.body, touch.t_s)
+            format!("  observer: not caught; touches the {} at {:.3} s\n", touch.body, touch.t_s)
         }
-        (None, None) => "  witness: not caught\n".to_owned(),
+        (None, None) => "  observer: not caught\n".to_owned(),
     };
     if let (Some((_, plan)), Some((_, seen))) = (&planned.caught, &run.verdict.caught) {
         let least_m = Rule::default().depth_min_m;
@@ -100,8 +100,8 @@ pub(super) fn as_text(arm: &DiscArm, run: &Judged, planned: &Verdict) -> String 
         );
     }
     out += &match executed.closed_s {
-        Some(at_s) => format!("  gripper told to close at {at_s:.3} s"),
-        None => "  gripper never told to close".to_owned(),
+        Some(at_s) => format!("  order to close the gripper at {at_s:.3} s"),
+        None => "  no order to close the gripper".to_owned(),
     };
     let mrad = |q: &planner::disc::Joints| list(q.iter().map(|q| q * 1e3), 1);
     out += &format!("; controller's clock known to {:.2} ms\n", executed.clock_off_s * 1e3);
@@ -127,7 +127,7 @@ pub(super) fn as_text(arm: &DiscArm, run: &Judged, planned: &Verdict) -> String 
 pub(super) fn as_json(run: &Judged) -> Value {
     let (executed, tracking) = (&run.executed, &run.tracking);
     json!({
-        "told": executed.told.as_ref().map_or_else(ToString::to_string, |()| "ended".to_owned()),
+        "reported": executed.reported.as_ref().map_or_else(ToString::to_string, |()| "ended".to_owned()),
         "witness": seen_json(&run.verdict),
         "closed_s": executed.closed_s,
         "clock_off_s": executed.clock_off_s,

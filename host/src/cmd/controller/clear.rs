@@ -18,7 +18,7 @@ const SETTLE: protocol::Duration = protocol::Duration::from_millis(200);
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl explain 101                # first: what happened, and what to do about it\n  cubectl controller clear --bus can0\n\nNothing moves. The controller forgets its latched fault and looks at every drive again; a fault whose cause is\nstill there comes back and is told. Without a controller on the bus, modules that are halted or report an error\nare reset. After either, a motion needs its orders again: home, upload, arm, run."
+    after_help = "Examples:\n  cubectl explain 101                # first: what happened, and what to do about it\n  cubectl controller clear --bus can0\n\nNothing moves. The controller forgets its latched fault and looks at every drive again; a fault whose cause is\nstill there comes back and is reported. Without a controller on the bus, modules that are halted or report an error\nare reset. After either, a motion needs its orders again: home, upload, arm, run."
 )]
 pub struct Args {
     /// Bus options.

@@ -41,7 +41,7 @@ pub fn follow(words: &[String]) -> Result<FollowPlan, ExpectedError> {
     let arm = crate::cmd::six_axes(&args.search.options.robot)?;
     if !args.follow.apply_to(&arm) {
         return Err(ExpectedError::bad_input(&format!(
-            "robot \"{}\" throws in the ordinary way unless told otherwise",
+            "robot \"{}\" throws in the ordinary way by default",
             arm.name()
         ))
         .next("add the option --follow"));

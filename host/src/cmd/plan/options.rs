@@ -52,7 +52,7 @@ pub struct PlanOptions {
     /// Spin of the ball times its lift constant (Magnus force m × v), in 1/s.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = crate::cmd::values::numbers::<3>, default_value = "0,0,0", help_heading = "Flight")]
     pub magnus_rad_s: [f64; 3],
-    /// Also tell the landing of a ball that leaves between fingers that open, as the table `fingers` of the robot file
+    /// Also predict the landing of a ball that leaves between fingers that open, as the table `fingers` of the robot file
     /// says, and simulate it on the bus `sim`; the plan stays the same.
     #[arg(long, help_heading = "Flight")]
     pub finger_release: bool,

@@ -208,7 +208,7 @@ impl SearchOptions {
         Ok(planned)
     }
 
-    /// As [`SearchOptions::plan_for`], from throws that are at hand; what was given up is not told.
+    /// As [`SearchOptions::plan_for`], from throws that are at hand; what was given up is not printed.
     ///
     /// # Errors
     /// If input is refused or no throw reaches the target.

@@ -2,7 +2,7 @@
 //!
 //! | file | verb |
 //! |---|---|
-//! | `probe` | `doctor` and `status`: hold the robot and say what its telegrams tell |
+//! | `probe` | `doctor` and `status`: hold the robot and report what its telegrams contain |
 //! | `record` | hold the robot and write the exchange |
 //! | `replay` | run a station on a recorded exchange again |
 //! | `link` | no verb: opens the link to a robot that is led |
@@ -136,7 +136,7 @@ pub struct Watch<'a> {
     pub count: (u64, u64),
     /// The exchange goes on after the last motion.
     pub stays: bool,
-    told: bool,
+    is_noted: bool,
     name: String,
     quiet: bool,
     each: &'a mut dyn FnMut(Instant, &mut Station) -> bool,
@@ -159,7 +159,7 @@ impl<'a> Watch<'a> {
             gave_up: None,
             count: (0, 0),
             stays: false,
-            told: false,
+            is_noted: false,
             name,
             quiet,
             each,
@@ -208,9 +208,9 @@ impl<'a> Watch<'a> {
 
 impl Host for Watch<'_> {
     fn goes_on(&mut self, now: Instant, station: &mut Station) -> bool {
-        if !self.told && !self.quiet {
+        if !self.is_noted && !self.quiet {
             console::note!("{}: waiting for the robot; start its program now", self.name);
-            self.told = true;
+            self.is_noted = true;
         }
         let over = self.until.is_some_and(|until| now >= until);
         let records_only = self.lines_max == 0;

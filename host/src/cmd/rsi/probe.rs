@@ -1,4 +1,4 @@
-//! `cubectl doctor` and `cubectl status` on RSI: hold the robot for a second and say what its telegrams tell.
+//! `cubectl doctor` and `cubectl status` on RSI: hold the robot for a second and report what its telegrams contain.
 
 use std::time::Instant as WallTime;
 
@@ -21,13 +21,13 @@ use crate::exit;
 const TELEGRAMS: u64 = 100;
 /// A robot that is not there by then is missing.
 const WAIT: std::time::Duration = std::time::Duration::from_secs(30);
-/// Distance of the start pose from the described one that is told, deg: one step of one decimal.
+/// Distance of the start pose from the described one above which it is a finding, deg: one step of one decimal.
 const SAME_DEG: f64 = 0.1;
 /// Drift, noise and distance from the start pose that are reported.
 const DRIFT_DEG_S: f64 = 0.05;
 const NOISE_DEG: f64 = 0.01;
 const OFF_START_DEG: f64 = 0.2;
-/// Decimals below which noise of the readings is told.
+/// Decimals below which noise of the readings is reported.
 const DECIMALS: usize = 3;
 
 /// What was seen.
@@ -96,7 +96,7 @@ pub fn status(spec: &RsiSpec, described: &KrcScenario, arm: &Arm, json: bool) ->
     let fingers = match last.fingers_open {
         Some(true) => "open",
         Some(false) => "closed",
-        None => "not told",
+        None => "not reported",
     };
     console::line!("fingers: {fingers}; telegram {}; late answers: {}", last.ipoc, last.late);
     Ok(())
@@ -333,7 +333,7 @@ fn names(seen: &Seen, described: &KrcScenario) -> Vec<Finding> {
     }
     if config.scalar(&described.options.stop_name).is_none() {
         let what = format!(
-            "{} is not received: the robot's program cannot be told to end",
+            "{} is not received: the robot's program cannot be ordered to end",
             described.options.stop_name
         );
         all.push(finding(Level::Note, "names", what, "add it to RECEIVE and wire it to a stop object"));

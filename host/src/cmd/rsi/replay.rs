@@ -54,7 +54,7 @@ pub fn history(folder: &Path) -> Result<[Vec<u8>; 2], ExpectedError> {
         return Err(ExpectedError::new(
             exit::FINDINGS,
             format!(
-                "{}: the controller of this version answers otherwise from {:.6} s on, so it cannot tell \
+                "{}: the controller of this version answers otherwise from {:.6} s on, so it cannot show \
                      what happened",
                 folder.join(LOG).display(),
                 at.as_secs_f64()

@@ -179,7 +179,7 @@ impl Drives {
 }
 
 impl Args {
-    /// The target: as given, or as the tracker sees it, which is told.
+    /// The target: as given, or as the tracker sees it, which is printed.
     pub(super) fn aim(&self) -> Result<(Option<[f64; 3]>, Option<Measured>), ExpectedError> {
         match self.target {
             None => Ok((None, None)),

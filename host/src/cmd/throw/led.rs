@@ -267,7 +267,7 @@ fn opened(
         ))
     })?;
     let plan = plan.opened_for(arm, lag_s, jitter_s);
-    // What a plan of a file commands beyond the program's limits is told by the station, with the limits.
+    // What a plan of a file commands beyond the program's limits is reported by the station, with the limits.
     let passed = if args.plan.is_some() { CommandRange::default() } else { command_range(described) };
     match verify_commands(arm, &limits, &passed, &plan).findings.first() {
         None => Ok(plan),

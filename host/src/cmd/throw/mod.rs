@@ -43,7 +43,7 @@ use tuner::gains::gains_file::GainsFile;
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl throw --target 1.0,1.0,-1.0                      # in the simulated cell\n  cubectl throw --target 1.0,1.0,-1.0 --bus can0            # a controller that is heard there, else one in this program\n  cubectl throw --plan plan.json --bus can0 --controller 10\n  cubectl throw --robot kr16_2 --target 2.5,0,0.6           # an industrial robot, inside this program, over RSI\n  cubectl throw --robot kr16_2 --target tracker --bus rsi:udp://0.0.0.0:49152\n\nWrites plan.json, gains.toml, bus.log, bus.mcap, summary.json and report.html into a new folder. Ctrl-C, SIGTERM and\nSIGHUP stop the arm along its path, then end the program with code 6. On every bus but `sim` it asks before the arm moves and\nonce more before the ball is thrown; without a terminal it needs --yes.\n\nOutcomes and exit codes: landed 0, missed 11, not released 12, stopped 13. Only the bus `sim` sees the ball. On every\nother bus the outcome is \"thrown, not observed\" (0): the program then says when the release was ordered and where the\nmeasured motion sends the ball. A drive that has lost encoder counts tells a wrong position without knowing it; nothing\nin its answers shows that.\n\n`cubectl plan throw` has all options of the search (form, limits, moving targets, openings, drag, regions);\n`--plan` throws its plan."
+    after_help = "Examples:\n  cubectl throw --target 1.0,1.0,-1.0                      # in the simulated cell\n  cubectl throw --target 1.0,1.0,-1.0 --bus can0            # a controller that is heard there, else one in this program\n  cubectl throw --plan plan.json --bus can0 --controller 10\n  cubectl throw --robot kr16_2 --target 2.5,0,0.6           # an industrial robot, inside this program, over RSI\n  cubectl throw --robot kr16_2 --target tracker --bus rsi:udp://0.0.0.0:49152\n\nWrites plan.json, gains.toml, bus.log, bus.mcap, summary.json and report.html into a new folder. Ctrl-C, SIGTERM and\nSIGHUP stop the arm along its path, then end the program with code 6. On every bus but `sim` it asks before the arm moves and\nonce more before the ball is thrown; without a terminal it needs --yes.\n\nOutcomes and exit codes: landed 0, missed 11, not released 12, stopped 13. Only the bus `sim` sees the ball. On every\nother bus the outcome is \"thrown, not observed\" (0): the program then says when the release was ordered and where the\nmeasured motion sends the ball. A drive that has lost encoder counts reports a wrong position; nothing\nin its answers shows that.\n\n`cubectl plan throw` has all options of the search (form, limits, moving targets, openings, drag, regions);\n`--plan` throws its plan."
 )]
 pub struct Args {
     /// What stands on the command line.
@@ -136,7 +136,7 @@ enum Prepared {
 /// Runs the verb.
 ///
 /// # Errors
-/// No throw, a plan that does not fit, the bus, the controller, the disk, or Ctrl-C. The exit code tells them apart.
+/// No throw, a plan that does not fit, the bus, the controller, the disk, or Ctrl-C. Each has its exit code.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let arm = super::robot(&args.robot)?;
     let led = (arm.n() == AXES && is_industrial(&arm)).then_some(arm);

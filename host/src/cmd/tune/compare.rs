@@ -109,7 +109,7 @@ fn recorded(
         numbers(&set.gains) == numbers(&its)
     };
     let set = sets.iter().find(ran_with).map_or("its own gains", |set| &set.name);
-    let landed = seen.summary.as_ref().and_then(|told| told.get("landing_error_m")?.as_f64());
+    let landed = seen.summary.as_ref().and_then(|summary| summary.get("landing_error_m")?.as_f64());
     let landing_m = landed.or_else(|| analysis.release.as_ref()?.landing_error_m);
     let row = trial::recorded(set, &name, its.period_us, &analysis, landing_m);
     Ok((Throw { name, motion: trial::of_plan(&file) }, row))

@@ -1,4 +1,4 @@
-// What the bus tells, as it comes: one WebSocket, snapshots fifty times a second, the same drawings as in a report.
+// What the bus shows, as it comes: one WebSocket, snapshots fifty times a second, the same drawings as in a report.
 (() => {
   const el = id => document.getElementById(id), svgOf = name => document.createElementNS('http://www.w3.org/2000/svg', name);
   const SPAN_S = 10, KEPT = 600, EVENTS = 60;
@@ -95,7 +95,7 @@
   if (phone) document.querySelectorAll('details').forEach(part => { part.open = false; });
   const names = live.joints;
   const charts = [
-    chart('errors', `Position errors, as the controller tells them; bound ±${live.bound_mrad} mrad`, 'error in mrad', names, [-1, 1],
+    chart('errors', `Position errors, as the controller reports them; bound ±${live.bound_mrad} mrad`, 'error in mrad', names, [-1, 1],
       live.bound_mrad, true),
     chart('currents', 'Motor currents', 'current in A', names, [-0.5, 0.5]),
     chart('angles', 'Angles', 'angle in rad', names, [-0.1, 0.1]),

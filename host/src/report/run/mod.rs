@@ -102,7 +102,7 @@ impl RunReport<'_> {
         Some(([number(0)?, number(1)?, number(2)?], source.to_owned()))
     }
 
-    /// The release; `None` for a run that was stopped before the gripper was told to open.
+    /// The release; `None` for a run that was stopped before the order to open the gripper.
     fn thrown(&self) -> Option<ReleaseMotion> {
         self.analysis.release.filter(|release| release.gripper_ordered_t_s.is_some())
     }
@@ -196,8 +196,8 @@ impl RunReport<'_> {
     }
 
     fn tolerance_m(&self) -> f64 {
-        let told = self.in_summary("/tolerance_m").and_then(Value::as_f64);
-        told.or_else(|| Some(default_tolerance_m(self.arm, self.ran.throw.as_ref()?))).unwrap_or(0.0)
+        let noted = self.in_summary("/tolerance_m").and_then(Value::as_f64);
+        noted.or_else(|| Some(default_tolerance_m(self.arm, self.ran.throw.as_ref()?))).unwrap_or(0.0)
     }
 
     fn tiles(&self, hand: &HandPath) -> Vec<(String, &'static str, String, Tone)> {

@@ -1,4 +1,4 @@
-//! What a saturated design claims, with the numbers that prove it, and the check of them.
+//! Claims of a saturated design, with the numbers that prove them, and their check.
 //!
 //! The check shares with the design only the sampled model; definiteness is proven by
 //! [`super::rigor`], on the gains as rounded to f32.
@@ -73,8 +73,8 @@ pub enum SaturatedRefusal {
 const GRID: usize = 9;
 
 impl Region {
-    /// Factor by which the ellipsoid has shrunk after `duration_s`: the decay over whatever of it
-    /// is certain to lie between samples (a delay and two periods are not).
+    /// Factor by which the ellipsoid has shrunk after `duration_s`: the decay over the part of it that certainly is
+    /// between samples (not a delay and two periods).
     pub fn shrinkage(&self, problem: &Problem, duration_s: f64) -> f64 {
         let sure = duration_s - problem.delay().high - 2.0 * problem.period().high;
         (-self.decay_1_s * sure.max(0.0)).exp()
@@ -99,10 +99,10 @@ impl SaturatedCertificate {
         self.regions.iter().map(|region| region.cost_rate).fold(f64::INFINITY, f64::min)
     }
 
-    /// Checks every claim for `problem`, with bounds on all rounding, whatever produced the numbers.
+    /// Checks every claim for `problem`, with bounds on all rounding, for numbers from any source.
     ///
-    /// Periods and delays: a grid of 9 x 9 over the stated box, corners included, with an allowance
-    /// for what lies between its points.
+    /// Periods and delays: a grid of 9 x 9 over the stated box, corners included, with an allowance for the values
+    /// between its points.
     ///
     /// # Errors
     /// [`SaturatedRefusal`] names the first claim that is not proven.
@@ -221,7 +221,8 @@ fn between_points(falls: &[StateMatrix]) -> f64 {
     let largest = |stride: usize, starts: &mut dyn Iterator<Item = usize>| {
         starts.fold(0.0f64, |largest, a| {
             let difference = falls[a] - falls[a + stride] * 2.0 + falls[a + 2 * stride];
-            // No eigenvalue exceeds the norm, nor what a Cholesky run can take: few differences need eigenvalues.
+            // No eigenvalue exceeds the norm, nor the largest value so far by a completed Cholesky run: few differences need
+            // eigenvalues.
             if difference.norm() <= largest {
                 return largest;
             }

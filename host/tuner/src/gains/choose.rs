@@ -71,11 +71,11 @@ pub enum NoGains {
     /// The program designs for its own periods only.
     #[error("the program has no gains for {} ms and {robot}", f64::from(*.period_us) * 1e-3)]
     Period {
-        /// Asked for, µs.
+        /// Requested period, µs.
         period_us: u32,
         robot: String,
     },
-    /// The robot file does not say enough.
+    /// The robot file has too little data.
     #[error("{0}")]
     Machine(#[from] MachineError),
     /// The design fails.
@@ -112,8 +112,8 @@ impl NoGains {
     }
 }
 
-/// Certified gains for `robot` at a period: the built-in ones if they were designed for exactly what its file says, else
-/// a design made now.
+/// Certified gains for `robot` at a period: the built-in ones if they were designed for exactly the data of its
+/// file, otherwise a new design.
 ///
 /// # Errors
 /// [`NoGains`].
@@ -202,7 +202,7 @@ mod tests {
                 let (gains, from) = gains_for(&robot, us).unwrap();
                 assert_eq!(from, GainsFrom::Designed);
                 assert_eq!(gains.joint[0].problem.acceleration_max_rad_s2, a_max);
-                // What goes into the folder proves again when it is read.
+                // The gains written into the folder are proven again when they are read.
                 let read = GainsFile::from_toml(&gains.to_toml(), robot.name()).unwrap();
                 assert_eq!(read, gains);
                 assert_ne!(gains.to_toml(), built_in.to_toml());

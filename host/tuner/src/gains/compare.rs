@@ -7,7 +7,7 @@ use crate::model::Estimator;
 /// Errors of one joint, worst over an initial error of either sign.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tracking {
-    /// Until the position error stays below half of the initial one, s; infinite if it does not.
+    /// Time until the position error stays below half of the initial one, s; infinite if it does not.
     pub halved_after_s: f64,
     /// Largest position error after 0.35 s, rad.
     pub late_max_rad: f64,

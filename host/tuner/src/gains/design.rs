@@ -39,7 +39,7 @@ pub struct Tuned {
     pub proof: Proof,
     /// Unsaturated figures of the sampled loop with delay and lag.
     pub figures: LinearFigures,
-    /// Dense sampling of the saturated loop; `None` for the paper's design, whose claim is not about it.
+    /// Dense sampling of the saturated loop; `None` for the paper's design, whose claim does not cover it.
     pub evidence: Option<Evidence>,
 }
 
@@ -91,7 +91,7 @@ const EVIDENCE_STATES: usize = 2000;
 /// Designs, certifies, checks and examines one joint.
 ///
 /// # Errors
-/// [`DesignError`] with the binding condition and the way out.
+/// [`DesignError`] with the limiting condition and the next step.
 pub fn tune(input: &JointInput, design: Design) -> Result<Tuned, DesignError> {
     let problem = Problem::new(input)?;
     let joint = input.joint;

@@ -19,8 +19,8 @@ const HORIZON: f64 = 6.0;
 /// Share of the initial radius below which a position error counts as settled.
 const SETTLED: f64 = 0.05;
 
-/// Until the position error of the worst initial state stays below a twentieth of the initial radius, s, at the
-/// nominal period and delay with the command bounded by `u_max`; infinite if it does not.
+/// Time until the position error of the worst initial state stays below a twentieth of the initial radius, s, at
+/// the nominal period and delay with the command bounded by `u_max`; infinite if it does not.
 pub(super) fn settling_s(problem: &Problem, gains: Gains, u_max: f64) -> f64 {
     let (e0, v0) = problem.error_set();
     let (period, delay) = problem.grid(1)[0];

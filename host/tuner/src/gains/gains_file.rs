@@ -105,7 +105,7 @@ pub enum GainsFileError {
         found: String,
         expected: String,
     },
-    /// The robot has this name, but its file says something else than the one the gains were designed for.
+    /// The robot has this name, but its file differs from the one that the gains were designed for.
     #[error(
         "joint {joint}: the gains were designed for {what} = {found}, the robot file says {expected}; tune for this robot"
     )]
@@ -238,7 +238,8 @@ impl GainsFile {
             if is_whole || was_proven { certificate_crc32(&proven) } else { 0 };
     }
 
-    /// The gains were designed for what the file of this robot says: a robot is known by its numbers, not by its name.
+    /// Checks that the gains were designed for the data of this robot's file: a robot is identified by its numbers, not by its
+    /// name.
     ///
     /// # Errors
     /// [`GainsFileError::OtherMachine`] for the first number that differs.
@@ -328,7 +329,7 @@ impl JointGains {
         [self.k_pos_1_s2, self.k_vel_1_s, self.k_last]
     }
 
-    /// What Theorem 1 of the paper gives for the same problem; `None` without a proof.
+    /// Result of Theorem 1 of the paper for the same problem; `None` without a proof.
     pub fn theorem_1(&self, period_s: f64, estimator: Estimator) -> Option<Gains> {
         let problem = self.problem(period_s, estimator).ok()?;
         largest_decay(&System::of(&problem)).ok()?.gains(&problem)
@@ -418,7 +419,7 @@ impl GainsFile {
     /// Reads a file and proves every joint again.
     ///
     /// # Errors
-    /// [`GainsFileError`]: syntax, version, another robot, or whatever is no longer proven.
+    /// [`GainsFileError`]: syntax, version, another robot, or a claim that is no longer proven.
     pub fn from_toml(text: &str, robot: &str) -> Result<Self, GainsFileError> {
         let file: Self = toml::from_str(text).map_err(|e| GainsFileError::Syntax(e.to_string()))?;
         if file.format != FORMAT {

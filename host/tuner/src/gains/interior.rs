@@ -10,8 +10,8 @@ use nalgebra::{Cholesky, DMatrix, DMatrixView, DVector, Dyn, SymmetricEigen};
 
 /// Most programs need 8 to 20 steps; more means that no more digits are to be had.
 const STEPS_MAX: usize = 60;
-/// Residual of <F_i, Z> = -c_i, in units of the largest c_i, below which the multipliers count as a bound. One that is
-/// not quite a bound rejects gains that could be proven, never the other way round.
+/// Residual of <F_i, Z> = -c_i, in units of the largest c_i, below which the multipliers count as a bound.
+/// Multipliers that are not exactly a bound can reject gains that could be proven, never the other way round.
 const DUAL_FEASIBLE: f64 = 1e-4;
 /// Largest <F_i, Z> over -<F0, Z>, in scaled units, with which the multipliers count as a contradiction.
 const CONTRADICTION: f64 = 1e-8;
@@ -19,20 +19,20 @@ const CONTRADICTION: f64 = 1e-8;
 const START: f64 = 10.0;
 /// Share of the way to the boundary that a step takes: at least, and what is added for a whole step.
 const STEP_SHARE: (f64, f64) = (0.9, 0.09);
-/// Share of the tolerance that the gap of the centred point keeps. Closer to the boundary the rounding of a step grows,
-/// and the multipliers lose more than the gap wins.
+/// Share of the tolerance that the gap of the centred point keeps. Closer to the boundary the rounding of a step
+/// grows, and the multipliers lose more than the gap gains.
 const CENTRED: f64 = 0.1;
 /// Way to the boundary that is far enough for a whole step.
 const FAR: f64 = 2.0;
 /// Added to the matrix of a step, relative and absolute: unknowns that depend on each other would make it singular.
 const REGULAR: f64 = 1e-14;
-/// Repetitions of the solution of a step with what it leaves, which undo that addition and most of the rounding.
+/// Repetitions of the solution of a step with its residual, which undo that addition and most of the rounding.
 const REFINEMENTS: usize = 2;
 /// Sweeps after which the eigenvalue iteration of a block gives up.
 const SWEEPS: usize = 1000;
 
-/// A program in units in which the largest slope of each unknown and of each block, the largest constant and the largest
-/// entry of the objective are about one. The blocks stand one below the other, each column by column.
+/// A program in units in which the largest slope of each unknown and of each block, the largest constant and the
+/// largest entry of the objective are about one. The blocks are below each other, each column by column.
 struct Scaled {
     /// Rows of each block.
     sizes: Vec<usize>,
@@ -182,7 +182,7 @@ struct Newton<'a> {
 }
 
 impl<'a> Newton<'a> {
-    /// `None` if rounding leaves nothing to go on with.
+    /// `None` if rounding makes further steps impossible.
     fn new(program: &'a Scaled, at: &Point, residuals: &'a Residuals) -> Option<Self> {
         let pairs = program.blocks(&at.s).zip(program.blocks(&at.z));
         let halfway = pairs.map(|(s, z)| Halfway::new(s, z)).collect::<Option<Vec<_>>>()?;
@@ -226,7 +226,7 @@ impl<'a> Newton<'a> {
 
     /// The change of the point, as long as it may be. It aims at no smaller S Z than `least`.
     fn step(&self, least: f64) -> Option<Point> {
-        // Predictor: straight to S Z = 0. What it reaches tells how far the corrector may aim.
+        // Predictor: straight to S Z = 0. Its result shows how far the corrector may aim.
         let d = stacked(self.halfway.iter().map(|at| DMatrix::from_diagonal(&at.d)));
         let ahead = self.solve(&-&d);
         let (primal, dual) = self.boundaries(&ahead)?;

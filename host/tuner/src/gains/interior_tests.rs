@@ -41,10 +41,11 @@ struct Shape {
     active: usize,
 }
 
-/// A program with a known optimum: slack S and multiplier Z are drawn with S Z = 0, S + Z > 0, then constants and objective
-/// are what makes both feasible, which proves both optimal. Where the number of unknowns lies between the freedom of
-/// Z and that of S, both are the only ones (for almost all slopes), so that the interior is not empty on either side.
-/// `units` are powers of ten: of each block and unknown, at random up to, and of the objective.
+/// A program with a known optimum: slack S and multiplier Z are drawn with S Z = 0, S + Z > 0, then constants and
+/// objective are chosen so that both are feasible, which proves both optimal. If the number of unknowns is between
+/// the freedom of Z and that of S, both are the only ones (for almost all slopes), so that the interior is not
+/// empty on either side. `units` are powers of ten: the largest random one of each block and unknown, and that of the
+/// objective.
 fn known(seed: u64, shapes: &[Shape], extra: f64, units: (f64, f64)) -> Known {
     let mut random = Random(seed | 1);
     let least: usize = shapes.iter().map(|s| s.active * (s.active + 1) / 2).sum();

@@ -57,9 +57,9 @@ pub(super) fn horizon_s(problem: &Problem) -> f64 {
     problem.delay().centre() + problem.drive().lag_s()
 }
 
-/// Radius of the set that is certified for errors up to `position_rad` under commands up to `u_max`: at least so large
-/// that delay and lag take no larger share of its time unit than the problem says. What holds for a larger set holds for a
-/// smaller one.
+/// Radius of the set that is certified for errors up to `position_rad` under commands up to `u_max`: at least so
+/// large that delay and lag take no larger share of its time unit than the problem allows. A proof for a larger set
+/// also holds for a smaller one.
 pub(super) fn certified_radius_rad(problem: &Problem, position_rad: f64, u_max: f64) -> f64 {
     position_rad.max(u_max * (horizon_s(problem) / problem.horizon_share_max()).powi(2))
 }

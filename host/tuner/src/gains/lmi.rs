@@ -29,7 +29,7 @@ pub enum SolveError {
     /// Proven: no x satisfies the blocks.
     #[error("the inequalities have no solution (proven by the solver)")]
     Infeasible,
-    /// Proven by the dual: the objective stays below what was asked for.
+    /// Proven by the dual: the objective stays below the requested value.
     #[error("the objective stays below the value asked for (bounded by the dual)")]
     TooLow,
     /// The solver stopped in another state; its numbers are not used.
@@ -72,8 +72,8 @@ impl Lmi {
 
     /// Solves the program; only the status `Solved` counts.
     ///
-    /// Tolerance `tolerance` on gap and residuals (relative). The certificate check, not this
-    /// number, is what a result rests on.
+    /// Tolerance `tolerance` on gap and residuals (relative). A result relies on the certificate check, not on this
+    /// number.
     ///
     /// # Errors
     /// [`SolveError`].

@@ -1,4 +1,4 @@
-//! Plain discrete LQR with clipping: the yardstick the certified designs are compared with.
+//! Plain discrete LQR with clipping: the reference for the certified designs.
 //!
 //! State (position error, velocity error, last command), double integrator whose command acts a
 //! delay later, no drive lag, saturation ignored in the design. No certificate comes with it.

@@ -64,9 +64,9 @@ impl Machine {
     }
 }
 
-/// Largest reference accelerations of a motion, stretch by stretch.
+/// Largest reference accelerations of a motion, phase by phase.
 ///
-/// The planner's file has its own form; whatever follows a plan fills this in.
+/// The planner's file has its own form; the code that follows a plan fills this in.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReferenceProfile {
     /// Robot the motion was planned for.
@@ -92,14 +92,15 @@ impl ReferenceProfile {
 
 /// Share of the period that the time between two measurements of a joint may differ from it: 2 ms, at least 10 %, at most 25 %.
 ///
-/// At 3 ms, six drives on one bus, commands come within 16 % of the period and measurements within 20 %: a command waits for
-/// other frames, and drives answer after 0.2 ms, give or take 0.1 ms. Computers add up to milliseconds at longer periods.
+/// At 3 ms, six drives on one bus, commands come within 16 % of the period and measurements within 20 %: a command
+/// waits for other frames, and drives answer after 0.2 ms, ± 0.1 ms. Computers add up to milliseconds at longer
+/// periods.
 pub fn usual_jitter(period_s: f64) -> f64 {
     (0.002 / period_s).clamp(0.1, 0.25)
 }
 
-/// Initial errors that a design recovers from unless others are asked for, rad and rad/s: the controller starts no plan farther
-/// from its start (`start_tolerance_rad`), and what is larger than needed costs bandwidth.
+/// Initial errors that a design recovers from by default, rad and rad/s: the controller starts no plan farther from
+/// its start (`start_tolerance_rad`), and a larger value than needed costs bandwidth.
 pub const START_ERROR: f64 = 0.02;
 
 /// Timing and error set, the same for all joints.

@@ -49,7 +49,7 @@ fn delay_margin(model: &Sampled, gains: Gains, period: f64) -> f64 {
     let loop_gain = |omega: f64| loop_gain(model, gains, period, omega);
     let nyquist = std::f64::consts::PI / period;
     let points = 1000;
-    // Logarithmic from a thousandth of Nyquist: crossings lie around the bandwidth.
+    // Logarithmic from a thousandth of Nyquist: crossings are around the bandwidth.
     let omega = |i: i32| nyquist * 10f64.powf(-3.0 * (1.0 - f64::from(i) / f64::from(points)));
     let mut margin = f64::INFINITY;
     let mut previous = loop_gain(omega(0));

@@ -11,7 +11,7 @@
 //! | `law` | the saturated law: gains, weights, scaled coordinates |
 //! | [`saturated`] | design B: sampled, delay and lag as states, saturation certified |
 //! | `region` | its semidefinite program for one phase of the motion |
-//! | `certificate` | what design B claims, and its check |
+//! | `certificate` | the claims of design B, and their check |
 //! | `evidence` | the saturated loop simulated from the certified region |
 //! | [`lqr`] | plain LQR, to compare with |
 //! | `margins` | eigenvalues, delay margin, sensitivity |
@@ -28,7 +28,7 @@
 //! steps of 0.02 degrees, the velocity limit of the ramp generator, lost replies, torque limits and coupling between joints,
 //! the time in which the firmware blends new gains in, and f32 rounding of the law itself. Those are in [`trial`] only.
 //!
-//! What may be trusted: `rigor` and the two checks. Solver, search and simulation only propose.
+//! Only `rigor` and the two checks must be trusted. Solver, search and simulation only propose.
 
 mod certificate;
 pub mod choose;

@@ -85,7 +85,7 @@ impl PaperCertificate {
         Some([(k[0] / position) as f32, (k[1] / velocity) as f32, 0.0])
     }
 
-    /// Checks every inequality by itself, with bounds on all rounding, whatever produced the numbers.
+    /// Checks every inequality by itself, with bounds on all rounding, for numbers from any source.
     ///
     /// # Errors
     /// [`PaperRefusal`] names the first inequality that is not proven.
@@ -123,8 +123,8 @@ impl PaperCertificate {
 
 /// The program "maximise the margin t of all inequalities at this decay rate", t <= 1.
 ///
-/// With `contain_unit_ball` false it is the theorem as printed; kept because a test shows what that
-/// one admits.
+/// With `contain_unit_ball` false it is the theorem as printed; kept because a test shows which gains that version
+/// accepts.
 pub(super) fn program(system: &System, alpha: f64, contain_unit_ball: bool) -> Lmi {
     let (n, p) = (system.a.nrows(), system.b.ncols());
     let first_y = symmetric_unknowns(n);

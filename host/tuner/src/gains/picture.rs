@@ -1,4 +1,4 @@
-//! What is drawn of a tuned joint: its answer to an error, its loop over the frequency, and its certificate.
+//! Curves of a tuned joint: its response to an error, its loop over the frequency, and its certificate.
 
 use super::design::{Proof, Tuned};
 use super::margins::sensitivity;
@@ -188,7 +188,7 @@ mod tests {
         for (t_s, root) in drawn.falls.iter().flatten() {
             assert!(*root <= (-tuned.decay_1_s() * t_s).exp(), "{root} at {t_s} s");
         }
-        // Neither sensitivity is below 1 everywhere, and far above the bandwidth the loop does nothing.
+        // Neither sensitivity is below 1 everywhere, and far above the bandwidth the loop has no effect.
         assert!((1.0..2.0).contains(&drawn.sensitivity_max), "{}", drawn.sensitivity_max);
         let [_, from_reference] = &drawn.loops[0];
         assert!((from_reference[0].1 - 1.0).abs() < 0.1, "{:?}", from_reference[0]);

@@ -1,7 +1,7 @@
-//! One joint as the control comparison sees it: ramp generator, position loop, friction, encoder.
+//! One joint for the control comparison: ramp generator, position loop, friction, encoder.
 //!
-//! Integrated in steps of 50 us, unlike the exact discretisation that the design rests on, and with
-//! what the design leaves out: Coulomb friction, position resolution, velocity clip.
+//! Integrated in steps of 50 us, unlike the exact discretisation of the design, and with parts that the design
+//! leaves out: Coulomb friction, position resolution, velocity clip.
 
 use crate::model::{DriveLag, Estimator};
 use firmware::feedback::{ErrorEstimator, ErrorState, Gains, Weights, clip_to_remaining};

@@ -1,4 +1,4 @@
-//! What a gain design starts from, checked once: inside, the type is the proof.
+//! Input of a gain design, checked once: a value of the type exists only if the checks passed.
 
 use crate::model::{DriveLag, Estimator, STATES, Sampled, sampled, steady_state};
 use nalgebra::DMatrix;
@@ -24,7 +24,7 @@ impl Interval {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PhaseInput {
-    /// Length in s; `None` for the last one, which lasts for ever.
+    /// Length in s; `None` for the last one, which has no end.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub duration_s: Option<f64>,
     /// Largest |reference acceleration| of the joint in it, rad/s2, >= 0 (0: hold still).
@@ -70,7 +70,7 @@ pub struct ProblemError {
 pub struct Phase {
     /// Bound of the correcting acceleration, rad/s2, > 0 (paper eq. 12, symmetrised).
     pub u_max_rad_s2: f64,
-    /// Length, s; `None`: for ever.
+    /// Length, s; `None`: without end.
     pub duration_s: Option<f64>,
 }
 

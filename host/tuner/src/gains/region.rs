@@ -15,10 +15,10 @@ const SLOW: [(f64, f64); 2] = [(0.8, 0.45), (0.75, 0.475)];
 
 /// Margin of the decay inequality per time unit: covers periods and delays between the points.
 const DECAY_MARGIN: f64 = 2e-3;
-/// What the trace of P, scaled, costs of the rate that is maximised. Nothing else keeps P small in directions that neither
-/// the initial set nor the cost sees, and a P that is large there proves less between the points.
+/// Weight of the trace of P, scaled, against the rate that is maximised. Nothing else keeps P small in directions
+/// that neither the initial set nor the cost contains, and a large P there proves less between the points.
 const TRACE_PRICE: f64 = 1e-5;
-/// Margin asked of every inequality, in scaled coordinates; the check proves it is not all rounding.
+/// Required margin of every inequality, in scaled coordinates; the check proves that it is more than rounding.
 const MARGIN: f64 = 1e-4;
 /// Tolerance of the solver, a tenth of the margin: near the end of the feasible gains further digits are
 /// not always reached, and the check does not depend on it.
@@ -28,7 +28,7 @@ const CLAIM: f64 = 0.99;
 /// Slower costs than this are no use: V would need a thousand time units to fall.
 const COST_RATE_MIN: f64 = 1e-3;
 
-/// What is asked of a region.
+/// Requirements on a region.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Ask<'a> {
     /// Weights of the cost.

@@ -1,4 +1,4 @@
-//! Definiteness with a bound on every rounding error: what the certificate check stands on.
+//! Definiteness with a bound on every rounding error: the base of the certificate check.
 //!
 //! If floating-point Cholesky runs to completion on A - c I, with c at least the backward error of
 //! the factorisation, then A is positive definite (S. M. Rump, "Verification of positive

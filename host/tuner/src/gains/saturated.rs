@@ -21,9 +21,9 @@
 //! over the delay ([`Family`]): the damping with which the simulated loop settles first, and along it the largest
 //! bandwidth for which the inequalities hold; H is a slow member of the same family acting on the drive's target.
 //!
-//! A plan whose braking is harder than its start leaves less to correct with later on, when the
-//! errors are long gone. So each phase has a certificate of its own; the initial set of the next one
-//! is the ellipsoid {V <= sigma^2} that the decay e^(-beta) per time unit leaves.
+//! A plan whose braking is harder than its start leaves less for corrections later on, when the errors are long
+//! gone. So each phase has its own certificate; the initial set of the next one is the ellipsoid {V <= sigma^2}
+//! that the decay e^(-beta) per time unit leaves.
 
 use super::certificate::{Region, SaturatedCertificate};
 use super::evidence::settling_s;
@@ -53,11 +53,11 @@ pub enum SaturatedError {
         u_max: f64,
         /// Slowest bandwidth tried, rad/s.
         omega_min: f64,
-        /// Radius asked for, rad.
+        /// Requested radius, rad.
         radius_rad: f64,
         /// Largest radius that is certified (relaxed problem solved).
         feasible_radius_rad: f64,
-        /// Smallest bound that certifies the radius asked for (the problem is homogeneous).
+        /// Smallest bound that certifies the requested radius (the problem is homogeneous).
         feasible_u_max: f64,
         /// What the reference may use then, rad/s2 (0 if the drive cannot give the bound at all).
         feasible_reference: f64,
@@ -87,21 +87,22 @@ const OMEGA_MIN_RAD_S: f64 = 3.0;
 const OMEGA_RATIO: f64 = 0.96;
 /// Damping ratios tried.
 const ZETAS: [f64; 3] = [0.65, 0.7, 0.8];
-/// beta: guaranteed decay per time unit of a phase, in what range. A clipped double integrator cannot be asked for
-/// more than its slow row has; less than the lower end is hardly a decay.
+/// beta: range of the guaranteed decay per time unit of a phase. A clipped double integrator cannot decay faster
+/// than its slow row; below the lower end the decay is negligible.
 const DECAY: (f64, f64) = (0.06, 0.2);
-/// A step faster takes about a tenth off the cost rate that is proven, per time unit: below this there is none. Over 180
-/// designs (standing and moving, three radii, five periods) the lowest rate with a provable step above it was 0.094.
+/// A faster step takes about a tenth off the proven cost rate, per time unit: below this value no faster step can
+/// be proven. Over 180 designs (standing and moving, three radii, five periods) the lowest rate with a provable
+/// step above it was 0.094.
 const LAST_COST_RATE: f64 = 0.09;
-/// Errors can be so small that delay and lag take most of their time unit, at the latest when they have shrunk in a phase:
-/// decay and cost per time unit are then too much to ask, although nothing is clipped. They are certified as part of a set in
-/// whose time unit delay and lag take this share. Measured at 3 and 17 ms: with 0.36 some plans cannot be certified still,
-/// with 0.2 the gains are a quarter less stiff.
+/// Errors can be so small that delay and lag take most of their time unit, at the latest when they have shrunk in a
+/// phase. Decay and cost per time unit are then too large to prove, although nothing is clipped. Such errors are
+/// certified as part of a set in whose time unit delay and lag take this share. Measured at 3 and 17 ms: with 0.36
+/// some plans still cannot be certified, with 0.2 the gains are a quarter less stiff.
 const HORIZON_SHARE_MAX: f64 = 0.28;
-/// Share by which a region has to be smaller than the bounds of a weaker phase ask for.
+/// Factor by which a region has to be smaller than the bounds of a weaker phase require.
 const SHRINK_SPARE: f64 = 1.2;
 
-/// The decay of each phase: what shrinks the region in time for the phases that leave less to correct with.
+/// The decay of each phase: it shrinks the region in time for the phases with less acceleration for corrections.
 pub(crate) fn decays(problem: &Problem) -> Vec<f64> {
     let phases = problem.phases();
     let (radius, first) = (problem.error_set().0, phases[0].u_max_rad_s2);
@@ -121,8 +122,8 @@ pub(crate) fn decays(problem: &Problem) -> Vec<f64> {
 
 /// Designs the gains of one joint and certifies them.
 ///
-/// The gains are rounded to f32 before anything is proven: the certificate is about the numbers the
-/// firmware holds.
+/// The gains are rounded to f32 before anything is proven: the certificate covers the numbers that the firmware
+/// holds.
 ///
 /// # Errors
 /// [`SaturatedError`] with the binding condition and what to relax.
@@ -151,7 +152,7 @@ struct Ladder {
 }
 
 impl Ladder {
-    /// `None` if not even the slowest bandwidth worth having is stable.
+    /// `None` if not even the slowest useful bandwidth is stable.
     fn new(problem: &Problem, ratio: f64) -> Option<Self> {
         let horizon_s = horizon_s(problem);
         // Beyond one radian of phase over the delay no member is stable.
@@ -170,8 +171,8 @@ impl Ladder {
         (((omega / self.omega_top).ln() / self.ratio.ln()).round() as i32).clamp(0, self.last)
     }
 
-    /// The fastest step for which `proven` gives something, looked for from `guess` on with strides
-    /// that double, then by bisection; it ends early with something after which nothing is left.
+    /// The fastest step for which `proven` returns a result, searched from `guess` on with strides that double,
+    /// then by bisection; it ends early with a result after which nothing is left.
     fn fastest<T>(
         &self,
         guess: i32,
@@ -192,7 +193,7 @@ impl Ladder {
             }
         }
         let mut best = best?;
-        // The guess is seldom more than two steps too slow, and what cannot be proven costs most: two single steps first.
+        // The guess is seldom more than two steps too slow, and steps that cannot be proven cost most: two single steps first.
         let mut stride = 1;
         for strides in 0.. {
             if unproven >= 0 || best.0 == 0 || is_last(&best.1) {
@@ -222,8 +223,8 @@ const GUESS: (f64, f64) = (5.1, 9.5);
 
 /// The fastest certified member along one damping ratio.
 ///
-/// The damping is chosen by simulation at a bandwidth that is likely to be provable: the one with which the worst initial
-/// error settles first. Should nothing be provable along it, the next one is tried.
+/// The damping is chosen by simulation at a bandwidth that is likely to be provable: the one with which the worst
+/// initial error settles first. If nothing is provable along it, the next one is tried.
 fn search(problem: &Problem, weights: Weights, ratio: f64) -> Option<SaturatedCertificate> {
     let ladder = Ladder::new(problem, ratio)?;
     let u_max = problem.phases()[0].u_max_rad_s2;
@@ -285,8 +286,8 @@ fn regions(
 /// Precision of the largest feasible error, as a ratio.
 const NEAREST_RATIO: f64 = 1.01;
 
-/// Finds out what binds by solving relaxed problems: without saturation first, then smaller sets. The radius that it names is
-/// of a finished design, as [`design`] makes it.
+/// Finds the limiting condition by solving relaxed problems: without saturation first, then smaller sets. The
+/// radius that it names is that of a finished design, as [`design`] makes it.
 fn diagnose(problem: &Problem) -> SaturatedError {
     let joint = problem.joint();
     let feasible = |factor: f64| attempt(&problem.with_scaled_error_set(factor), OMEGA_RATIO).is_some();
@@ -336,7 +337,8 @@ fn diagnose(problem: &Problem) -> SaturatedError {
 mod tests {
     use super::*;
 
-    /// What the search finds on a ladder that is proven from `limit` down, and how many steps it asked about.
+    /// Result of the search over a list of steps of which those from `limit` down are proven, and the number of steps that it
+    /// tried.
     fn found(limit: i32, guess: i32, ends: bool) -> (Option<i32>, usize) {
         let ladder = Ladder { omega_top: 100.0, ratio: OMEGA_RATIO, last: 60, horizon_s: 0.01 };
         let mut asked = 0;

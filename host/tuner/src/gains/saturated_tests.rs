@@ -74,7 +74,7 @@ fn shorter_period_recovers_faster() {
     assert!(fast.late_max_from_rest_rad < slow.late_max_from_rest_rad, "{fast:?} {slow:?}");
 }
 
-/// Without friction and rounding, standing reference, from 0.1 rad; the design's model sees nothing else.
+/// Without friction and rounding, standing reference, from 0.1 rad: exactly the design's model.
 fn firmware_from_a_tenth(gains: saturated::Gains, period_s: f64, estimator: Estimator) -> Track {
     let plant = Plant { friction_rad_s2: 0.0, resolution_rad: 0.0, ..plant(&joint_2(period_s)) };
     let rest = Throw { release_rad_s: 0.0, ha_s: 0.5, hb_s: 0.5 };
@@ -104,7 +104,7 @@ fn certificate_is_about_the_law_that_the_firmware_runs() {
         assert!(found.command_rad_s2.iter().any(|a| a.abs() > 10.3), "it has to saturate");
         let same = distance_rad(&found, &Problem::new(&input).unwrap(), gains);
         assert!(same < 1e-4, "{period_s}: {same}");
-        // Another estimator is another loop: the test can tell.
+        // Another estimator makes another loop: the test detects it.
         let other = Estimator { alpha: 0.8, beta: 0.5 };
         let other =
             distance_rad(&found, &Problem::new(&JointInput { estimator: other, ..input }).unwrap(), gains);
@@ -227,7 +227,7 @@ fn impossible_errors_are_refused_with_what_to_relax() {
 
 #[test]
 fn joint_with_plenty_of_acceleration_is_certified_at_either_period() {
-    // Joint 5 of the throw: the slow end of the family misses the decay asked for here.
+    // Joint 5 of the throw: the slow end of the family misses the decay required here.
     for period_s in [0.017, 0.003] {
         let mut input = joint_2(period_s);
         (input.joint, input.acceleration_max_rad_s2) = (5, 16.6);

@@ -86,8 +86,8 @@ impl TrialMotion {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trial {
-    /// From the order to run until the position error of each joint stays below half of the initial one, s; empty
-    /// without initial error. The plan itself begins two periods after the order.
+    /// Time from the order to run until the position error of each joint stays below half of the initial one, s;
+    /// empty without initial error. The plan itself begins two periods after the order.
     pub halved_s: Vec<f64>,
     /// Largest position error of any joint after 0.35 s, rad.
     pub late_max_rad: f64,
@@ -115,7 +115,7 @@ impl Observer for Quiet {
     fn on_frame(&mut self, _: Instant, _: Option<usize>, _: &Frame) {}
 }
 
-/// Settings of the soft controller with these gains: those of the robot for everything else.
+/// Settings of the soft controller with these gains; everything else as for the robot.
 pub fn settings(of_robot: &Settings, gains: &[Gains], period_s: f64, estimator: Estimator) -> Settings {
     let mut settings = *of_robot;
     let period_us = (period_s * 1e6).round() as u32;
@@ -207,7 +207,7 @@ impl Lab {
 /// The node that gives the orders of a trial.
 const HOST: Peer = Peer::new(42);
 
-/// Runs `motion` with every joint `offset_rad` beside its start.
+/// Runs `motion` with every joint displaced by `offset_rad` from its start.
 ///
 /// # Errors
 /// [`TrialError`].
@@ -241,7 +241,7 @@ pub fn run(
     let end_s = motion.knots.last().map_or(0.0, |knot| knot.0);
     loop {
         lab.pass(Duration::from_millis(1))?;
-        // The plant moves on when somebody asks it; between the commands of a long period nobody does.
+        // The plant moves only when it is called; between the commands of a long period it is not.
         lab.world.with_participants(|_, _| ()).map_err(|e| cell(&e))?;
         let t_s = lab.world.participants().0.grid().as_secs_f64() - start.as_secs_f64();
         if t_s > end_s {
@@ -261,7 +261,7 @@ pub fn run(
     Ok(trial)
 }
 
-/// `lead_s` lies between the order to run and time 0 of the motion.
+/// `lead_s` is between the order to run and time 0 of the motion.
 fn observe(cell: &Cell, motion: &TrialMotion, (t_s, lead_s): (f64, f64), offset_rad: f64, trial: &mut Trial) {
     let (mut e_max, mut v_max) = (0.0f64, 0.0f64);
     for i in 0..motion.joints() {
@@ -290,7 +290,7 @@ mod tests {
         let upright = [0.1, -1.47, -1.47, 0.1, 0.1, 0.1];
         let all = |way_rad: f64, v_rad_s: f64| upright.map(|q| (q + way_rad, v_rad_s)).to_vec();
         let knots = vec![(0.0, all(0.0, 0.0)), (0.6, all(0.12, 0.3)), (1.0, all(0.2, 0.0))];
-        // The release lies between two commands.
+        // The release is between two commands.
         let motion = TrialMotion { knots, release_s: Some(0.6), target_m: None };
         let gains = [[-185.5, -23.07, -0.4546]; 6];
         let settings = settings(&Settings::powercube6(), &gains, 0.017, Estimator::PLAIN);

@@ -46,11 +46,11 @@ const RELATIVE_HALF_WIDTH_MAX: f64 = 0.25;
 
 /// K_B from steady speeds in both directions.
 ///
-/// `speed_max_rad_s`: what the joint can do; the samples must reach from a third to two thirds of it.
+/// `speed_max_rad_s`: largest speed of the joint; the samples must reach from a third to two thirds of it.
 ///
 /// # Errors
-/// [`RegressionError`]: too few samples, one direction only, too small a range of speeds (a blocked joint
-/// has none), a poor fit or an interval too wide to use.
+/// [`RegressionError`]: too few samples, one direction only, too small a range of speeds (a blocked joint has no
+/// range), a poor fit or an interval too wide to use.
 pub fn k_b(
     samples: &[SpeedSample],
     speed_max_rad_s: f64,
@@ -72,7 +72,8 @@ pub fn k_b(
         let spread = if side.is_empty() { 0.0 } else { high - low };
         let needed = speed_max_rad_s / 3.0;
         if spread < needed {
-            let advice = "take several speeds in each direction: one cannot tell friction from K_B";
+            let advice =
+                "take several speeds in each direction: one alone does not separate friction from K_B";
             return Err(RegressionError::Range {
                 what: "speeds of one direction (rad/s)",
                 found: spread,

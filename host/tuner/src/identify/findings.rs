@@ -1,4 +1,4 @@
-//! What the measurements of one joint say: constants with intervals or the reason why there is none, as text
+//! Result of the measurements of one joint: constants with intervals or the reason why there is no result, as text
 //! and as a patch of the robot file.
 
 use std::fmt::Write as _;
@@ -9,7 +9,7 @@ use super::regression::{Estimate, RegressionError};
 use super::samples::{HOLD_READINGS, Speeds, Steps};
 use crate::model::DriveLag;
 
-/// Relative half width beyond which a load is not worth measuring.
+/// Relative half width beyond which a load is not measured.
 const WORTH: f64 = 0.25;
 /// Relative half width of the natural frequency up to which it and the damping are stated and go into the patch.
 const SHARP: f64 = 0.05;
@@ -19,7 +19,7 @@ fn is_sharp(answer: &DriveAnswer) -> bool {
     answer.wn_rad_s.half_width < SHARP * answer.wn_rad_s.value
 }
 
-/// The joint and what its robot file says.
+/// The joint and the values in its robot file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Subject {
     pub robot: String,
@@ -32,7 +32,7 @@ pub struct Subject {
     pub module: String,
     /// Address of the module.
     pub address: u8,
-    /// Which angles of the joints the drives read, and who says so.
+    /// Which angles of the joints the drives read, and the source of this.
     pub mounting: String,
     /// K_B of the file, A s/rad.
     pub k_b_a_s_rad: f64,
@@ -42,7 +42,7 @@ pub struct Subject {
     pub drive: DriveLag,
 }
 
-/// Holding currents, or why there are none.
+/// Holding currents, or the reason why there are none.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Holds {
     Measured {
@@ -64,7 +64,7 @@ pub enum Holds {
 }
 
 impl Holds {
-    /// Whether loads of up to `largest_nm` are worth measuring with a mean of `readings` readings of `scatter_a`
+    /// Whether loads of up to `largest_nm` should be measured with a mean of `readings` readings of `scatter_a`
     /// each: a rough forecast of the interval of K_M.
     pub fn are_worth(largest_nm: f64, k_m_a_nm: f64, scatter_a: f64, holds: usize) -> bool {
         // Loads spread evenly from end to end have a standard deviation of 0.6 of the largest; Student's factor is 2.3.
@@ -115,7 +115,7 @@ pub struct Findings {
     pub measured: Measured,
     /// K_B, A s/rad.
     pub k_b: Result<CurrentConstant, RegressionError>,
-    /// K_M, A/(N m); `None` where the arm cannot load the joint.
+    /// K_M, A/(N m); `None` if the arm cannot load the joint.
     pub k_m: Option<Result<CurrentConstant, RegressionError>>,
     /// Position loop.
     pub answer: Result<DriveAnswer, RegressionError>,

@@ -1,4 +1,4 @@
-//! Delay and position loop of a drive from its answer to a step of the commanded acceleration.
+//! Delay and position loop of a drive from its response to a step of the commanded acceleration.
 //!
 //! From rest, acceleration a is commanded at time 0. The position follows
 //! y(t) = g(t - delay; wn, zeta) with g the answer of wn^2 / (s^2 + 2 zeta wn s + wn^2) to a t^2 / 2.
@@ -18,7 +18,7 @@ pub struct StepSample {
     pub position_rad: f64,
 }
 
-/// What the step tells.
+/// Result of the step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DriveAnswer {
     /// From command to the begin of its effect, s.

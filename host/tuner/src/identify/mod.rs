@@ -2,12 +2,12 @@
 //!
 //! | layer | files | is | must not |
 //! |---|---|---|---|
-//! | conclusions | [`regression`], `student`, [`current`], [`lag`] | pure functions over samples: estimates with intervals, or why there are none | know a bus |
+//! | conclusions | [`regression`], `student`, [`current`], [`lag`] | pure functions over samples: estimates with intervals, or why there is no estimate | know a bus |
 //! | planning | [`poses`] | free ways and poses that load a joint, from the robot model | move |
-//! | data | [`samples`] | what an experiment brings | conclude |
+//! | data | [`samples`] | the samples of an experiment | conclude |
 //! | result | [`findings`] | text, patch of the robot file | measure |
 //!
-//! The experiment that takes the samples needs a bus; it is a room of the host.
+//! The experiment that takes the samples needs a bus; it is in the package `operator`.
 
 pub mod current;
 pub mod findings;

@@ -15,7 +15,7 @@ const TOLERANCE_M: f64 = 1e-4;
 const CANDIDATES: usize = 600;
 /// Of these, the best whose way is checked.
 const CHECKED: usize = 40;
-/// A pose that loads the joint at least so much as the best one makes a change of pose not worth it.
+/// If a pose loads the joint at least with this share of the best one, a change of pose is not needed.
 const ENOUGH: f64 = 0.6;
 /// Points of a joint's range at which its load is computed.
 const GRID: usize = 25;
@@ -25,9 +25,9 @@ const MEAN_POINTS: usize = 200;
 pub const HOLDS: usize = 6;
 /// Way from which a pose is approached, rad.
 pub const APPROACH_RAD: f64 = 0.06;
-/// Loads below this share of the largest are left out: a reading without sign cannot tell their direction.
+/// Loads below this share of the largest are left out: a reading without sign does not show their direction.
 const LOAD_SHARE_MIN: f64 = 0.15;
-/// Loads below this are none, N m.
+/// Loads below this count as zero, N m.
 const NO_LOAD_NM: f64 = 1e-3;
 
 /// An interval of one joint, rad.
@@ -80,8 +80,8 @@ impl<'m> Ways<'m> {
         self.checker.check_motion(&StraightMove { from: *from, to }, 0.0, 1.0, TOLERANCE_M).is_free()
     }
 
-    /// How far `joint` may turn while the others stand: within the soft limits and free of collisions, with
-    /// margins to both. Nothing but its place if that is outside already.
+    /// How far `joint` may turn while the others stand: within the soft limits and free of collisions, with margins
+    /// to both. Only its present position if that is outside already.
     pub fn sweep(&mut self, q: &JointVec, joint: usize) -> Sweep {
         let limits = &self.model.joints()[joint].limits;
         let here = q[joint];
@@ -97,7 +97,7 @@ impl<'m> Ways<'m> {
                 if self.is_free(q, joint, to) { free = middle } else { contact = middle }
             }
             let reached = here + free * (limit - here) - margin;
-            // The margin may lie on the other side of where the joint stands.
+            // The margin may be on the other side of the present position.
             if (reached - here) * (limit - here) > 0.0 { reached } else { here }
         };
         let low_rad = end((limits.q_min_rad + LIMIT_MARGIN_RAD).min(here));
@@ -128,7 +128,7 @@ impl<'m> Ways<'m> {
     }
 
     /// Poses that load `joint` differently, reached from `q` one joint at a time; with the largest load that was
-    /// found at all, N m. No pose if gravity does not load the joint.
+    /// found, N m. No pose if gravity does not load the joint.
     pub fn loading(&mut self, q: &JointVec, joint: usize) -> (Option<Loading>, f64) {
         let here = self.sweep(q, joint);
         let span = |loads: &[(f64, f64)]| {

@@ -13,7 +13,7 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// Whether `truth` lies inside.
+    /// True if `truth` is inside.
     pub fn covers(&self, truth: f64) -> bool {
         (self.value - truth).abs() <= self.half_width
     }
@@ -50,8 +50,8 @@ pub enum RegressionError {
         unknowns: usize,
         needed: usize,
     },
-    /// The unknowns cannot be told apart.
-    #[error("the samples do not tell the unknowns apart (condition {condition:.1e}): {advice}")]
+    /// The samples do not determine the unknowns separately.
+    #[error("the samples do not determine the unknowns separately (condition {condition:.1e}): {advice}")]
     Rank {
         /// Condition number of the column-scaled X.
         condition: f64,
@@ -74,7 +74,7 @@ pub enum RegressionError {
     PoorFit {
         r_squared: f64,
         needed: f64,
-        /// What to look for.
+        /// Next step.
         advice: &'static str,
     },
     /// The result is too uncertain to use.
@@ -99,7 +99,7 @@ const CONDITION_MAX: f64 = 1e3;
 /// Fits y = X b by QR; intervals hold with probability `level` if the noise is normal, independent
 /// and of equal variance.
 ///
-/// `advice` is what to vary if the unknowns cannot be told apart.
+/// `advice` is what to vary if the unknowns cannot be separated.
 ///
 /// # Errors
 /// [`RegressionError::NotFinite`], [`RegressionError::TooFew`], [`RegressionError::Rank`].

@@ -12,7 +12,7 @@ pub const HOLD_READINGS: usize = 300;
 pub struct Speeds {
     /// One per run.
     pub samples: Vec<SpeedSample>,
-    /// Fastest that was asked for, rad/s.
+    /// Fastest ordered speed, rad/s.
     pub top_rad_s: f64,
     /// Stretch over which the currents were averaged.
     pub stretch: Sweep,

@@ -2,7 +2,7 @@
 
 use protocol::{Duration, Frame, Instant};
 
-/// What a [`Dialect`] wants done with a peer.
+/// What a [`Dialect`] orders the hub to do with a peer.
 pub enum Action<'a> {
     /// Send these bytes in a write of their own; never dropped.
     Answer(&'a [u8]),
@@ -25,7 +25,7 @@ pub enum Action<'a> {
     Leave(&'static str),
 }
 
-/// What is said on the server side of a protocol. Implementations keep no clock and no socket.
+/// The server side of a text protocol, without clock and socket.
 pub trait Dialect {
     /// State of one peer.
     type Session;
@@ -33,7 +33,7 @@ pub trait Dialect {
     /// A peer has connected.
     fn greet(&self, act: &mut dyn FnMut(Action<'_>)) -> Self::Session;
 
-    /// What a peer beyond the limit of `clients_max` is told.
+    /// What a peer beyond the limit of `clients_max` gets before it is disconnected.
     fn crowded(&self, clients_max: usize) -> Vec<u8>;
 
     /// True once the peer has opened the bus: its handshake is over.
@@ -62,7 +62,7 @@ pub trait Dialect {
         put: &mut dyn FnMut(&[u8]),
     );
 
-    /// Text that gives this peer its turn at the virtual time `now`; nothing in a protocol without lock step.
+    /// Text that gives this peer its turn at the virtual time `now`; empty in a protocol without lock step.
     fn render_turn(&self, now: Instant, put: &mut dyn FnMut(&[u8])) {
         let _ = (now, put);
     }

@@ -1,12 +1,12 @@
-//! The server side of a text protocol: many peers, one bus. What they say to each other is the
-//! [`Dialect`]'s business; sockets, queues, deadlines and fairness are the same for all.
+//! The server side of a text protocol: many peers, one bus. The [`Dialect`] knows the texts; sockets, queues,
+//! deadlines and fairness are the same for all.
 //!
 //! # Fairness
 //!
 //! * Each peer has a queue of its own for what it sends and one for what it gets, both bounded.
 //! * In a turn (the calls of [`Hub::next_event`] up to the one that returns `None`) each peer is read once, 4 KiB at
 //!   most. The frames of all peers are handed out in rotation, one of each.
-//! * A peer is waited for only while there is room for what it sends. A peer that floods is slowed down by its own
+//! * The server waits for a peer's data only while there is room for them. A peer that floods is slowed down by its own
 //!   connection, and neither wakes the server nor delays the others.
 
 mod dialect;
@@ -42,12 +42,12 @@ const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 pub struct Hub<D: Dialect> {
     name: String,
     dialect: D,
-    /// None at a serial line.
+    /// `None` at a serial line.
     listener: Option<TcpListener>,
     clock: Clock,
     options: ServerOptions,
     peers: Vec<Peer<D::Session>>,
-    /// Where the rotation goes on.
+    /// Peer at which the rotation continues.
     next_peer: usize,
     /// The peers were read in this turn.
     served: bool,
@@ -114,12 +114,12 @@ impl<D: Dialect> Hub<D> {
     /// Next thing that happened at the port, or `None` at the end of a turn; reads, writes, accepts and closes as
     /// needed.
     ///
-    /// An owner uses either this or [`CanLink::receive`], which leaves out comings and goings.
+    /// An owner uses either this or [`CanLink::receive`], which does not report peers that join or leave.
     pub fn next_event(&mut self) -> Option<ServerEvent> {
         self.next_event_from(&mut |_| true)
     }
 
-    /// As [`Self::next_event`], with frames only of peers for which the owner `has_room`; those of the others wait.
+    /// As [`Self::next_event`], but only with frames of peers for which the owner `has_room`; frames of the others wait.
     pub fn next_event_from(&mut self, has_room: &mut dyn FnMut(ClientId) -> bool) -> Option<ServerEvent> {
         if !self.served {
             self.service();
@@ -161,7 +161,7 @@ impl<D: Dialect> Hub<D> {
         self.deliver(at, frame, |peer| peer == client);
     }
 
-    /// Tells a peer in lock step that it is `now`, and its turn.
+    /// Sends to a peer in lock step the time `now`, and gives it its turn.
     pub fn give_turn(&mut self, client: ClientId, now: Instant) {
         for Peer { line, .. } in self.peers.iter_mut().filter(|peer| peer.line.id == client) {
             self.dialect.render_turn(now, &mut |text| line.answer(text, now, &self.options));
@@ -221,7 +221,7 @@ impl<D: Dialect> Hub<D> {
             return;
         }
         self.accept_paused_until = None;
-        // One more than can be connected, so that those beyond are refused in this round too.
+        // One more than the number of peers, so that those beyond the limit are refused in this round too.
         for _ in 0..=self.options.clients_max {
             let Some(listener) = &self.listener else { return };
             match listener.accept() {

@@ -1,8 +1,8 @@
-//! Settings of a server, and what it tells its owner.
+//! Settings of a server, and the events that it reports to its owner.
 
 use protocol::{Duration, Frame, Instant};
 
-/// Who passes a peer's frame on to the other peers.
+/// Which side passes a peer's frame on to the other peers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Relay {
     /// The server, when its owner takes the frame: the server is the bus.
@@ -16,15 +16,15 @@ pub enum Relay {
 /// Settings of a [`Hub`](super::Hub).
 #[derive(Clone, Copy, Debug)]
 pub struct ServerOptions {
-    /// Who passes a peer's frame on to the other peers.
+    /// Which side passes a peer's frame on to the other peers.
     pub relay: Relay,
-    /// Connections beyond this number are told so and closed.
+    /// Connections beyond this number get a refusal and are closed.
     pub clients_max: usize,
     /// A peer that has not opened the bus this long after it connected is disconnected.
     pub handshake_max: Duration,
-    /// A peer that reads nothing for this long while output waits for it is disconnected. By default 10 s: TCP repeats what was
-    /// lost after 0.2, 0.4, 0.8 s and so on, so a network that was away for 6 s is bridged. It costs 64 KiB for each peer,
-    /// and no other peer waits for it.
+    /// A peer that reads nothing for this long while output waits for it is disconnected. By default 10 s: TCP
+    /// repeats lost data after 0.2, 0.4, 0.8 s and so on, so this bridges a network failure of 6 s. It costs 64 KiB
+    /// for each peer, and no other peer waits for it.
     pub stall_max: Duration,
 }
 
@@ -71,12 +71,12 @@ pub enum ServerEvent {
     /// The turn of a peer is over.
     Waits {
         client: ClientId,
-        /// When it wants the next turn, if no frame comes before.
+        /// When the peer needs its next turn, if no frame comes before.
         until: Instant,
         /// Frames that come before this time wait until then.
         frames_from: Instant,
     },
-    /// A peer is gone; all its frames were told before.
+    /// A peer has left; all its frames were reported before.
     Left {
         client: ClientId,
         /// Why, for people.

@@ -16,7 +16,7 @@ const READ_CHUNK: usize = 4096;
 /// Frames of one peer that wait for the owner. While there are this many, nothing more is read from the peer.
 pub(super) const INBOX_MAX: usize = 64;
 
-/// A peer and what it has said so far.
+/// A peer and its state so far.
 pub(super) struct Peer<S> {
     pub(super) session: S,
     pub(super) line: Line,
@@ -90,12 +90,12 @@ impl<S> Peer<S> {
         self.line.leaving.is_none() && self.unread.is_empty() && self.line.inbox.len() < INBOX_MAX
     }
 
-    /// True once the owner has all frames of a peer that leaves.
+    /// True when the owner has all frames of a peer that leaves.
     pub(super) fn is_gone(&self) -> bool {
         self.line.leaving.is_some() && self.unread.is_empty() && self.line.inbox.is_empty()
     }
 
-    /// Names only what can go on: a full inbox waits for the owner, not for the peer.
+    /// Registers only what can continue: a full inbox waits for the owner, not for the peer.
     pub(super) fn register<'a>(&'a self, set: &mut PollSet<'a>) {
         let write =
             self.line.leaving.is_none() && self.line.stream.pending() > 0 && self.line.hold_until.is_none();
@@ -121,13 +121,13 @@ impl Line {
         }
     }
 
-    /// When the peer must have opened the bus; `None` once it has, and at a serial line, which cannot be closed.
+    /// Deadline for a peer to open the bus; `None` after that, and at a serial line, which cannot be closed.
     fn handshake_ends(&self, options: &ServerOptions) -> Option<Instant> {
         (!self.open && self.leaving.is_none() && self.stream.can_hang_up())
             .then(|| self.joined_at + options.handshake_max)
     }
 
-    /// When something has to be done for this peer even if nothing arrives.
+    /// Time of the next work for this peer, even if nothing arrives.
     pub(super) fn deadline(&self, options: &ServerOptions) -> Option<Instant> {
         let stall = self.stalled_since.map(|since| since + options.stall_max);
         [self.hold_until, stall, self.handshake_ends(options)].into_iter().flatten().min()
@@ -144,11 +144,11 @@ impl Line {
             Action::Answer(text) => self.answer(text, now, options),
             Action::Frame(frame) => {
                 let client = self.id;
-                self.tell(ServerEvent::Frame { client, at: now, frame }, now, options);
+                self.report(ServerEvent::Frame { client, at: now, frame }, now, options);
             }
-            Action::InStep => self.tell(ServerEvent::InStep { client: self.id }, now, options),
+            Action::InStep => self.report(ServerEvent::InStep { client: self.id }, now, options),
             Action::Wait { until, frames_from } => {
-                self.tell(ServerEvent::Waits { client: self.id, until, frames_from }, now, options);
+                self.report(ServerEvent::Waits { client: self.id, until, frames_from }, now, options);
             }
             Action::Hold(span) => self.hold_until = Some(now + span),
             Action::Malformed => stats.malformed_in += 1,
@@ -156,8 +156,8 @@ impl Line {
         }
     }
 
-    /// Whoever speaks has read the answer that a hold keeps apart, and waits for the next one.
-    fn tell(&mut self, event: ServerEvent, now: Instant, options: &ServerOptions) {
+    /// Queues an event for the owner. A peer that sends has read the answer that a hold separates, so the hold ends.
+    fn report(&mut self, event: ServerEvent, now: Instant, options: &ServerOptions) {
         self.open = true;
         self.inbox.push_back(event);
         if self.hold_until.take().is_some() {
@@ -194,7 +194,7 @@ impl Line {
         } else if over && self.stream.can_hang_up() {
             self.leave("reads nothing");
         } else if over {
-            // Nobody is at the other end of the serial line yet: what waits is stale.
+            // No program is at the other end of the serial line yet: waiting output is stale.
             self.stream.discard_output();
             self.stalled_since = None;
         }

@@ -23,15 +23,15 @@ const FLAG_RX_FULL: u8 = 1 << 0;
 /// Status flag: errors on the bus.
 const FLAG_BUS_ERROR: u8 = 1 << 7;
 
-/// An SLCAN adapter in front of a bus of ours; see [`Hub`]. Every peer has an adapter of its own, all
-/// of them on the same bus.
+/// An SLCAN adapter in front of a bus of this program; see [`Hub`]. Every peer has an adapter of its own, all of
+/// them on the same bus.
 ///
 /// The bus has one bit rate: `S` with another one is refused with BELL, as are timing registers (`s`)
 /// and acceptance filters (`M`, `m`) other than "everything". A frame is acknowledged with `z` or `Z`
 /// when it is taken, not when it was on the bus.
 pub type Adapter = Hub<Slcan>;
 
-/// What an SLCAN adapter says.
+/// Server side of the SLCAN protocol.
 pub struct Slcan {
     bitrate: Bitrate,
     /// The far end of the pseudo-terminal, if there is one.
@@ -57,7 +57,7 @@ impl Adapter {
     ///
     /// # Errors
     ///
-    /// The host has no address, or the port cannot be had.
+    /// The host has no address, or the port is not available.
     pub fn listen(
         host: &str,
         port: u16,
@@ -105,7 +105,7 @@ impl Adapter {
     ///
     /// # Errors
     ///
-    /// The system has no pseudo-terminal left.
+    /// The system has no free pseudo-terminal.
     pub fn at_pty(bitrate: Bitrate, clock: Clock) -> Result<Self, OpenError> {
         let (stream, path) = open_pty().map_err(|source| OpenError::Setup {
             what: "a pseudo-terminal",

@@ -25,7 +25,7 @@ const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 /// protocol only lets a host ask for status flags. Dropping the link closes the channel.
 pub type Host = Station<Slcan>;
 
-/// What an SLCAN host says.
+/// Host side of the SLCAN protocol.
 pub struct Slcan {
     assembler: Assembler,
     /// Commands carried out and commands refused, since the last question.
@@ -75,7 +75,7 @@ impl Host {
         let setup = |source| OpenError::Setup { what: "waiting", address: place.clone(), source };
         let speech = Slcan { assembler: Assembler::new(), done: 0, refused: 0 };
         let mut host = Self::new(name, stream, speech, clock);
-        // End whatever the adapter has half read, and close a channel that was left open.
+        // End any line that the adapter has half read, and close a channel that was left open.
         host.say(b"\r\r\rC\r");
         host.work_for(SETTLE, |_| false).map_err(setup)?;
         for command in [Command::SetBitrate(bitrate), Command::Open] {

@@ -1,6 +1,6 @@
-//! SLCAN over serial lines and TCP: the host's side, and an adapter in front of a bus of ours.
+//! SLCAN over serial lines and TCP: the host's side, and an adapter in front of a bus of this program.
 //!
-//! The text itself is [`protocol::text::slcan`]; here is who says what when.
+//! [`protocol::text::slcan`] has the texts; this module has their sequence.
 
 mod adapter;
 mod host;

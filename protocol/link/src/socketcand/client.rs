@@ -13,7 +13,7 @@ use crate::spec::host_port;
 use crate::station::{Heard, Speech, Station};
 use crate::stream::Stream;
 
-/// For each answer of the handshake. A server that does not answer is another program, or hangs.
+/// For each answer of the handshake. If a server does not answer, it is another program, or hangs.
 const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// A connection in raw mode to one bus of a socketcand server; see [`Station`].
@@ -21,7 +21,7 @@ const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(10);
 /// The time stamp of a received frame is the server's time, usually Unix time.
 pub type Client = Station<Socketcand>;
 
-/// What a socketcand client says.
+/// Client side of the socketcand protocol.
 pub struct Socketcand {
     assembler: Assembler,
     step: Step,
@@ -44,8 +44,8 @@ impl Client {
     ///
     /// # Errors
     ///
-    /// The host has no address, nothing listens there, it is no socketcand server, or the server
-    /// does not have the bus.
+    /// The host has no address, nothing listens there, it is not a socketcand server, or the server does not have
+    /// the bus.
     pub fn connect(host: &str, port: u16, bus: BusName<'_>, clock: Clock) -> Result<Self, OpenError> {
         let address = host_port(host, port);
         let name = format!("socketcand://{address}/{bus}");
@@ -66,8 +66,8 @@ impl Client {
         Ok(client)
     }
 
-    /// Asks the server for lock step: from now on `clock`, which must be manual, shows the server's virtual time, and
-    /// that waits for this client.
+    /// Requests lock step from the server: from now on `clock`, which must be manual, shows the server's virtual
+    /// time, and that time waits for this client.
     ///
     /// # Errors
     ///

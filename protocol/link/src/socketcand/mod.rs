@@ -1,6 +1,6 @@
 //! CAN over TCP in the socketcand protocol: a server that is a bus of its own, and a client.
 //!
-//! The text itself is [`protocol::text::socketcand`]; here is who says what when.
+//! [`protocol::text::socketcand`] has the texts; this module has their sequence.
 
 mod client;
 mod server;

@@ -11,18 +11,18 @@ use crate::hub::{Action, Dialect, Hub, ServerOptions};
 
 /// How long frames wait after the answer to `rawmode`.
 ///
-/// python-can compares everything one `recv()` returns with `< ok >`, so a frame that arrives in the
-/// same read ends its handshake with an error. Waiting lets the client pick up the answer alone; its first frame says that
-/// it has.
+/// python-can compares everything one `recv()` returns with `< ok >`, so a frame that arrives in the same read ends
+/// its handshake with an error. Waiting lets the client read the answer alone; its first frame shows that it has
+/// read it.
 const RAWMODE_HOLD: Duration = Duration::from_millis(50);
 
-/// Bytes outside of messages after which a connection that never opened a bus is taken for another
-/// protocol and closed.
+/// Bytes outside of messages after which a connection that never opened a bus counts as another protocol and is
+/// closed.
 const FOREIGN_BYTES_MAX: u64 = 1024;
 
 /// A socketcand server in front of a bus; see [`Hub`].
 ///
-/// Time stamps in the text are Unix time, as those of the reference server.
+/// Time stamps in the text are Unix time, as with the reference server.
 pub type Server = Hub<Socketcand>;
 
 impl Server {
@@ -30,7 +30,7 @@ impl Server {
     ///
     /// # Errors
     ///
-    /// The host has no address, or the port cannot be had.
+    /// The host has no address, or the port is not available.
     pub fn listen(
         host: &str,
         port: u16,
@@ -51,11 +51,11 @@ impl Server {
     }
 }
 
-/// What a socketcand server says.
+/// Server side of the socketcand protocol.
 pub struct Socketcand {
     bus: String,
     address: SocketAddr,
-    /// Clients may ask for lock step: the server's clock is one that its owner moves.
+    /// Clients may request lock step: the owner moves the server's clock.
     in_step: bool,
 }
 

@@ -3,7 +3,7 @@
 use can_link::{CanLink, Clock, LinkEvent, wait};
 use protocol::{Duration, ExtendedId, Frame, Instant, StandardId};
 
-/// Longer than anything here takes on a busy machine: only a hang reaches it.
+/// Longer than any step here takes on a busy machine: only a hang reaches it.
 pub(crate) const PATIENCE: Instant = Instant::from_micros(120_000_000);
 
 /// One frame of every kind.
@@ -37,7 +37,7 @@ pub(crate) fn collect(from: &mut dyn CanLink, to: &mut dyn CanLink, count: usize
     frames
 }
 
-/// Every kind of frame crosses in both directions, unchanged and in order, and nobody complains.
+/// Every kind of frame crosses in both directions, unchanged and in order, without an error report.
 pub(crate) fn assert_all_kinds_cross(server: &mut dyn CanLink, client: &mut dyn CanLink) {
     for frame in samples() {
         server.send(&frame).unwrap();

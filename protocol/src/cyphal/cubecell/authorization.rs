@@ -1,4 +1,4 @@
-//! What an authentication code covers, byte for byte, so that any client can make one.
+//! The content that an authentication code covers, byte for byte, so that any client can compute one.
 //!
 //! A controller with a key carries out an order that can move the arm, or that changes settings of motion, only after
 //! [`CHALLENGE`](super::command::CHALLENGE) and [`AUTHORIZE`](super::command::AUTHORIZE) of the same node:
@@ -9,7 +9,7 @@
 //! content of a register write = 2 ‖ length of the name ‖ name ‖ value as sent (tag, count, elements)
 //! ```
 //!
-//! Two commands name things that others on the bus could change; their content ends with a digest of these:
+//! Two commands name things that others on the bus could change. Their content ends with a digest:
 //!
 //! ```text
 //! COMMIT_TRAJECTORY   file   = SHA-256 of the trajectory file
@@ -19,8 +19,8 @@
 //! row  = CRC-32 of the name ‖ count of numbers (1 byte) ‖ 0 0 0 ‖ eight numbers of 4 bytes (f32, u32, or 0 and 1), unused ones 0
 //! ```
 //!
-//! A host makes the digest from the file that it has and the settings that it has read. The one of an offer is for comparison:
-//! a host that signs it unseen signs whatever is there.
+//! A host computes the digest from the file that it has and the settings that it has read. The digest of an offer
+//! is only for comparison: a host that signs it unread signs any content.
 
 use super::super::bits::{BufferTooSmall, Encode, Writer};
 use super::super::uavcan::command::standard;
@@ -32,14 +32,14 @@ pub use super::command::{CODE_LEN, DIGEST_LEN, NONCE_LEN};
 pub const CONTEXT: &[u8] = b"cubecell.authorize.1";
 /// Bytes of a key.
 pub const KEY_LEN: usize = 32;
-/// Most bytes of a content: longer orders are not taken by a controller with a key.
+/// Most bytes of a content: a controller with a key refuses longer orders.
 pub const CONTENT_LEN_MAX: usize = 128;
-/// Register that takes the key (`unstructured`, [`KEY_LEN`] bytes; none removes the key). Reads as no bytes.
+/// Register for the key (`unstructured`, [`KEY_LEN`] bytes; an empty value removes the key). Reads as no bytes.
 pub const KEY_REGISTER: &str = "security.key";
-/// Register that tells whether a key is set (`bit`).
+/// Register that shows whether a key is set (`bit`).
 pub const KEYED_REGISTER: &str = "security.keyed";
 
-/// True for commands that a controller with a key takes only with a code. A [`JOG`](command::JOG) needs one when it begins.
+/// True for commands that a controller with a key accepts only with a code. A [`JOG`](command::JOG) needs one when it begins.
 pub const fn needs_code(number: u16) -> bool {
     matches!(
         number,
@@ -70,7 +70,7 @@ impl Content {
         Ok(Self { bytes, len })
     }
 
-    /// Of a command.
+    /// Content of a command.
     ///
     /// # Errors
     /// It is longer than [`CONTENT_LEN_MAX`].
@@ -82,7 +82,7 @@ impl Content {
         })
     }
 
-    /// Of a register write.
+    /// Content of a register write.
     ///
     /// # Errors
     /// As [`Self::of_command`].
@@ -96,7 +96,7 @@ impl Content {
         })
     }
 
-    /// The same, about a file or about a file and its settings.
+    /// The same content with a digest of a file, or of a file and its settings.
     ///
     /// # Errors
     /// As [`Self::of_command`].

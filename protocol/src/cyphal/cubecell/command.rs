@@ -1,7 +1,7 @@
 //! Commands of the controller: numbers, parameters and outputs for `uavcan.node.ExecuteCommand`.
 //!
-//! Host and firmware share this file, so neither can drift. Parameters and outputs are serialised
-//! DSDL types (`protocol/dsdl/cubecell/command`), so `yakut` can send them too.
+//! Host and firmware share this file, so both use the same numbers. Parameters and outputs are serialised DSDL
+//! types (`protocol/dsdl/cubecell/command`), so `yakut` can send them too.
 //!
 //! | number | command | parameter | output on success | allowed in |
 //! |---|---|---|---|---|
@@ -36,17 +36,17 @@
 //!
 //! # Arming
 //!
-//! Two steps, so that no single frame, stray or repeated, sets the arm in motion. The offer belongs to the node that sent
-//! `ARM_PREPARE`: the controller takes `ARM_CONFIRM` and `RUN` from that node only, and both steps expire. `STOP` and
-//! `DISARM` are taken from any node at any time.
+//! Two steps, so that no single frame, stray or repeated, sets the arm in motion. The offer belongs to the node
+//! that sent `ARM_PREPARE`: the controller accepts `ARM_CONFIRM` and `RUN` from that node only, and both steps
+//! expire. `STOP` and `DISARM` are accepted from any node at any time.
 //!
 //! # What this does not protect against
 //!
-//! The bus is open: every node reads every frame, tokens included, and a node can send frames with the node-ID of another
-//! one. Node-IDs and tokens protect against mistakes, not against an intruder. Against an intruder set a key: the controller
-//! then wants an authentication code ([`authorization`](super::authorization)) for each of [`COMMIT_TRAJECTORY`],
-//! [`ARM_CONFIRM`], [`RUN`], [`HOME`], [`GRIPPER`], [`UNLOCK`], the first [`JOG`] of a jog, and each write of a register that
-//! shapes motion. `SECURITY.md` says what is left.
+//! The bus is open: every node reads every frame, tokens included, and a node can send frames with the node-ID of
+//! another node. Node-IDs and tokens protect against mistakes, not against an intruder. Against an intruder set a
+//! key: the controller then requires an authentication code ([`authorization`](super::authorization)) for each of
+//! [`COMMIT_TRAJECTORY`], [`ARM_CONFIRM`], [`RUN`], [`HOME`], [`GRIPPER`], [`UNLOCK`], the first [`JOG`] of a jog,
+//! and each write of a register that shapes motion. `SECURITY.md` lists the remaining risks.
 
 use super::super::bits::{Decode, DecodeError, Encode, Reader, Writer};
 
@@ -57,9 +57,9 @@ pub const DIGEST_LEN: usize = 32;
 /// Bytes of an authentication code.
 pub const CODE_LEN: usize = 16;
 
-/// Asks for an offer to arm.
+/// Requests an offer to arm.
 pub const ARM_PREPARE: u16 = 1;
-/// Takes the offer: the group is armed.
+/// Accepts the offer: the group is armed.
 pub const ARM_CONFIRM: u16 = 2;
 /// Back to Ready.
 pub const DISARM: u16 = 3;
@@ -78,24 +78,24 @@ pub const COMMIT_TRAJECTORY: u16 = 9;
 /// Sets the gripper output.
 pub const GRIPPER: u16 = 10;
 
-/// Asks for a challenge, to make an authentication code with.
+/// Requests a challenge, from which an authentication code is made.
 pub const CHALLENGE: u16 = 11;
 /// Gives the authentication code of the next order of this node.
 pub const AUTHORIZE: u16 = 12;
 /// Lets this node set limits beyond those of the robot for a while.
 pub const UNLOCK: u16 = 13;
 
-/// Asks for the time of the controller.
+/// Requests the time of the controller.
 pub const CLOCK: u16 = 14;
 
-/// Goes on with the plan that runs: the parameter is its next segment.
+/// Continues the plan that runs: the parameter is its next segment.
 pub const EXTEND: u16 = 15;
 
 /// Longest time that limits may be unlocked for, s.
 pub const UNLOCK_VALID_S_MAX: u16 = 3_600;
-/// Longest time an offer or an arming may be asked to hold, ms.
+/// Longest validity of an offer or an arming, ms.
 pub const ARMING_VALID_MS_MAX: u16 = 30_000;
-/// Longest time a jog may be asked to go on without repetition, ms.
+/// Longest time of a jog without repetition, ms.
 pub const JOG_HOLD_MS_MAX: u16 = 500;
 
 macro_rules! parameters {
@@ -131,7 +131,7 @@ parameters! {
 
     /// Output of [`ARM_PREPARE`].
     ArmOffer {
-        /// To be given back; different for each offer.
+        /// Must be returned in the confirmation; different for each offer.
         token: u32 as u32,
         /// Time left to confirm, ms.
         valid_ms: u16 as u16,
@@ -156,7 +156,7 @@ parameters! {
         length_bytes: u32 as u32,
     }
 
-    /// Parameter of [`RUN`]. The bytes of a [`Trajectory`] are a run that starts at once.
+    /// Parameter of [`RUN`]. The bytes of a [`Trajectory`] are also valid: a run that starts at once.
     Run {
         /// CRC-64/WE of the whole file.
         trajectory_crc64: u64 as u64,
@@ -180,7 +180,7 @@ parameters! {
 
     /// Parameter of [`CLEAR_FAULT`].
     ClearFault {
-        /// The latched cause that the sender has seen; another one is not cleared.
+        /// The latched cause that the sender has seen; the command does not clear another cause.
         fault_cause: u16 as u16,
     }
 
@@ -209,7 +209,7 @@ parameters! {
 
     /// Output of [`CHALLENGE`].
     Challenge {
-        /// To be covered by the code; good for one order.
+        /// The code covers it; valid for one order.
         nonce: [u8; NONCE_LEN] as array,
         /// Time left, ms.
         valid_ms: u16 as u16,
@@ -238,7 +238,7 @@ parameters! {
         cause: u16 as u16,
         /// Joint concerned, counted from 1; 0 = none.
         joint: u8 as u8,
-        /// Segment, cycle or other place, as the cause says.
+        /// Segment, cycle or other place, depending on the cause.
         index: u16 as u16,
     }
 }

@@ -186,8 +186,8 @@ impl Encode for GroupState {
 }
 
 impl Decode<'_> for GroupState {
-    /// A state number that is not defined is [`DecodeError::UnknownValue`]: a monitor must not show
-    /// a newer controller's state as one it is not.
+    /// An undefined state number is [`DecodeError::UnknownValue`]: a monitor must not show a state of a newer
+    /// controller as another state.
     fn decode(input: &mut Reader<'_>) -> Result<Self, DecodeError> {
         let (uptime_us, sequence) = (input.uint(56), input.u16());
         let number = input.u8();

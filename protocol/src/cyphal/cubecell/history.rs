@@ -1,12 +1,12 @@
-//! What a controller tells of its past: two files for `uavcan.file.Read`. Numbers are little endian.
+//! Past events of a controller: two files for `uavcan.file.Read`. Numbers are little endian.
 //!
 //! | path | holds | bytes |
 //! |---|---|---|
 //! | [`FREEZE_PATH`] | the group at the moment of the latched fault: a [`FrozenHead`], then one [`FrozenJoint`] per joint; empty without a fault | 24 + 36 per joint |
 //! | [`TRACE_PATH`] | the last events: a [`TraceHead`], then [`TraceHead::places`] places of a [`TraceEntry`] each | 8 + 16 per place |
 //!
-//! An event stays at its place until a newer one takes it, so pieces that were read one after the other fit together: sort
-//! by [`TraceEntry::sequence`], and leave out places with sequence 0.
+//! An event stays at its place until a newer one replaces it, so pieces that were read one after the other fit
+//! together: sort by [`TraceEntry::sequence`], and leave out places with sequence 0.
 
 use super::super::bits::{Decode, DecodeError, Encode, Reader, Writer};
 
@@ -49,11 +49,11 @@ pub struct FrozenJoint {
     pub qd_ref_rad_s: f32,
     /// Last commanded acceleration, rad/s².
     pub qdd_command_rad_s2: f32,
-    /// Last current read, A; NaN: none.
+    /// Last current read, A; NaN: no reading.
     pub current_a: f32,
-    /// Last state word of the drive; all bits set: none.
+    /// Last state word of the drive; all bits set: no reading.
     pub drive_state: u32,
-    /// Age of the last position, µs; all bits set: none, or older.
+    /// Age of the last position, µs; all bits set: no position, or older.
     pub age_us: u32,
     /// Last short state of the drive.
     pub drive_state_byte: u8,
@@ -83,7 +83,7 @@ pub struct TraceEntry {
     pub joint: u8,
     /// What happened: [`kind`].
     pub kind: u8,
-    /// As the kind says.
+    /// Meaning depends on the kind.
     pub detail: u8,
     /// Number of a fault or refusal; 0: none.
     pub cause: u16,
@@ -113,7 +113,7 @@ pub mod kind {
     pub const KEY: u8 = 13;
     /// Detail: number of the register in the list of registers.
     pub const REGISTER_REFUSED: u8 = 14;
-    /// Detail: node that wrote to the upload of another one.
+    /// Detail: node that wrote to the upload of another node.
     pub const UPLOAD_VOIDED: u8 = 15;
 }
 

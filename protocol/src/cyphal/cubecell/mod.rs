@@ -1,4 +1,4 @@
-//! Our own messages: DSDL namespace `cubecell` (`protocol/dsdl/cubecell`), bit for bit.
+//! Messages of this project: DSDL namespace `cubecell` (`protocol/dsdl/cubecell`), bit for bit.
 //!
 //! The `.dsdl` files are the definition; the Rust types here are checked against them by vectors
 //! that `pycyphal` makes (`protocol/tests/cyphal_vectors.txt`). Subjects are chosen by the

@@ -1,9 +1,8 @@
 //! `cubecell.Stop.1.0`: stop the arm now.
 //!
-//! Sent with [`Priority::Exceptional`](crate::cyphal::id::Priority::Exceptional), as nothing else;
-//! always one frame; received on an [idempotent port](crate::cyphal::rx::Port::idempotent), so that
-//! repetition and a full session table do no harm. The sender repeats it until the group state shows
-//! that it worked.
+//! The only message sent with [`Priority::Exceptional`](crate::cyphal::id::Priority::Exceptional). Always one
+//! frame; received on an [idempotent port](crate::cyphal::rx::Port::idempotent), so that repetition and a full
+//! session table do no harm. The sender repeats it until the group state shows that it worked.
 
 use super::super::bits::{Decode, DecodeError, Encode, Reader, Writer};
 use super::super::id::SubjectId;
@@ -11,7 +10,7 @@ use super::super::rx::Port;
 
 /// Default subject.
 pub const SUBJECT: SubjectId = SubjectId::from_low_bits(1000);
-/// Bytes of the message known here; its DSDL extent keeps it in one frame for ever.
+/// Bytes of the message known here; its DSDL extent limits it to one frame.
 pub const EXTENT: u16 = 4;
 /// Full type name for the register `uavcan.sub.stop.type`.
 pub const TYPE: &str = "cubecell.Stop.1.0";
@@ -26,11 +25,11 @@ pub const fn port(subject: SubjectId) -> Port {
 pub struct Reason(pub u8);
 
 impl Reason {
-    /// A person asked for it.
+    /// A person ordered it.
     pub const OPERATOR: Self = Self(1);
     /// The host program noticed something.
     pub const HOST: Self = Self(2);
-    /// Another controller noticed something.
+    /// Another controller detected a fault.
     pub const CONTROLLER: Self = Self(3);
     /// A stop button or a safety input.
     pub const INPUT: Self = Self(4);
@@ -53,10 +52,10 @@ impl Sender {
     pub const PANEL: Self = Self(4);
 }
 
-/// `cubecell.Stop`: halts all drives, whoever sends it.
+/// `cubecell.Stop`: halts all drives, from any sender.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stop {
-    /// Why it was sent; any value stops.
+    /// Reason of the stop; every value stops.
     pub reason: Reason,
     /// What kind of thing sent it; its node-ID is in the CAN id.
     pub sender: Sender,

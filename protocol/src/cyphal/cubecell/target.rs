@@ -1,4 +1,4 @@
-//! `cubecell.TargetState.1.0` and `cubecell.TargetAnswer.1.0`: a new end state in flight, and what became of it.
+//! `cubecell.TargetState.1.0` and `cubecell.TargetAnswer.1.0`: a new end state in flight, and the answer to it.
 //!
 //! # Load
 //!
@@ -7,9 +7,10 @@
 //!
 //! # Use
 //!
-//! The subjects are fixed by the registers `uavcan.sub.target.id` and `uavcan.pub.target_answer.id`. The times are those of the
-//! controller's clock: [`CLOCK`](super::command::CLOCK) tells it. An end state acts two control periods and the lag of the
-//! drives after its message has come (8 to 12 ms with PowerCubes at 3 ms), and is to be reached at least 20 ms after that.
+//! The subjects are set by the registers `uavcan.sub.target.id` and `uavcan.pub.target_answer.id`. The times are by
+//! the controller's clock, which [`CLOCK`](super::command::CLOCK) reads. An end state acts two control periods and
+//! the lag of the drives after its message has come (8 to 12 ms with PowerCubes at 3 ms). It must be reached at
+//! least 20 ms after that.
 
 use super::super::bits::{Decode, DecodeError, Encode, Reader, Writer};
 use super::super::id::SubjectId;
@@ -24,7 +25,7 @@ pub const ANSWER_SUBJECT: SubjectId = SubjectId::from_low_bits(1004);
 pub const EVENTS_MAX: usize = 2;
 /// Bytes of the longest [`TargetState`] known here.
 pub const EXTENT: u16 = 10 + 5 * JOINTS_MAX as u16 + 4 * EVENTS_MAX as u16;
-/// Bytes of a [`TargetAnswer`] known here; its DSDL extent keeps it in one frame for ever.
+/// Bytes of a [`TargetAnswer`] known here; its DSDL extent limits it to one frame.
 pub const ANSWER_EXTENT: u16 = 6;
 /// Full type name for the register `uavcan.sub.target.type`.
 pub const TYPE: &str = "cubecell.TargetState.1.0";
@@ -52,7 +53,7 @@ pub struct TargetJoint {
 pub struct TargetEvent {
     /// 0 opens the gripper, 1 closes it.
     pub action: u8,
-    /// Time since the arrival, µs, 24 bits; less than zero is before it.
+    /// Time since the arrival, µs, 24 bits; negative before it.
     pub offset_us: i32,
 }
 
@@ -150,7 +151,7 @@ pub struct TargetAnswer {
     pub cause: u16,
     /// Joint concerned, counted from 1; 0 = none.
     pub joint: u8,
-    /// Event or other place, as the cause says.
+    /// Event or other place, depending on the cause.
     pub index: u16,
 }
 

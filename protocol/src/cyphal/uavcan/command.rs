@@ -1,4 +1,4 @@
-//! `uavcan.node.ExecuteCommand.1.3`: tell a node to do something now.
+//! `uavcan.node.ExecuteCommand.1.3`: order a node to do something now.
 //!
 //! Version 1.3 is the newest one and what `yakut` 0.14.2 and `pycyphal` 1.27.1 use through their
 //! alias `ExecuteCommand_1`. Its request is bit for bit that of 1.1 and 1.2; its response appends
@@ -49,7 +49,7 @@ impl Status {
     pub const FAILURE: Self = Self(1);
     /// The sender may not.
     pub const NOT_AUTHORIZED: Self = Self(2);
-    /// No such command here.
+    /// The node does not have this command.
     pub const BAD_COMMAND: Self = Self(3);
     /// The parameter does not fit the command.
     pub const BAD_PARAMETER: Self = Self(4);
@@ -73,8 +73,7 @@ pub struct CommandRequest<'a> {
 pub struct CommandResponse<'a> {
     /// Outcome.
     pub status: Status,
-    /// What the command has to say, at most [`OUTPUT_LEN_MAX`] bytes (the rest of a longer one is
-    /// not sent).
+    /// Output of the command, at most [`OUTPUT_LEN_MAX`] bytes (the rest of a longer one is not sent).
     pub output: &'a [u8],
 }
 

@@ -44,7 +44,7 @@ impl FileError {
     pub const ACCESS_DENIED: Self = Self(13);
     /// The path is a folder.
     pub const IS_DIRECTORY: Self = Self(21);
-    /// Path or offset that cannot be.
+    /// Path or offset that is not possible.
     pub const INVALID_VALUE: Self = Self(22);
     /// Beyond the largest file.
     pub const FILE_TOO_LARGE: Self = Self(27);
@@ -56,7 +56,7 @@ impl FileError {
     pub const UNKNOWN: Self = Self(65535);
 }
 
-/// Ask for the name of a file in a folder.
+/// Request for the name of a file in a folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ListRequest<'a> {
     /// Which file, from 0 without gaps.
@@ -72,7 +72,7 @@ pub struct ListResponse<'a> {
     pub name: &'a [u8],
 }
 
-/// Ask for a piece of a file.
+/// Request for a piece of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReadRequest<'a> {
     /// First byte, 40 bits.
@@ -98,7 +98,7 @@ pub struct WriteRequest<'a> {
     pub offset: u64,
     /// As in [`ReadRequest::path`].
     pub path: &'a [u8],
-    /// At most [`PIECE_LEN_MAX`] bytes (the rest is not sent); none = the file ends at `offset`.
+    /// At most [`PIECE_LEN_MAX`] bytes (the rest is not sent); empty = the file ends at `offset`.
     pub data: &'a [u8],
 }
 

@@ -1,4 +1,4 @@
-//! `uavcan.node.Heartbeat.1.0`: each node says once a second that it is alive and how it is.
+//! `uavcan.node.Heartbeat.1.0`: each node reports once a second that it is alive, and its health.
 
 use super::super::bits::{Decode, DecodeError, Encode, Reader, Writer};
 use super::super::id::SubjectId;
@@ -26,9 +26,9 @@ pub enum Health {
     Nominal = 0,
     /// Something minor that may go away.
     Advisory = 1,
-    /// Major trouble, or nearly out of range.
+    /// Serious degradation, or nearly out of range.
     Caution = 2,
-    /// Cannot do its work.
+    /// Cannot work.
     Warning = 3,
 }
 

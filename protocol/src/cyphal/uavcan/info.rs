@@ -41,7 +41,7 @@ pub struct NodeInfo<'a> {
     pub software: Version,
     /// First 64 bits of the commit the program was built from; 0 = unknown.
     pub software_vcs_revision: u64,
-    /// Number of this very node in the world; all zero = none.
+    /// Unique identifier of this node; all zeros = no identifier.
     pub unique_id: [u8; 16],
     /// Kind of node in reverse domain notation, ASCII, at most [`NAME_LEN_MAX`] bytes (the rest of a
     /// longer name is not sent).

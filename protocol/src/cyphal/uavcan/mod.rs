@@ -3,8 +3,8 @@
 //! Source of every layout and port number: the public regulated data types (namespace `uavcan`),
 //! checked against `pycyphal` by the vectors in `protocol/tests/cyphal_vectors.txt`.
 //!
-//! `EXTENT` constants are the bytes a receiver keeps: all the fields known here. Later minor
-//! versions may append fields; those are cut off, as the specification wants.
+//! `EXTENT` constants are the bytes a receiver keeps: all the fields known here. Later minor versions may append
+//! fields; those are cut off, as the specification requires.
 
 pub mod command;
 pub mod diagnostic;

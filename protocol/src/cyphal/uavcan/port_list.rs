@@ -1,4 +1,4 @@
-//! `uavcan.node.port.List.1.0`: what a node listens to and speaks about, every few seconds.
+//! `uavcan.node.port.List.1.0`: the ports that a node receives and sends, every few seconds.
 
 use super::super::bits::{Decode, DecodeError, Encode, Reader, Writer};
 use super::super::id::{ServiceId, SubjectId};

@@ -1,8 +1,8 @@
 //! `uavcan.register.Access.1.0` and `List.1.0`: named, typed values of a node.
 //!
-//! Access writes first (unless the value is empty) and reads afterwards; the answer shows what the
-//! register holds then. An unknown name is answered with an empty value. List gives the name of the
-//! register with an index, and an empty name past the last one.
+//! Access writes first (unless the value is empty) and reads afterwards; the answer holds the value after that. An
+//! unknown name is answered with an empty value. List returns the name of the register with an index, and an empty
+//! name past the last one.
 
 use super::super::bits::{Decode, DecodeError, Encode, Reader, Writer};
 use super::super::id::ServiceId;
@@ -32,7 +32,7 @@ pub struct AccessRequest<'a> {
     pub value: Value<'a>,
 }
 
-/// What the register holds now.
+/// Present content of the register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AccessResponse<'a> {
     /// Time of the reading, µs of the network time, 56 bits; 0 = unknown.
@@ -45,7 +45,7 @@ pub struct AccessResponse<'a> {
     pub value: Value<'a>,
 }
 
-/// Ask for the name of the register with this index.
+/// Request for the name of the register with this index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ListRequest {
     /// From 0 on without gaps.

@@ -13,10 +13,10 @@ pub enum Assembled<'a> {
     Overlong,
 }
 
-/// Collects bytes of a serial line until a line of text is whole.
+/// Collects bytes of a serial line until a line of text is complete.
 ///
-/// CR ends a line. So does LF, for terminals that send it; a LF right after a CR is ignored. Garbage
-/// costs the line it falls into and no other.
+/// CR ends a line. LF does too, for terminals that send it; an LF right after a CR is ignored. Garbage destroys
+/// only the line that it falls into.
 #[derive(Clone, Debug)]
 pub struct Assembler {
     bytes: [u8; LINE_MAX],

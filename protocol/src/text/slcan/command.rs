@@ -57,7 +57,7 @@ impl Bitrate {
         }
     }
 
-    /// The code for exactly this rate in bit/s; `None` if there is none.
+    /// The code for exactly this rate in bit/s; `None` if there is no such code.
     pub fn from_bits_per_second(rate: u32) -> Option<Self> {
         Self::ALL.into_iter().find(|bitrate| bitrate.bits_per_second() == rate)
     }
@@ -68,10 +68,10 @@ impl Bitrate {
     }
 }
 
-/// What a host asks an adapter to do.
+/// Command of a host to an adapter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Command {
-    /// An empty line: hosts send some to end whatever the adapter has half read.
+    /// An empty line: hosts send some to end a line that the adapter has half read.
     Nothing,
     /// `S0`..`S8`: bit rate; only while closed.
     SetBitrate(Bitrate),

@@ -1,7 +1,7 @@
-//! SLCAN, the line protocol of serial CAN adapters (LAWICEL CAN232 and CANUSB, and what follows them).
+//! SLCAN, the line protocol of serial CAN adapters (LAWICEL CAN232 and CANUSB, and compatible ones).
 //!
-//! The host sends a command, ended by CR; the adapter answers CR (done) or BELL (refused), and hands
-//! over received frames as lines of their own.
+//! The host sends a command, ended by CR; the adapter answers CR (done) or BELL (refused), and sends received
+//! frames as lines of their own.
 //!
 //! | type | what |
 //! |---|---|
@@ -28,8 +28,8 @@ use super::cursor::{Cursor, Expected, Payload, SyntaxError, remote_frame};
 use crate::frame::Frame;
 use crate::id::{ExtendedId, Id, StandardId};
 
-/// Longest line made or accepted, without its end, in bytes: a frame with time stamp has 30; the rest
-/// leaves room for wordy version strings.
+/// Longest line made or accepted, without its end, in bytes: a frame with time stamp has 30; the rest leaves room
+/// for long version strings.
 pub const LINE_MAX: usize = 64;
 
 /// Ends a command and most replies.
@@ -81,7 +81,7 @@ fn push_frame<const N: usize>(text: &mut TextBuf<N>, frame: &Frame) {
         (true, true) => b'R',
     });
     text.push_id(frame.id());
-    // One digit, at most 8: decimal and hexadecimal are the same, and this one divides nothing.
+    // One digit, at most 8: decimal and hexadecimal are the same, and this form needs no division.
     text.push_hex(frame.dlc() as u32, 1);
     text.push_data(frame.data());
 }

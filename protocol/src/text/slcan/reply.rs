@@ -5,14 +5,14 @@ use crate::frame::Frame;
 use crate::text::buffer::TextBuf;
 use crate::text::cursor::{Cursor, Expected, SyntaxError};
 
-/// What an adapter says.
+/// Message of an adapter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reply<'a> {
     /// A lone CR: the last command was carried out.
     Done,
     /// A BELL: the last command was refused.
     Refused,
-    /// `z` (11 bit) or `Z` (29 bit): the last frame was taken for transmission.
+    /// `z` (11 bit) or `Z` (29 bit): the last frame was accepted for transmission.
     Taken {
         /// True for a frame with a 29-bit id.
         extended: bool,
@@ -65,7 +65,7 @@ impl<'a> Reply<'a> {
         }
     }
 
-    /// The line with its CR, or the lone BELL. Words that do not fit [`LINE_MAX`] are cut.
+    /// The line with its CR, or a single BELL. Text that does not fit [`LINE_MAX`] is cut.
     pub fn encode(&self) -> TextBuf<LINE_MAX> {
         let mut text = TextBuf::new();
         match self {

@@ -8,7 +8,7 @@ use crate::text::buffer::{BusName, TextBuf};
 use crate::text::cursor::{Cursor, Expected, Payload, SyntaxError, remote_frame};
 use crate::time::Instant;
 
-/// What a client asks for.
+/// Message of a client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Command<'a> {
     /// `< open can0 >`: attach to this bus.
@@ -17,13 +17,13 @@ pub enum Command<'a> {
     RawMode,
     /// `< bcmmode >`: no frames but those subscribed to; the mode after `open`.
     BcmMode,
-    /// `< echo >`: the server repeats it, which proves the connection and measures its latency.
+    /// `< echo >`: the server repeats it, which checks the connection and measures its latency.
     Echo,
     /// `< lockstep >`, of this project: from now on virtual time waits for this client.
     LockStep,
-    /// `< wait 23.424242 23.400000 >`, of this project: the client's turn in lock step is over.
+    /// `< wait 23.424242 23.400000 >`, of this project: ends the client's turn in lock step.
     Wait {
-        /// When it wants the next turn, if no frame comes before.
+        /// When the client needs its next turn, if no frame comes before.
         until: Instant,
         /// Frames that come before this time wait until then.
         frames_from: Instant,

@@ -8,7 +8,7 @@ use crate::text::buffer::TextBuf;
 use crate::text::cursor::{Cursor, Expected, Payload, SyntaxError, remote_frame};
 use crate::time::Instant;
 
-/// What a server says.
+/// Message of a server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Message<'a> {
     /// `< hi >`: greeting of a new connection.
@@ -35,8 +35,8 @@ pub enum Message<'a> {
     },
     /// `< error unknown command >`: the last command was refused.
     Refused {
-        /// The server's words, without blanks around them. Words that look like a class and a time
-        /// (`40 1.5`) cannot be told from a bus error.
+        /// The server's text, without blanks around it. A text that looks like a class and a time (`40 1.5`) cannot
+        /// be distinguished from a bus error.
         reason: &'a str,
     },
 }
@@ -44,13 +44,13 @@ pub enum Message<'a> {
 /// Why a message of the server could not be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MessageError {
-    /// Not a message this implementation asked for: statistics, ISO-TP, CAN FD, or no message at all.
+    /// Not a message that this implementation requests: statistics, ISO-TP, CAN FD, or not a message at all.
     Unknown,
     /// A known message with wrong arguments.
     Syntax(SyntaxError),
 }
 
-/// Ends the words of a refusal that are too many for a message.
+/// Ends the text of a refusal that is too long for a message.
 const CUT: &str = "...";
 
 impl<'a> Message<'a> {
@@ -80,8 +80,8 @@ impl<'a> Message<'a> {
 
     /// The message from `<` to `>`.
     ///
-    /// In a refusal, angle brackets become round ones, anything outside ASCII becomes `?`, and words
-    /// that do not fit [`MESSAGE_MAX`] are cut.
+    /// In a refusal, angle brackets become round ones, anything outside ASCII becomes `?`, and text that does not
+    /// fit [`MESSAGE_MAX`] is cut.
     pub fn encode(&self) -> TextBuf<MESSAGE_MAX> {
         let mut text = TextBuf::new();
         match self {
@@ -114,7 +114,7 @@ impl<'a> Message<'a> {
             Self::Refused { reason } => {
                 text.push_str("< error ");
                 let room = MESSAGE_MAX - "< error  >".len();
-                // What is cut says so: else it could end in a blank, or look like a bus error.
+                // A cut text is marked: otherwise it could end in a blank, or look like a bus error.
                 let (kept, mark) = if reason.len() > room { (room - CUT.len(), CUT) } else { (room, "") };
                 for byte in reason.bytes().take(kept) {
                     text.push(match byte {

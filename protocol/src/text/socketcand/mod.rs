@@ -10,8 +10,8 @@
 //! | [`Message`] | server to client |
 //! | [`Assembler`] | bytes of the stream to whole messages |
 //!
-//! What the description of the protocol and the programs disagree on is read either way and written
-//! the way python-can 4.6.1 (which splits at single blanks) understands:
+//! Differences between the description of the protocol and the programs are accepted in both forms, and written in
+//! the form that python-can 4.6.1 (which splits at single blanks) understands:
 //!
 //! * data of `frame`: the description separates the bytes, the programs do not;
 //! * an id is extended if it has eight digits or a value above 7FF;
@@ -22,16 +22,16 @@
 //!
 //! # Lock step
 //!
-//! An addition of this project, for programs that share virtual time over a socket. What a busy machine does to them
-//! then changes nothing: the same programs exchange the same frames at the same times in each run.
+//! An addition of this project, for programs that share virtual time over a socket. The load of the machine then
+//! has no effect: the same programs exchange the same frames at the same times in each run.
 //!
 //! | who | message | meaning |
 //! |---|---|---|
 //! | client | `< lockstep >` | after `rawmode`: from now on time waits for this client |
 //! | server | `< time T >` | it is T; the frames of T came before; it is the client's turn |
-//! | client | `< wait T F >` | its turn is over; it wants the next one at T, or when a frame comes, but for that not before F |
+//! | client | `< wait T F >` | its turn is over; it needs the next one at T, or when a frame comes, but for a frame not before F |
 //!
-//! During its turn a client sends what it wants to send at that time. The server lets time pass only while it is nobody's
+//! During its turn a client sends its frames of that time. The server lets time pass only while no client has a
 //! turn, up to the next frame or the earliest T. Clients that have a turn at the same time get it one after the
 //! other, in the order in which they joined. Times are seconds since the server began, with microseconds.
 //!

@@ -4,9 +4,9 @@ use protocol::{Duration, Instant};
 
 const DAY_S: f64 = 86_400.0;
 
-/// Turns `ts` (seconds since midnight) into a time that goes on over midnight.
+/// Turns `ts` (seconds since midnight) into a time that continues over midnight.
 ///
-/// The origin is the midnight before the first stamp. A step of more than half a day is taken as midnight; a stamp a
+/// The origin is the midnight before the first stamp. A step of more than half a day counts as midnight; a stamp a
 /// little older than the one before is an overtaken datagram and keeps its order.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct DayClock {

@@ -23,11 +23,11 @@ pub enum Command {
     TrackingStart,
     /// End of the measurement.
     TrackingStop,
-    /// Asks for the access of this connection: `full` or `none`.
+    /// Requests the access of this connection: `full` or `none`.
     GetAccess,
-    /// Asks for the next message.
+    /// Requests the next message.
     GetMessage,
-    /// Asks what the tracker does: `none`, `mea`, `cal`, `wait` or `err`.
+    /// Requests the status of the tracker: `none`, `mea`, `cal`, `wait` or `err`.
     GetStatus,
     /// Sets where a channel (1 to 5) sends to.
     SetOutput {
@@ -40,7 +40,7 @@ pub enum Command {
         kind: String,
         on: bool,
     },
-    /// Asks for the active configuration.
+    /// Requests the active configuration.
     GetConfig,
     SetConfig(String),
     /// Anything else, without `dtrack2`.
@@ -145,7 +145,7 @@ pub enum Answer {
 }
 
 impl Answer {
-    /// Reads an answer without its NUL; `None` if it is none.
+    /// Reads an answer without its NUL; `None` if it is not an answer.
     #[must_use]
     pub fn parse(message: &str) -> Option<Self> {
         let rest = message.strip_prefix("dtrack2 ")?;
@@ -210,7 +210,7 @@ pub struct Messages {
 }
 
 impl Messages {
-    /// Takes bytes as they arrive; gives each whole message, or `None` for one that is too long or not ASCII.
+    /// Takes bytes as they arrive; returns each whole message, or `None` for one that is too long or not ASCII.
     pub fn push(&mut self, bytes: &[u8]) -> Vec<Option<String>> {
         let mut messages = Vec::new();
         for &byte in bytes {

@@ -88,7 +88,7 @@ pub struct DataFrame {
     pub ts2: Option<UnixStamp>,
     /// Number of calibrated bodies (`6dcal`).
     pub calibrated: Option<u32>,
-    /// Tracked bodies; `None` if the line is missing, empty if none is tracked.
+    /// Tracked bodies; `None` if the line is missing, empty if no body is tracked.
     pub bodies: Option<Vec<Body>>,
     pub hybrids: Option<Vec<Hybrid>>,
     pub markers: Option<Vec<Marker>>,
@@ -350,7 +350,7 @@ impl<'a> Scan<'a> {
 
     fn list<T>(&mut self, item: fn(&mut Self) -> Result<T, DataProblem>) -> Result<Vec<T>, DataProblem> {
         let count: usize = self.integer("number of items")?;
-        // The text bounds the list: a wrong count ends at the first item that is not there.
+        // The text bounds the list: a wrong count ends at the first missing item.
         let mut items = Vec::new();
         for _ in 0..count {
             items.push(item(self)?);

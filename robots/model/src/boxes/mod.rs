@@ -31,7 +31,7 @@ pub struct PairRule {
     pub link_distance_min: usize,
     /// The floor is tested with links from this one on.
     pub floor_from_link: usize,
-    /// Links whose boxes are not tested against those of a link: bit `b` at place `a` and the other way round.
+    /// Links whose boxes are not tested against those of a link: bit `b` at place `a`, and bit `a` at place `b`.
     pub(crate) untested: [u16; JOINTS_MAX + 1],
 }
 
@@ -55,7 +55,7 @@ pub struct CollisionModel {
     boxes: Vec<BodyBox>,
     pairs: Vec<(u16, u16)>,
     rule: PairRule,
-    /// `swing_m[k][i]`: largest distance from the axis of joint `k` at which a box of link `i` can be, any angles.
+    /// `swing_m[k][i]`: largest distance from the axis of joint `k` at which a box of link `i` can be, for any angles.
     swing_m: Vec<Vec<f64>>,
     /// The same for the centre of the held ball on the last link.
     ball_swing_m: Vec<f64>,
@@ -108,8 +108,9 @@ impl CollisionModel {
         self.rule
     }
 
-    /// Largest distance in m from the axis of joint `k` (from 0) at which a box of link `i` (from 1) can be, whatever
-    /// the angles of the joints between; a turn of `k` by `δ` moves no point of that link farther than this times `|δ|`.
+    /// Largest distance in m from the axis of joint `k` (from 0) at which a box of link `i` (from 1) can be, for
+    /// any angles of the joints between. A turn of `k` by `δ` moves each point of that link by at most this times
+    /// `|δ|`.
     #[must_use]
     pub fn swing_m(&self, k: usize, i: usize) -> f64 {
         if i == 0 || k >= i { 0.0 } else { self.swing_m[k][i - 1] }

@@ -18,7 +18,7 @@ pub struct Obb {
 /// Nearest points of two bodies.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Proximity {
-    /// Distance in m; negative for overlapping bodies, then the shortest translation that parts them.
+    /// Distance in m; for overlapping bodies minus the shortest translation that separates them.
     pub distance_m: f64,
     /// Unit direction from the first body to the second along which the distance is taken.
     pub normal: Vector3<f64>,
@@ -67,7 +67,7 @@ impl Obb {
         let r = mat3::tr_mul(&self.pose.rot, &other.pose.rot);
         let t = mat3::tr_mul_v(&self.pose.rot, &between);
         let (a, b) = (&self.half_m, &other.half_m);
-        // Slack for parallel edges: their cross product is noise, and without it noise could "separate" boxes.
+        // Tolerance for parallel edges: their cross product is noise, and without the tolerance noise could "separate" boxes.
         let r_abs = r.map(|v| v.abs() + 1e-12);
         for i in 0..3 {
             if t[i].abs() > a[i] + r_abs[(i, 0)] * b.x + r_abs[(i, 1)] * b.y + r_abs[(i, 2)] * b.z {
@@ -95,8 +95,8 @@ impl Obb {
         true
     }
 
-    /// A lower bound of the distance of two boxes in m, exact where a face or two edges are nearest; negative for
-    /// overlapping boxes, then minus the shortest translation that parts them.
+    /// A lower bound of the distance of two boxes in m, exact where a face or two edges are nearest; for
+    /// overlapping boxes minus the shortest translation that separates them.
     #[must_use]
     pub fn separation(&self, other: &Self) -> f64 {
         self.best_axis(other).0

@@ -4,8 +4,8 @@ use nalgebra::Vector3;
 
 use crate::pose::Pose;
 
-/// Largest distance from the axis of joint `k` at which a point fixed to link `i` (both from 0) can be, any angles of
-/// the joints between; zero for `k > i`.
+/// Largest distance from the axis of joint `k` at which a point fixed to link `i` (both from 0) can be, for any
+/// angles of the joints between; zero for `k > i`.
 ///
 /// The point moves on circles about the axes from `i` down to `k + 1`; each joint adds at most the way to the next
 /// origin. About its own axis the distance is exact.
@@ -13,8 +13,8 @@ pub(super) fn swing(x_pj: &[Pose], k: usize, i: usize, point: &Vector3<f64>) -> 
     if k > i {
         return 0.0;
     }
-    // Cylinder coordinates of the point about the axis of the current joint: the radius never changes, the height
-    // along the axis neither; only where it is on the circle does.
+    // Cylinder coordinates of the point about the axis of the current joint: the radius and the height along the
+    // axis do not change; only the place on the circle does.
     let mut radius = point.x.hypot(point.y);
     let mut height = (point.z, point.z);
     for joint in (k + 1..=i).rev() {

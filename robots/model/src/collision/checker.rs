@@ -86,7 +86,7 @@ impl<'m> CollisionChecker<'m> {
         Self { model, scene, pairs: all_pairs(model, scene), placed, ball: Vector3::zeros(), keeps_m: 0.0 }
     }
 
-    /// From now on a motion that comes nearer than this counts as one in contact, m; single configurations do not.
+    /// Sets the distance below which a motion counts as in contact, m; it does not apply to single configurations.
     #[must_use]
     pub fn keeping(mut self, distance_m: f64) -> Self {
         self.keeps_m = distance_m;
@@ -141,7 +141,7 @@ impl<'m> CollisionChecker<'m> {
         };
         let clearance = Clearance { distance_m: near.distance_m, a: pair.a, b: pair.b };
         let gradient = JointVec::from_fn(self.model.n(), |k| {
-            // Both bodies hang behind joint k or neither does: it does not change their distance.
+            // Both bodies move with joint k, or neither does: the joint does not change their distance.
             let moves_a = k < pair.link_a;
             let moves_b = k < pair.link_b;
             let velocity = || frames.axis(k).cross(&(near.point - frames.origin(k)));
@@ -154,7 +154,7 @@ impl<'m> CollisionChecker<'m> {
         (clearance, gradient)
     }
 
-    /// Distance of the nearest pair, or `most_m` if that is less; cheaper than [`Self::clearance`] where nothing is near.
+    /// Distance of the nearest pair, or `most_m` if that is less; cheaper than [`Self::clearance`] if no pair is near.
     pub fn distance_up_to(&mut self, frames: &Frames, most_m: f64) -> f64 {
         self.nearest_pair(frames, most_m).map_or(most_m, |(_, near)| near.distance_m)
     }
@@ -163,8 +163,8 @@ impl<'m> CollisionChecker<'m> {
     fn nearest_pair(&mut self, frames: &Frames, mut so_far: f64) -> Option<(Pair, Proximity)> {
         self.place(frames);
         let mut nearest: Option<(Pair, Proximity)> = None;
-        // Start with the pair of the nearest spheres: a small first distance rules most of the others out, by their
-        // spheres first and by their separating axes second.
+        // Start with the pair of the nearest spheres: a small first distance excludes most of the other pairs, by
+        // their spheres first and by their separating axes second.
         let first = self.nearest_spheres();
         for k in first.into_iter().chain(0..self.pairs.len()) {
             let pair = &self.pairs[k];
@@ -186,7 +186,7 @@ impl<'m> CollisionChecker<'m> {
 
     /// The box of the arm nearest to a ball in flight with its centre at `center_w`.
     ///
-    /// All boxes count, base and hand too: after the release the ball must stay clear of the hand as well.
+    /// All boxes count, also base and hand: after the release the ball must stay clear of the hand too.
     pub fn ball_clearance(&mut self, frames: &Frames, center_w: &Vector3<f64>) -> Clearance {
         self.place(frames);
         let radius_m = self.model.gripper().ball_radius_m;
@@ -273,7 +273,7 @@ impl fmt::Display for BodyName<'_> {
 }
 
 /// Arm against itself by the robot's rule; floor; moving links against obstacles; held ball against everything but
-/// the last two links, which hold it or are too near to be told from it.
+/// the last two links, which hold it or are too near to be distinguished from it.
 fn all_pairs(model: &RobotModel, scene: &Scene) -> Vec<Pair> {
     let n = model.n();
     let collision = model.collision();

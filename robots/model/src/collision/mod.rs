@@ -1,7 +1,7 @@
 //! Collision: boxes around the arm, obstacles, the floor, and the ball.
 //!
-//! * `checker`: one configuration: does anything touch, and how near is the nearest pair?
-//! * `motion`: a whole motion, proven free between the samples as well.
+//! * `checker`: one configuration: is there a contact, and how near is the nearest pair?
+//! * `motion`: a whole motion, proven free also between the samples.
 
 mod checker;
 mod motion;

@@ -1,4 +1,4 @@
-//! Collision of a whole motion, between the samples too.
+//! Collision of a whole motion, also between the samples.
 //!
 //! Sampling a motion finely can miss a thin box. Here an interval of the motion is *proven* free: the distance of a
 //! pair in the middle of the interval must exceed what the two bodies can have moved towards each other until its
@@ -11,10 +11,10 @@ use nalgebra::Vector3;
 use super::checker::{Body, Clearance, CollisionChecker, Pair};
 use crate::per_joint::JointVec;
 
-/// A motion as the collision checker needs it.
+/// A motion in the form that the collision checker needs.
 ///
-/// `s` is any parameter (usually the time in s). For [`Travel::path_length`] joints that move monotonically over an
-/// interval, as in the two-segment cubics of the throwing paper, simply take the difference of the ends.
+/// `s` is any parameter (usually the time in s). If joints move monotonically over an interval, as in the
+/// two-segment cubics of the throwing paper, [`Travel::path_length`] is the difference of the ends.
 pub trait Travel {
     /// Configuration at `s`.
     fn at(&self, s: f64) -> JointVec;
@@ -67,8 +67,8 @@ impl MotionVerdict {
     }
 }
 
-/// Intervals deeper than this (a 2⁻³² part of the motion) are given up as contacts; reached only if the travel bound
-/// does not shrink with the interval.
+/// Intervals deeper than this (a 2⁻³² part of the motion) count as contacts; reached only if the travel bound does
+/// not shrink with the interval.
 const DEPTH_MAX: u32 = 32;
 
 struct Interval {
@@ -82,8 +82,8 @@ struct Interval {
 impl CollisionChecker<'_> {
     /// Checks the motion from `s0` to `s1`: everything that [`CollisionChecker::collides`] tests, at every instant.
     ///
-    /// Intervals in which bodies move towards each other by less than `tolerance_m` and still are not proven free
-    /// count as contact; 0.1 mm is a good tolerance. A motion that is not finite anywhere is a contact there.
+    /// Intervals in which bodies move towards each other by less than `tolerance_m` but which are not proven free
+    /// count as contact; 0.1 mm is a good tolerance. If a motion is not finite somewhere, it has a contact there.
     pub fn check_motion(
         &mut self,
         motion: &impl Travel,
@@ -136,7 +136,7 @@ impl CollisionChecker<'_> {
                 }
             }
             if !unproven.is_empty() {
-                // Earlier half last onto the stack: it is looked at first.
+                // Earlier half last onto the stack: it is handled first.
                 for (s0, s1) in [(s, s1), (s0, s)].into_iter().skip(usize::from(contact)) {
                     intervals.push(Interval { s0, s1, depth: depth + 1, pairs_from: open.len() });
                     open.extend_from_slice(&unproven);
@@ -197,7 +197,7 @@ impl CollisionChecker<'_> {
         }
     }
 
-    /// Farthest way of a point of link `to` seen from link `from`: only the joints between them count.
+    /// Longest way of a point of link `to` seen from link `from`: only the joints between them count.
     fn swept(&self, to: usize, from: usize, travel: &JointVec) -> f64 {
         let collision = self.model.collision();
         (from..to).map(|k| collision.swing_m(k, to) * travel[k]).sum()

@@ -8,7 +8,8 @@ use crate::mat3;
 use crate::model::{LinkInertia, RobotModel};
 use crate::per_joint::{JointVec, PerJoint};
 
-/// Links from one on to the hand, as if welded: mass, first moment and inertia about the origin of the first joint frame.
+/// One link and all after it up to the hand, as if welded: mass, first moment and inertia about the origin of the first joint
+/// frame.
 #[derive(Clone, Copy, Default)]
 struct Composite {
     m: f64,

@@ -1,7 +1,7 @@
 //! Spatial vectors and inertias in world coordinates about the world origin.
 //!
-//! Featherstone, "Rigid Body Dynamics Algorithms", 2008, chapter 2, with the angular part first. World coordinates make
-//! composite quantities plain sums, and the arm is too small (about a metre) for the common origin to cost digits.
+//! Featherstone, "Rigid Body Dynamics Algorithms", 2008, chapter 2, with the angular part first. World coordinates
+//! make composite quantities plain sums. The arm is small (about a metre), so the common origin loses no precision.
 
 use nalgebra::{Matrix3, Vector3};
 

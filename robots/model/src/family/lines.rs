@@ -7,8 +7,9 @@ use crate::pose::Pose;
 
 /// Angles below this count as zero when a family's conditions are checked, in rad.
 ///
-/// Frames come from tables in degrees, so a fitting robot is exact to rounding; a measured (calibrated) model
-/// with real offsets is not of the family and must be refused, or its inverse kinematics would be wrong by them.
+/// Frames come from tables in degrees, so a robot of the family fits to rounding. A measured (calibrated) model
+/// with real offsets is not of the family and must be refused: its inverse kinematics would be wrong by the
+/// offsets.
 pub(super) const ANGLE_TOL_RAD: f64 = 1e-9;
 /// Lengths below this count as zero, in m.
 pub(super) const LENGTH_TOL_M: f64 = 1e-9;
@@ -58,8 +59,8 @@ impl Line {
     }
 }
 
-/// Frame F of a robot in the frame of joint 1: z along axis 1, y along axis 2 or against it, x = y × z on the side of
-/// the x axis of joint frame 1, so that "forwards" is what the maker of the frames thinks it is.
+/// Frame F of a robot in the frame of joint 1: z along axis 1, y along axis 2 or against it, x = y × z on the side
+/// of the x axis of joint frame 1, so that "forwards" is the same as in the given frames.
 ///
 /// Returns the rotation of F, and +1 if axis 2 is along y, -1 if against. The axes must be perpendicular.
 pub(super) fn plane_frame(axis2: &Line) -> (Matrix3<f64>, f64) {

@@ -1,6 +1,6 @@
 //! Kinematic families: classes of arms for which inverse kinematics has a closed form.
 //!
-//! A family is the only thing about machines that is code. Its dimensions are measured from the joint frames of
+//! The family is the only property of a machine that is code. Its dimensions are computed from the joint frames of
 //! the robot file when it is loaded; frames that do not have the family's geometry are refused.
 
 mod lines;

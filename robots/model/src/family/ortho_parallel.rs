@@ -13,10 +13,10 @@
 //!     +---------- x          W stays at y = b while joint 1 rests
 //! ```
 //!
-//! The familiar parameters of Brandstötter, Angerer and Hofbaur ("An analytical solution of the inverse
-//! kinematics problem of industrial serial manipulators with an ortho-parallel basis and a spherical wrist",
-//! 2014) are contained in these: `k² = a2² + c3²`, and c4 is part of the end-effector frame. Only `k` and the
-//! direction of W from axis 3 matter for the solution, so axis 4 need not pass axis 3 at any special place.
+//! The usual parameters of Brandstötter, Angerer and Hofbaur ("An analytical solution of the inverse kinematics
+//! problem of industrial serial manipulators with an ortho-parallel basis and a spherical wrist", 2014) can be
+//! computed from these: `k² = a2² + c3²`, and c4 is part of the end-effector frame. Only `k` and the direction of W
+//! from axis 3 matter for the solution, so axis 4 may pass axis 3 at any place.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -106,8 +106,8 @@ impl OrthoParallel {
         if k_m <= LENGTH_TOL_M {
             return Err(FamilyMismatch::NoLength { a: 3, b: 5 });
         }
-        // A quarter turn about x between axes 4 and 5, and back between 5 and 6, whatever the frames:
-        // A5 = Rz(alpha5) Rx(+90°) Rz(beta5), A6 = Rz(alpha6) Rx(-90°) Rz(beta6).
+        // A quarter turn about x between axes 4 and 5, and back between 5 and 6, for all frames: A5 = Rz(alpha5)
+        // Rx(+90°) Rz(beta5), A6 = Rz(alpha6) Rx(-90°) Rz(beta6).
         let (a5, a6) = (&x5.rot, &x6.rot);
         let alpha5 = a5[(0, 2)].atan2(-a5[(1, 2)]);
         let beta5 = a5[(2, 0)].atan2(a5[(2, 1)]);

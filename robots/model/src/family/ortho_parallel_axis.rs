@@ -1,7 +1,7 @@
 //! Ortho-parallel arms: inverse kinematics of a point and a direction, the roll about the direction left free.
 //!
-//! Five joints follow; the last one only rolls. A window of angles per joint ends a branch as early as possible, so that
-//! many poses can be tried in little time.
+//! This fixes five joints; the last one only rolls. A window of angles per joint ends a branch as early as
+//! possible, so that many poses can be tried in little time.
 
 use nalgebra::Vector3;
 
@@ -13,7 +13,7 @@ use crate::mat3;
 /// A wrist with a smaller sine of its middle angle is straight: joint 4 is not determined.
 const STRAIGHT_WRIST: f64 = 1e-9;
 
-/// The angle moved by whole turns into `[low, high]`, the lowest such; `None` if there is none.
+/// The angle moved by whole turns into `[low, high]`, the lowest of them; `None` if there is no such angle.
 #[inline]
 fn turned_into(q: f64, low: f64, high: f64) -> Option<f64> {
     use std::f64::consts::TAU;

@@ -98,7 +98,7 @@ impl OrthoParallel {
         let turn_u = if straight { Complex::turn(q_ref[3] + self.wrist_zero4_rad) } else { side.unit(sin_v) };
         let u = turn_u.angle();
         let v = sin_v.atan2(m[(2, 2)]);
-        // The second row of Rz(-u) m is (sin w, cos w, 0): well conditioned however straight the wrist is.
+        // The second row of Rz(-u) m is (sin w, cos w, 0): well conditioned also for a nearly straight wrist.
         let w = Complex::new(
             turn_u.re * m[(1, 1)] - turn_u.im * m[(0, 1)],
             turn_u.re * m[(1, 0)] - turn_u.im * m[(0, 0)],

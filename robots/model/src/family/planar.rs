@@ -42,7 +42,7 @@ impl Complex {
     }
 }
 
-/// Slack of a cosine at the edge of the reach: a pose computed from joint angles with a stretched elbow must be
+/// Tolerance of a cosine at the edge of the reach: a pose computed from joint angles with a stretched elbow must be
 /// found again although rounding puts it 1e-16 outside.
 pub(super) const EDGE_SLACK: f64 = 1e-12;
 /// A point this close to a free axis (relative to the arm's reach) leaves that axis' angle undefined.

@@ -1,8 +1,9 @@
 //! A turntable with three parallel axes across it: four joints, a point and the elevation of the hand.
 //!
-//! Frame F is that of joint 1, with z along axis 1, y along axis 2 (or against it) at q1 = 0 and x = y × z forwards.
-//! Axes 2, 3 and 4 are parallel, so the hand stays in the upright plane that the turntable points to. Of a full pose only those can
-//! be reached whose y axis fits that plane; [`TurntablePlanar::aim`] makes them from a point and an elevation.
+//! Frame F is the frame of joint 1, with z along axis 1, y along axis 2 (or against it) at q1 = 0 and x = y × z
+//! forwards. Axes 2, 3 and 4 are parallel, so the hand stays in the upright plane in which the turntable points. A
+//! full pose can be reached only if its y axis fits that plane; [`TurntablePlanar::aim`] makes such poses from a
+//! point and an elevation.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -104,7 +105,7 @@ impl TurntablePlanar {
     /// End-effector poses at a point (world, m) with the hand pointing `elevation_rad` above the horizontal: outwards
     /// from the turntable's axis, and the same point reached over the back.
     ///
-    /// `None` where the point is too close to the axis for the arm's plane to pass through it.
+    /// `None` if the point is too close to the axis for the arm's plane to pass through it.
     #[must_use]
     pub fn aim(&self, point_w: &Vector3<f64>, elevation_rad: f64) -> [Option<Pose>; 2] {
         let p = self.x_wf.inverse_transform_point(point_w);

@@ -1,4 +1,4 @@
-//! Joint frames in the conventions robot files may use, all brought to one form.
+//! Joint frames in the conventions of robot files, converted to one form.
 //!
 //! Inside, every joint turns about the z axis of its joint frame, and that frame is the frame of its link. The
 //! file's own link frame may differ (standard DH puts it at the far end, a fixed axis may be x or -y), so its pose
@@ -92,7 +92,7 @@ fn read_dh(section: &Section<'_>) -> Result<Dh, LoadError> {
     })
 }
 
-/// A length between joints; millimetres in a key that says metres are far beyond it.
+/// A length between joints; the bound detects millimetres in a key in metres.
 fn length(value: &Value<'_, Problem>) -> Result<f64, LoadError> {
     value.number_in(-LENGTH_MAX_M, LENGTH_MAX_M)
 }
@@ -110,7 +110,7 @@ fn z_to(section: &Section<'_>) -> Result<Pose, LoadError> {
 /// Exact for the six coordinate directions.
 pub(crate) fn turn_z_to(axis: &Vector3<f64>) -> Option<Pose> {
     let z = axis.try_normalize(1e-9)?;
-    // The coordinate axis least along z gives the best conditioned x axis; for the usual axes it is exact.
+    // The coordinate axis least along z gives the best conditioned x axis; for the usual axes the result is exact.
     let x_hint = if z.z.abs() > 0.9 { Vector3::x() } else { Vector3::z() };
     let y = z.cross(&x_hint).normalize();
     let x = y.cross(&z);

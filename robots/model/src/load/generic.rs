@@ -1,4 +1,4 @@
-//! `[generic_drives]`: drives that follow from speed and torque of their joints, for an arm whose drives nobody has described.
+//! `[generic_drives]`: drives computed from speed and torque of their joints, for an arm whose drives are not described.
 //!
 //! ```text
 //! k_m = v_max / U                              power: τ_max v_max = U I_max; at least 1 A / τ_max
@@ -6,8 +6,8 @@
 //! I_max = k_m τ_max
 //! ```
 //!
-//! So the current never lets a joint give more than its torque: all of it at rest, less by the losses at top speed. One supply carries
-//! all drives at once.
+//! So the current allows a joint its full torque at rest, and at top speed the torque less the losses, never more.
+//! One supply feeds all drives.
 
 use toml_reader::Value;
 

@@ -93,7 +93,7 @@ fn read_gripper(part: &Section<'_>, ids: &mut Ids) -> Result<MitGripper, LoadErr
     Ok(gripper)
 }
 
-/// What the joint may do must fit into the fields of the frames: they clip what is larger, and nothing on the wire shows it.
+/// The limits of the joint must fit into the fields of the frames: a larger value is clipped, and nothing on the wire shows it.
 fn require_range(section: &Section<'_>, joint: &Joint, motor: &MotorType) -> Result<(), LoadError> {
     let (limits, ranges) = (&joint.limits, &motor.ranges);
     let turned_rad = limits.q_min_rad.abs().max(limits.q_max_rad.abs());

@@ -1,6 +1,6 @@
 //! From a robot file to a [`RobotModel`].
 //!
-//! One function per table of the file; units are in the key names and are converted here and nowhere else.
+//! One function per table of the file; units are in the key names and are converted only here.
 
 mod bodies;
 mod cia402;
@@ -54,7 +54,7 @@ pub fn built_in_text(name: &str) -> Option<&'static str> {
 /// File name and text for a built-in name or a path.
 ///
 /// # Errors
-/// There is neither, or the file cannot be read.
+/// There is no such robot and no such file, or the file cannot be read.
 pub fn text_of(name_or_path: &str) -> Result<(String, String), LoadError> {
     if let Some(text) = built_in_text(name_or_path) {
         return Ok((format!("<builtin>/{name_or_path}.toml"), text.to_owned()));
@@ -79,13 +79,14 @@ impl RobotModel {
     /// Reads a built-in robot by name, or a robot file by path.
     ///
     /// # Errors
-    /// [`LoadError`] names file, line, key and reason; fewer than four joints or more than seven are one.
+    /// [`LoadError`] names file, line, key and reason; it is also returned for fewer than four joints or more than seven.
     pub fn load(name_or_path: &str) -> Result<Self, LoadError> {
         let (file, text) = text_of(name_or_path)?;
         Self::from_toml(&file, &text)
     }
 
-    /// As [`RobotModel::load`], for what works with `joints` joints only: an industrial robot of six axes, a court, a disc arm.
+    /// As [`RobotModel::load`], for programs that need exactly `joints` joints: an industrial robot of six axes, a two-arm
+    /// cell, an arm for discs.
     ///
     /// # Errors
     /// As [`RobotModel::load`], and [`Problem::JointCount`].
@@ -207,7 +208,7 @@ fn read_limits(section: &Section<'_>) -> Result<JointLimits, LoadError> {
     if min >= max {
         return Err(section.error("range_deg", Problem::LimitsReversed { min, max }));
     }
-    // More than two turns either way is a number in another unit, or a joint without limits, which no cable allows.
+    // More than two turns either way is a number in another unit, or a joint without limits, which the cables do not allow.
     for value in [min, max] {
         if value.abs() > 720.0 {
             return Err(

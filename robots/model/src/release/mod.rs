@@ -1,7 +1,7 @@
 //! How a ball leaves two fingers that open while the hand moves.
 //!
-//! Without this model a ball is free at one instant with the velocity of the hand. Here pads give way, one finger may be
-//! late, and the ball slides and rolls on the pad that it still touches:
+//! Without this model a ball is free at one instant with the velocity of the hand. In this model the pads are
+//! elastic, one finger may be late, and the ball slides and rolls on the pad that it still touches:
 //!
 //! ```text
 //! v'   = -g e_z + Σ (N_i n_i + F_i)              v velocity of the ball, N_i n_i and F_i force of pad i over the mass
@@ -78,7 +78,7 @@ pub struct NotReleased {
 
 /// Step of the integration in s. The stiffest pads that a robot file may have swing with 4500 rad/s.
 pub const STEP_S: f64 = 2e-5;
-/// The ball is put into closed fingers so long before they start, in s: pads have settled by then.
+/// Time before the start of the fingers at which the ball is put between the closed pads, in s: the pads settle in it.
 pub const SETTLING_S: f64 = 0.010;
 /// A ball that touches a finger for longer than this was not released, in s.
 pub const WINDOW_S: f64 = 0.25;
@@ -133,7 +133,7 @@ mod tests {
         release(fingers, RADIUS_M, G, 0.0, hand).unwrap()
     }
 
-    /// Falling with the hand nothing pushes: both pads leave at the freeing time, and the ball has the hand's velocity.
+    /// The hand falls with the ball: both pads leave at the freeing time, and the ball has the hand's velocity.
     #[test]
     fn a_ball_that_nothing_pushes_is_free_when_the_pads_have_recovered() {
         let v = Vector3::new(2.0, 0.1, 1.0);
@@ -143,7 +143,7 @@ mod tests {
         assert!(out.ball.w_rad_s.norm() < 1e-6);
     }
 
-    /// Held at rest against gravity by friction: it slides from the instant at which 2 mu N < g.
+    /// The ball is held at rest against gravity by friction: it slides from the instant at which 2 mu N < g.
     #[test]
     fn a_ball_at_rest_falls_from_the_instant_at_which_friction_no_longer_carries_it() {
         let fingers = Fingers { friction: 0.05, ..fingers() };
@@ -161,7 +161,7 @@ mod tests {
         assert!(v > 5e-3, "the case must show something: {v}");
     }
 
-    /// With a late second finger the first lets go and the second pushes the ball: energy of its pad becomes speed.
+    /// The second finger is late: the first one leaves the ball and the second one pushes it; energy of its pad becomes speed.
     #[test]
     fn a_late_finger_pushes_the_ball_towards_the_first() {
         let fall = Vector3::new(0.0, 0.0, -G);
@@ -177,7 +177,7 @@ mod tests {
         assert!(sideways(0.0).abs() < 1e-9);
     }
 
-    /// A hand that accelerates against the first finger takes the ball along until that finger runs away from it.
+    /// The hand accelerates against the first finger: the ball moves with it until that finger moves away from the ball.
     #[test]
     fn a_ball_that_is_pushed_along_a_slower_finger_stays_on_it_for_longer() {
         let slow = Fingers { opening_m_s2: 5.0, ..fingers() };
@@ -186,7 +186,8 @@ mod tests {
         assert!(pushed.at_s > 1.5 * still.at_s, "{} and {}", pushed.at_s, still.at_s);
     }
 
-    /// On one pad that pulls away along the throw a ball without sliding rolls: it takes 2/7 of the speed of the pad.
+    /// A ball that does not slide on the one pad left, which is pulled away along the throw, rolls: it takes 2/7 of the pad's
+    /// speed.
     #[test]
     fn a_ball_on_a_pad_that_moves_along_itself_rolls() {
         // The second finger is pressed against the ball by 30 m/s², the first is far away; then the pad speeds up along x.

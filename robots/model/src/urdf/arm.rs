@@ -1,4 +1,5 @@
-//! Which joints of a URDF tree are the arm; all others are held at zero, and their links are part of what carries them.
+//! Selects the joints of a URDF tree that form the arm. All others are held at zero, and their links belong to the body that
+//! carries them.
 
 use super::tree::{Reader, UrdfError, UrdfProblem, UrdfTree};
 
@@ -56,7 +57,7 @@ fn up_from(reader: &Reader<'_>, tree: &UrdfTree, name: &str) -> Result<Vec<usize
     Ok(chain)
 }
 
-/// From the base on, as long as one joint leads on. Where several do, the only one with enough joints behind it does.
+/// Follows the chain from the base. Where several joints continue it, it takes the only one with enough joints behind it.
 fn down_from(reader: &Reader<'_>, tree: &UrdfTree, root: usize) -> Result<Vec<usize>, UrdfError> {
     let mut chain = Vec::new();
     let mut link = root;

@@ -8,7 +8,7 @@ use crate::boxes::BodyBox;
 use crate::model::{LinkInertia, RobotModel};
 use crate::pose::Pose;
 
-/// Effort written where the robot file knows no torque limit: URDF wants a number, and zero would mean "no motor".
+/// Effort for a joint whose torque limit the robot file does not know: URDF needs a number, and zero would mean "no motor".
 const EFFORT_UNKNOWN_NM: f64 = 1e4;
 
 impl RobotModel {

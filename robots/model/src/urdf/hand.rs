@@ -15,8 +15,8 @@ const FAR_M: f64 = 1.0;
 
 /// Release frame in the end effector's frame: x along the tool, z across it along the throw.
 ///
-/// The tool points along the last axis, away from what carries it; if the hand lies across that axis, towards the hand. The ball is
-/// held on it, as near as the boxes behind the last joint allow.
+/// The tool points along the last axis, away from its carrier; if the hand lies across that axis, towards the hand.
+/// The ball is held on it, as near as the boxes behind the last joint allow.
 pub(super) fn release_frame(axes: &[Axis], end_effector: &Pose) -> Option<Pose> {
     let (last, before) = axes.split_last()?;
     let boxes: Vec<Obb> = last.body.boxes.iter().map(|(_, x, half)| Obb::new(*x, *half)).collect();

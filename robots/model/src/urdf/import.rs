@@ -1,7 +1,8 @@
 //! Import of serial revolute arms from URDF, as text of a robot file.
 //!
-//! URDF knows no accelerations, currents, supplies or grippers. So the result is not a model but a robot file: what
-//! URDF says, plus stated assumptions that its owner can correct, read by the same loader as any other robot file.
+//! URDF has no accelerations, currents, supplies or grippers. So the result is not a model but a robot file: the
+//! content of the URDF, plus stated assumptions that its owner can correct, read by the same loader as any other
+//! robot file.
 //!
 //! roxmltree reads the XML (no dependencies, knows line numbers); urdf-rs would bring two dozen crates, drops the
 //! line numbers that errors need, and leaves merging of fixed joints and all checks to the caller anyway.
@@ -29,7 +30,7 @@ pub struct UrdfRobot {
     pub notes: Vec<String>,
 }
 
-/// [`robot_file_with_meshes`] without any: they are left out with a note.
+/// [`robot_file_with_meshes`] without mesh files: meshes are left out with a note.
 ///
 /// # Errors
 /// As [`robot_file_with_meshes`].
@@ -39,8 +40,9 @@ pub fn robot_file_from_urdf(file: &str, text: &str, options: &UrdfOptions) -> Re
 
 /// Makes a robot file from the URDF text of a serial arm; `file` is only used in messages, `meshes` reads mesh files.
 ///
-/// Fixed joints are merged into the body before them, and so is a hand: prismatic and mimic joints, fingers and other branches behind
-/// the arm are held at zero. Cylinders, spheres and meshes become boxes around them. Continuous joints get a range of ±180°.
+/// Fixed joints are merged into the body before them. A hand is merged too: prismatic and mimic joints, fingers and
+/// other branches behind the arm are held at zero. Cylinders, spheres and meshes become boxes around them.
+/// Continuous joints get a range of ±180°.
 ///
 /// # Errors
 /// [`UrdfError`] names file, line and reason: not a tree, branching arms, prismatic and other joints, missing masses.
@@ -119,7 +121,7 @@ pub fn robot_file_with_meshes(
         floor_from_link: 2.min(joints),
         notes,
     };
-    // What cannot be loaded is refused where the file is used, with the line in it.
+    // A file that cannot be loaded is refused when it is used, with the line in it.
     if let Ok(model) = RobotModel::from_toml(file, &robot_file(&draft, options)) {
         leave_out_what_always_touches(&model, options, &mut draft);
     }
@@ -130,10 +132,11 @@ pub fn robot_file_with_meshes(
 const VOLTAGE_V: f64 = 48.0;
 /// The largest current of a drive, A; a controller takes up to 60 A.
 const CURRENT_MAX_A: f64 = 50.0;
-/// Assumed torque over the largest that gravity can ask for.
+/// Assumed torque over the largest torque that gravity can cause.
 const EFFORT_RESERVE: f64 = 2.0;
 
-/// Torques of the joints. Where none is given: twice what gravity asks for if all behind the joint is stretched out.
+/// Torques of the joints. If the file gives no torque: twice the torque of gravity with everything behind the joint stretched
+/// out.
 fn efforts(axes: &[Axis]) -> Vec<Effort> {
     let of = |k: usize| {
         let given = axes[k].turn.effort_nm.filter(|nm| *nm > 0.0);
@@ -150,17 +153,17 @@ fn efforts(axes: &[Axis]) -> Vec<Effort> {
 
 /// Poses that are tried.
 const POSES: usize = 400;
-/// Links that touch in more of them, and lie near each other in the chain, touch because of their boxes.
+/// Share of poses: links that touch in more of them, and are near each other in the chain, touch because of their boxes.
 const TOUCHING_SHARE: f64 = 0.4;
 
-/// Links so few joints apart that touch where a simulated arm starts do so because of their boxes too.
+/// Links at most this many joints apart that touch in the start pose of a simulated arm also do so because of their boxes.
 const NEAR_LINKS: usize = 3;
 /// Room between floor and arm where a simulated one starts, m.
 const FLOOR_ROOM_M: f64 = 0.05;
-/// Links that touch the floor in more of them are bolted so low that nothing else is possible.
+/// Share of poses: a link that touches the floor in more of them is mounted so low that it nearly always does.
 const FLOOR_SHARE: f64 = 0.98;
 
-/// Boxes reach over the edges of their links. Links that touch nearly everywhere are left out of the tests, with a note.
+/// Boxes extend beyond their links. Pairs that touch nearly everywhere are left out of the tests, with a note.
 fn leave_out_what_always_touches(model: &RobotModel, options: &UrdfOptions, draft: &mut Draft<'_>) {
     let n = model.n();
     let boxes = model.collision().boxes();
@@ -239,7 +242,7 @@ fn plain(z_m: f64) -> f64 {
     (z_m * 10.0).round() / 10.0
 }
 
-/// Van der Corput's sequence: digits of a number mirrored at the point, evenly spread over 0 to 1.
+/// Van der Corput's sequence: digits of a number mirrored at the point, evenly distributed over 0 to 1.
 fn radical_inverse(mut number: usize, base: usize) -> f64 {
     let (mut value, mut digit) = (0.0, 1.0);
     while number > 0 {

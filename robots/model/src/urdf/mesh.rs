@@ -1,12 +1,13 @@
 //! Triangles of mesh files: STL (binary and ASCII), OBJ and COLLADA (DAE). Colours, normals and textures are not read.
 //!
-//! A surface is all that boxes need. Ready readers (`stl_io`, `tobj`) give indexed vertices with more than that, and there is
-//! none for COLLADA that is kept up; together these three formats are shorter here than their glue would be.
+//! Boxes need only the surface. Existing readers (`stl_io`, `tobj`) give indexed vertices and more, and for COLLADA
+//! there is no maintained one. The three formats together are shorter here than the code to use those readers would
+//! be.
 
 use nalgebra::{Matrix4, Vector3};
 use roxmltree::{Document, Node};
 
-/// Content of a mesh file by the name in the URDF file, or why there is none.
+/// Content of a mesh file by its name in the URDF file, or the reason why it is not available.
 pub type MeshFiles<'a> = dyn Fn(&str) -> Result<Vec<u8>, String> + 'a;
 
 pub(super) type Triangle = [Vector3<f64>; 3];
@@ -36,7 +37,8 @@ fn binary_stl(bytes: &[u8]) -> Option<Vec<Triangle>> {
     const HEADER: usize = 84;
     const FACET: usize = 50;
     let count = u32::from_le_bytes(bytes.get(80..HEADER)?.try_into().ok()?) as usize;
-    // An ASCII file of exactly this length does not exist in practice; its first word is not enough to know it by.
+    // The length decides: the first word alone does not prove an ASCII file, and an ASCII file of exactly this length does not
+    // occur.
     if bytes.len() != count.checked_mul(FACET)?.checked_add(HEADER)? {
         return None;
     }
@@ -93,7 +95,7 @@ fn triple<'a>(words: &mut impl Iterator<Item = &'a str>) -> Option<Vector3<f64>>
 fn collada(root: Node<'_, '_>) -> Option<Vec<Triangle>> {
     let asset = child(root, "asset");
     let unit = asset.and_then(|a| child(a, "unit")?.attribute("meter")?.parse::<f64>().ok()).unwrap_or(1.0);
-    // The axis that a file calls up is left as it is, as ROS does: URDF files turn the mesh themselves.
+    // The up axis of a file is ignored, as ROS does: URDF files turn the mesh themselves.
     let scene = root.descendants().find(|n| n.has_tag_name("visual_scene"));
     let mut out = Vec::new();
     match scene {

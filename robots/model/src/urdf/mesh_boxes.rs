@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::mesh::Triangle;
 use crate::pose::Pose;
 
-/// Several boxes are taken if their volume is below this share of that of fewer.
+/// Several boxes are used if their volume is below this share of the volume of fewer boxes.
 const WORTH: f64 = 0.8;
 /// Most boxes of a mesh.
 const PARTS_MAX: usize = 3;
@@ -47,7 +47,7 @@ fn in_a_row(turned: &[Triangle], rot: &Matrix3<f64>, parts: usize) -> Option<Vec
         let inside = turned.iter().flat_map(|t| clipped(t, along, from, from + length));
         let Some((low, high)) = extent(inside) else { continue };
         let centre = (rot * ((low + high) * 0.5)).map(|v| (v / STEP_M).round() * STEP_M);
-        // The centre has moved by half a step at most; so far and one step more the sides go.
+        // The centre has moved by half a step at most; the sides move outwards by that much and one step more.
         let half = (high - low).map(|v| ((0.5 * v / STEP_M).ceil() + 1.0) * STEP_M);
         out.push((Pose::new(*rot, centre), half));
     }

@@ -8,7 +8,7 @@ use crate::pose::Pose;
 /// Radius of the assumed ball, m.
 pub(super) const BALL_RADIUS_M: f64 = 0.03;
 
-/// What a robot file needs and URDF does not say.
+/// Data that a robot file needs and URDF does not have.
 #[derive(Debug, Clone, PartialEq)]
 pub struct UrdfOptions {
     /// Link whose frame is the end effector: the arm ends there. If `None` the arm ends where hand or branches begin, and the last
@@ -18,10 +18,10 @@ pub struct UrdfOptions {
     pub acceleration_per_velocity_1_s: f64,
     /// Jerk limit per acceleration limit, in 1/s.
     pub jerk_per_acceleration_1_s: f64,
-    /// Velocity limit of joints that give none, in rad/s.
+    /// Velocity limit of joints without one in the file, in rad/s.
     pub velocity_default_rad_s: f64,
-    /// Height of the floor in m. If `None` it is that of the base, or so much lower that the arm is free of it in the middle of its
-    /// ranges.
+    /// Height of the floor in m. If `None` it is the height of the base, or lower if needed so that the arm in the
+    /// middle of its ranges does not touch it.
     pub floor_z_m: Option<f64>,
 }
 

@@ -64,7 +64,7 @@ fn write_robot(out: &mut String, draft: &Draft<'_>, options: &UrdfOptions) -> st
         let pairs: Vec<String> = draft.untested.iter().map(pair).collect();
         writeln!(out, "untested = [{}]", pairs.join(", "))?;
     }
-    // Box names must be unique in a robot; URDF does not ask for that.
+    // Box names must be unique in a robot; URDF does not require that.
     let mut count = 0;
     writeln!(out, "\n[base]")?;
     write_boxes(out, base, &mut count)?;

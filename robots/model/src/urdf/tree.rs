@@ -95,10 +95,10 @@ pub enum UrdfProblem {
         /// Link behind the last joint that can be led.
         last: String,
     },
-    /// The end effector asked for is not a link of the file.
+    /// The requested end effector is not a link of the file.
     #[error("`{wanted}` is not a link of this file (there: {})", .there.join(", "))]
     NoSuchEndEffector {
-        /// Name asked for.
+        /// Requested name.
         wanted: String,
         /// Links of the file.
         there: Vec<String>,
@@ -160,9 +160,9 @@ pub(super) struct UrdfJoint {
     pub(super) parent: usize,
     pub(super) child: usize,
     pub(super) origin: Pose,
-    /// `None` for a fixed joint, and for one that no arm has.
+    /// `None` for a fixed joint, and for a kind of joint that an arm does not have.
     pub(super) turn: Option<Turn>,
-    /// What makes it no joint of an arm, such as `prismatic` or `mimic`.
+    /// Kind of a joint that an arm does not have, such as `prismatic` or `mimic`.
     pub(super) foreign: Option<String>,
 }
 
@@ -285,7 +285,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Boxes around a mesh, or why there are none.
+    /// Boxes around a mesh, or the reason why there are no boxes.
     #[expect(clippy::type_complexity, reason = "a refusal of the file, and a reason to leave out the mesh")]
     fn mesh_boxes(
         &self,

@@ -1,4 +1,4 @@
-//! What is measured on a joint: currents at steady speeds and while holding, answers to steps of acceleration.
+//! Measurements on a joint: currents at steady speeds and while holding, responses to steps of acceleration.
 
 use std::cell::RefCell;
 use std::io;
@@ -22,7 +22,7 @@ const WINDOW_RAD: (f64, f64) = (0.2, 1.0);
 const SETTLE_RAD: f64 = 0.06;
 /// Readings that a steady speed must have at least.
 const SPEED_READINGS_MIN: usize = 20;
-/// A joint stands after a ramp for so long before its holding current counts.
+/// Time that a joint must stand after a ramp before its holding current counts.
 const REST: Duration = Duration::from_millis(300);
 /// Steps of acceleration for the lag.
 const STEPS: usize = 8;
@@ -39,7 +39,7 @@ struct Passed {
     frame: Frame,
 }
 
-/// Keeps frames while it is asked to.
+/// Keeps frames while it is switched on.
 #[derive(Default)]
 pub(super) struct FrameLog {
     on: bool,
@@ -154,7 +154,7 @@ impl Experiment<'_> {
         Ok(samples)
     }
 
-    /// Answers to steps of acceleration about the middle of `sweep`, up and down.
+    /// Responses to steps of acceleration about the middle of `sweep`, up and down.
     ///
     /// # Errors
     /// [`ExperimentError`].
@@ -232,8 +232,8 @@ impl Experiment<'_> {
         }
     }
 
-    /// A reading with the sign of what causes it: drives of this kind report the amount. One that reports a sign reports that of
-    /// its own turn.
+    /// A reading with the sign of its cause: drives of this kind report the amount. If a drive reports a sign, it
+    /// is that of its own direction.
     fn signed(&self, reading_a: f64, cause: f64) -> f64 {
         let is_turned = self.drives[self.joint].inverted;
         if reading_a >= 0.0 {

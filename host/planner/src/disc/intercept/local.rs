@@ -1,9 +1,9 @@
 //! Catches between the places of the grid: time, posture (with the tilt of the hand against the disc) and joint speeds are continuous
 //! variables.
 //!
-//! A place that is no catch misses by an amount: first by its posture and speeds at the catch, then by the motion that leads there, then
-//! by where the disc touches something on its way in. From the postures that miss by least, random changes that become smaller lead to
-//! places that miss by less; the best of them are followed longest.
+//! A place without a catch has a measure of what is missing: first by its posture and speeds at the catch, then by
+//! the motion that leads there, then by where the disc touches something on its way in. From the best postures,
+//! random changes that become smaller lead to better places; the best of them are followed longest.
 
 use super::way::{WAY_STEP_S, stays_clear, touches_before};
 use super::{
@@ -22,7 +22,7 @@ use crate::plan::rng::SplitMix64;
 pub struct Effort {
     /// Postures from which the search starts.
     pub starts: usize,
-    /// Changes that are tried from each at first. A quarter of the starts, those that then miss by least, get four times as many, and
+    /// Changes that are tried from each start at first. The best quarter of the starts gets four times as many, and
     /// so on.
     pub changes: usize,
     pub seed: u64,
@@ -35,7 +35,7 @@ impl Effort {
     pub const NOT_AT_ALL: Self = Self { starts: 0, changes: 0, seed: 1 };
 }
 
-/// The search ends when fewer than so many starts are left: they would have led to a catch before.
+/// The search ends when fewer than this many starts are left: they would have led to a catch before.
 const FOLLOWED_MIN: usize = 8;
 /// More than the dwell of the rule on each side, as the check of the way in has it, s.
 const DWELL_MORE_S: f64 = 0.002;
@@ -45,13 +45,13 @@ const START_STEP_S: f64 = 0.01;
 const ALIKE_S: f64 = 0.04;
 /// Standard deviations of the first changes: time (s), place (m), tilt (rad), velocity (m/s), rate of the tilt (rad/s), lead (s).
 const CHANGES: [f64; 6] = [0.012, 0.02, 0.12, 0.4, 1.0, 0.01];
-/// A change that helps makes the next ones larger, one that does not smaller; down to a share of the first.
+/// A change that helps makes the next ones larger, another one makes them smaller; down to a share of the first.
 const LARGER: f64 = 1.6;
 const SMALLER: f64 = 0.94;
 const SMALLEST: f64 = 0.02;
 const CHANGED_SHARE: f64 = 0.4;
 const LEAD_MAX_S: f64 = 0.1;
-/// What is missed before a motion is looked at counts more than any motion, and that more than any way in.
+/// Errors of posture and speeds count more than any error of the motion, and those more than any of the way in.
 const MOTION: f64 = 2.0;
 const POSTURE: f64 = 20.0;
 const MOST: f64 = 10.0;
@@ -161,7 +161,7 @@ impl<'a> Search<'a> {
     /// The posture changed at random, by `share` of the first changes.
     fn changed(&self, place: &Place, share: f64, rng: &mut SplitMix64) -> Option<Place> {
         let follow = Follow::new(&hand_rates(self.arm, &self.path.at(place.choice.t_s).p_m, &place.q))?;
-        // Some variables at a time: most changes of all of them help one limit and break another.
+        // Change some variables at a time: most changes of all of them help one limit and violate another.
         let mut by = |what: usize| {
             let some = rng.unit() < CHANGED_SHARE;
             if some { share * CHANGES[what] * rng.normal() } else { 0.0 }
@@ -273,7 +273,7 @@ impl<'a> Search<'a> {
 /// Searches between the places of the grid.
 ///
 /// # Errors
-/// Nothing is found: [`Decline::NoWayIn`].
+/// No catch is found: [`Decline::NoWayIn`].
 pub fn search(arm: &DiscArm, path: &Path, now: &[At; 4], settings: &Settings) -> Result<Plan, Decline> {
     let effort = settings.between;
     let search = Search::new(arm, path, now, settings);

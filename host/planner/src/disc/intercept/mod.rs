@@ -1,10 +1,11 @@
 //! Where and when to catch under joint limits.
 //!
-//! Candidates: time on the path × way of the hand (outwards, or back over the base) × offset across × depth × reach over
-//! front or back × elbow × how much of the disc's velocity the hand takes over. Each is checked in the order of cost:
-//! pose in reach and range, relative motion slow enough for the gripper, motion within the limits, way of the disc into
-//! the gripper free. The first that passes all is the plan; otherwise places between those of the grid are searched (`local.rs`), and if
-//! none is a catch, the plan is declined with the check that stopped the most promising one.
+//! Candidates: time on the path × way of the hand (outwards, or back over the base) × offset across × depth × reach
+//! over front or back × elbow × how much of the disc's velocity the hand takes over. Each is checked in the order
+//! of cost: pose in reach and range, relative motion slow enough for the gripper, motion within the limits, way of
+//! the disc into the gripper free. The first one that passes all checks is the plan. Otherwise places between those
+//! of the grid are searched (`local.rs`), and if there is no catch, the plan is declined with the check that
+//! stopped the best candidate.
 //!
 //! The check of the way in (`way.rs`) uses a coarse disc and a margin. [`super::witness`] judges by other code.
 
@@ -163,7 +164,7 @@ struct Candidate {
 
 /// Velocities of the disc into the hand, m/s; the hand at rest along itself is tried as well.
 const INTO_M_S: [f64; 5] = [0.0, -0.5, -1.0, -1.6, -2.3];
-/// Velocities of the disc across the hand, m/s, in the sense in which it flies; the turntable at rest is tried as well.
+/// Velocities of the disc across the hand, m/s, in its direction of flight; the turntable at rest is tried as well.
 const ACROSS_M_S: [f64; 5] = [0.0, 0.8, 1.6, 2.4, 3.2];
 /// Velocities across the gap, m/s; the bends at rest are tried as well.
 const UP_M_S: [f64; 3] = [0.0, 0.3, -0.3];
@@ -253,7 +254,7 @@ pub fn plan(arm: &DiscArm, path: &Path, now: &[At; 4], settings: &Settings) -> R
 /// The same catch for a path that is known better: place and time follow the disc, everything else of the choice stays.
 ///
 /// # Errors
-/// [`Decline`] if the catch is no longer possible so; the motion under way is then the better one.
+/// [`Decline`] if the catch is no longer possible so; then the present motion is the better one.
 pub fn refine(
     arm: &DiscArm,
     path: &Path,
@@ -402,7 +403,7 @@ fn hand_rates(arm: &DiscArm, center: &Vector3<f64>, q: &Joints) -> Matrix4<f64> 
 
 /// Joint speeds for a velocity of the hand at the disc (along, up, across) and a rate of its elevation, as linear maps.
 ///
-/// The bends do not move the hand across; near the axis the turntable hardly does, and is left at rest there.
+/// The bends do not move the hand across; near the axis the turntable hardly does, and stays at rest there.
 struct Follow {
     bends: Matrix3<f64>,
     turn: Vector3<f64>,

@@ -26,9 +26,9 @@ pub(super) fn way_is_free(
     touches_before(arm, path, motion, t_s, settings).is_none()
 }
 
-/// How long before the end of the dwell the disc last touches something or is not between the fingers, by a coarse disc and segments
-/// for the links, s: up to a step more where few of its points touch. `None` if it comes between the fingers and stays there for the
-/// dwell without touching anything.
+/// How long before the end of the dwell the disc last touches something or is not between the fingers, s, by a
+/// coarse disc and segments for the links: up to a step more if few of its points touch. `None` if it comes between
+/// the fingers and stays there for the dwell without touching anything.
 pub(super) fn touches_before(
     arm: &DiscArm,
     path: &Path,

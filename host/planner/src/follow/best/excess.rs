@@ -131,7 +131,8 @@ impl<'a> Excess<'a> {
         steps && commands.iter().all(|command| self.setting.commands.holds(command))
     }
 
-    /// Residuals, all less than [`SPARE`] inside the limits; their number depends only on `points`. `None` where the hand cannot be.
+    /// Residuals, all less than [`SPARE`] inside the limits; their number depends only on `points`. `None` if the hand has no
+    /// posture.
     pub(super) fn residuals(&mut self, x: &Variables, q_center: &Axes, points: usize) -> Option<Vec<f64>> {
         let parts = self.parts(x, q_center, points)?;
         let mut out = Vec::with_capacity(40 * (points + 30));
@@ -229,7 +230,7 @@ impl<'a> Excess<'a> {
     }
 }
 
-/// Longest blend: four times what takes the acceleration from zero to its limit with the jerk limit, smoothly.
+/// Longest blend: four times the time of a smooth rise of the acceleration from zero to its limit within the jerk limit.
 fn blend_max_s(setting: &Setting<'_>) -> f64 {
     let limits = &setting.limits;
     (6.0 * limits.a_max_rad_s2.component_div(&limits.j_max_rad_s3).amax()).min(1.0)

@@ -68,7 +68,7 @@ pub(super) fn solve(
     inside(&residuals).then_some((x, q))
 }
 
-/// Whether what is left is less than what the residuals keep to spare: the limits themselves hold.
+/// True if the remaining excess is less than the reserve of the residuals: the limits themselves hold.
 fn inside(residuals: &[f64]) -> bool {
     residuals.iter().all(|r| *r < 0.9 * SPARE)
 }

@@ -1,7 +1,7 @@
-//! Throws that are carried from one target to the next: to a target at the edge of what is possible, and to the edge itself.
+//! Throws carried from one target to the next: to a target at the edge of the reach, and to the edge itself.
 //!
-//! Few of the releases that are drawn for such a target lead to a throw. A throw to an easier target is a better start: the target is moved
-//! in steps, and the search for each begins with the throw before.
+//! Few of the releases drawn for such a target lead to a throw. A throw to an easier target is a better start: the
+//! target is moved in steps, and the search for each begins with the throw before.
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -17,7 +17,7 @@ use crate::follow::setting::Setting;
 const DRAWS: usize = 4000;
 /// Releases whose throws are carried.
 const CARRIED: usize = 6;
-/// Steps of the target, m: a shorter one is taken after each failure. Long ones pass over places where short ones end.
+/// Steps of the target, m: a shorter one is used after each failure. Long ones jump over places at which short ones end.
 const STEPS_M: [f64; 3] = [0.5, 0.12, 0.03];
 /// Throws are not carried farther, m.
 const FARTHEST_M: f64 = 50.0;
@@ -26,7 +26,7 @@ const BEFORE_EDGE_M: [f64; 2] = [0.0, 0.03];
 /// Distances from the first axis from which throws are carried, in lengths of the arm.
 const BEGINS: [f64; 2] = [1.5, 1.0];
 
-/// A throw to the target of `setting`. Else the nearest target, in whole centimetres, to which one is carried.
+/// A throw to the target of `setting`. Otherwise the nearest target, in whole centimetres, to which a throw is carried.
 pub(super) fn toward(setting: &Setting<'_>, options: &BestOptions) -> Result<Grown, Option<Vector3<f64>>> {
     reach(setting, options).map_err(|mut ends| {
         ends.sort_by(|a, b| (a.edge - setting.target).norm().total_cmp(&(b.edge - setting.target).norm()));
@@ -95,7 +95,7 @@ fn carry(setting: &Setting<'_>, options: &BestOptions, begin: &Vector3<f64>) -> 
 /// Carries the throw of `seed` from `begin` in the direction `ahead`. Returns how far it came, in m, and the throw to the target of `setting`
 /// if there is one.
 ///
-/// The steps do not depend on how far the target is: a target before the edge has a throw of the same way near to it.
+/// The steps do not depend on the distance of the target: near a target before the edge there is a throw of the same sequence.
 fn outwards(
     setting: &Setting<'_>,
     options: &BestOptions,
@@ -127,7 +127,7 @@ fn outwards(
     Some((edge_m, there))
 }
 
-/// The point in whole centimetres that lies from `at` in the direction `inwards`; a coordinate that `inwards` leaves alone stays.
+/// The point in whole centimetres from `at` in the direction `inwards`; a coordinate in which `inwards` is zero stays.
 fn centimetres(at: &Vector3<f64>, inwards: &Vector3<f64>) -> Vector3<f64> {
     at.zip_map(inwards, |at, inwards| match inwards {
         0.0 => at,

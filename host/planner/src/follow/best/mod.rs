@@ -1,4 +1,4 @@
-//! The planner without a grid: the longest window under all limits of what is commanded.
+//! The planner without a grid: the longest window under all limits of the commands.
 //!
 //! # Map
 //! ```text
@@ -183,10 +183,10 @@ fn kick(setting: &Setting<'_>, options: &BestOptions, mut best: Grown, stream: u
     best
 }
 
-/// Grows a window as if the robot had another lag, and comes back with what is feasible of it.
+/// Grows a window as if the robot had another lag, and returns to the part of it that is feasible.
 ///
-/// A window that no small disturbance makes longer is often at a limit that the lag moves: commands lead by the lag, so other
-/// instants bind. Without lag 34 points at 2.5 m and 0.6 m height became more this way.
+/// A window that no small change makes longer is often at a limit that depends on the lag: commands lead by the
+/// lag, so other instants limit it. Without lag 34 points at 2.5 m and 0.6 m height became more in this way.
 fn detour(setting: &Setting<'_>, options: &BestOptions, best: Grown, stream: u64) -> Grown {
     let scenes = Scenes::new();
     let other_lag_s = if setting.lag_s > 0.0 { 0.0 } else { DETOUR_LAG_S };

@@ -5,9 +5,9 @@
 //! Jacobian, start and stop from ramps of constant acceleration. From each release the hand follows the parabola
 //! forwards and backwards in steps of the controller as long as the limits and both ramps allow.
 //!
-//! Releases with many points lie close together: in a grid over the whole reach most of them fall between its values. So the
-//! grid is made finer ([`PaperOptions::refinements`]) around the best releases and around those that promise more but fail in the
-//! last tests: all neighbours at half the step, then at a quarter, and so on.
+//! Releases with many points are close together: in a grid over the whole reach most of them fall between its
+//! values. So the grid is made finer ([`PaperOptions::refinements`]) around the best releases, and around better
+//! ones that fail only in the last tests: all neighbours at half the step, then at a quarter, and so on.
 
 mod options;
 
@@ -192,8 +192,8 @@ impl<'a> Search<'a> {
         Self { setting, options, reach: Reach::new(setting.arm), ramps }
     }
 
-    /// Angles about A1 in the world: where the throw is to go only turns the grid, so they are counted from the azimuth of the
-    /// target.
+    /// Angles about A1 in the world: the direction of the throw only turns the grid, so they are counted from the
+    /// azimuth of the target.
     fn places_rad(&self) -> Vec<f64> {
         let azimuth = self.setting.target.y.atan2(self.setting.target.x);
         self.options.places_rad().0.map(|place_rad| azimuth + place_rad).collect()
@@ -257,7 +257,7 @@ impl<'a> Search<'a> {
             });
         }
         found.truncate(REFINED);
-        // Worth a look only if it promises more than what is there.
+        // Useful only if it may become better than the best found so far.
         misses.retain(|miss| found.first().is_none_or(|best| miss.better_than(best, criterion)));
         misses.truncate(if self.options.refinements > 0 { REFINED_MISSES } else { 0 });
         let seeds: Vec<_> = found
@@ -268,7 +268,7 @@ impl<'a> Search<'a> {
         seeds.into_par_iter().map(|(at, candidate)| self.finer(at, candidate)).collect()
     }
 
-    /// The best release near `at`, where `from` is what is known to be feasible there: all neighbours in a grid that gets finer.
+    /// The best release near `at`; `from` is the feasible one known there: all neighbours in a grid that gets finer.
     fn finer(&self, at: Release, from: Option<Candidate>) -> (Option<Candidate>, StageCounts, u64) {
         let scenes = Scenes::new();
         let mut trial = Trial { best: from, ..Trial::new(self.setting, &scenes) };
@@ -294,7 +294,7 @@ impl<'a> Search<'a> {
         (trial.best, trial.counts, tried)
     }
 
-    /// Tests one release in all postures; keeps it if it is better than the best, and says whether it did.
+    /// Tests one release in all postures; keeps it if it is better than the best, and returns whether it did.
     fn release(&self, at: &Release, flight: &Parabola, trial: &mut Trial<'_>) -> bool {
         let hand = HandLaw::constant(at.roll_rad);
         let at_release = hand.at(flight, 0.0);
@@ -325,7 +325,7 @@ impl<'a> Search<'a> {
         is_better
     }
 
-    /// `Ok(None)` for a release that is not better than `best`, whatever follows.
+    /// `Ok(None)` for a release that is not better than `best`, before further tests.
     fn posture(
         &self,
         at: &Release,

@@ -1,4 +1,4 @@
-//! What a file says about its throw, computed again: from the motion, the target, the air, and what was asked for.
+//! Statements of a file about its throw, computed again: from the motion, the target, the air, and the request.
 
 use nalgebra::Vector3;
 use robot_model::collision::{Obb, Scene};
@@ -14,12 +14,12 @@ use crate::plan::outcome::Best;
 use crate::plan::problem::{DelayWindow, Obstacle, Options, Problem};
 use crate::throw::Throw;
 
-/// Numbers that differ by less are the same: a share of the number, and a remainder for numbers near zero. The same program
-/// computes both, so that only rounding comes between them.
+/// Numbers that differ by less are the same: a share of the number, and a remainder for numbers near zero. The same
+/// program computes both, so only rounding separates them.
 const SAME_SHARE: f64 = 1e-6;
 const SAME: f64 = 1e-9;
-/// The same for the predicted landing, which programs of other versions predict by other rules (1.5 % apart was seen). Nothing follows
-/// from what the file says of it.
+/// The same for the predicted landing, for which programs of other versions use other rules (differences of 1.5 %
+/// occurred). Nothing else depends on the value in the file.
 const PREDICTED_SAME_SHARE: f64 = 0.05;
 const PREDICTED_SAME: f64 = 1e-5;
 const PREDICTED: [&str; 5] =
@@ -39,8 +39,9 @@ impl PlanFile {
         self.checks.iter().any(|c| c.enforced && c.what.contains(word))
     }
 
-    /// The same plan with everything that follows from its motion, its target, its air and its noise computed again, by the means
-    /// that make plans. How it was searched and what it claims to have checked stay. `None`: no plan could be made of this motion.
+    /// The same plan with everything that follows from its motion, its target, its air and its noise computed
+    /// again, by the functions that make plans. Its data about the search and about its checks stay. `None`: this
+    /// motion cannot be a plan.
     #[must_use]
     pub fn computed_again(&self, arm: &RobotModel) -> Option<Self> {
         let problem = Problem::new(arm, self.target.position_m.into(), self.asked()).ok()?;
@@ -74,7 +75,7 @@ impl PlanFile {
         Some(again)
     }
 
-    /// What was asked for, as far as the file says it.
+    /// The request, as far as the file contains it.
     fn asked(&self) -> Options {
         let windows = self.landing.delay_shifts.iter();
         let windows =
@@ -107,7 +108,7 @@ impl PlanFile {
         }
     }
 
-    /// The first thing that the file says otherwise than it is computed again.
+    /// The first statement of the file that differs from the computed value.
     #[must_use]
     pub fn false_claim(&self, arm: &RobotModel) -> Option<String> {
         let Some(again) = self.computed_again(arm) else {
@@ -119,7 +120,7 @@ impl PlanFile {
         first_difference(self, &again)
     }
 
-    /// What the types cannot say of numbers that no motion tells.
+    /// Ranges of numbers that the types cannot express and that do not follow from the motion.
     pub(super) fn ranges(&self) -> Result<(), String> {
         let (s, noise) = (&self.search, &self.landing.noise);
         let bounded = [
@@ -149,7 +150,7 @@ impl PlanFile {
     }
 }
 
-/// The first number of a plan that is not that of the plan computed again, with both.
+/// The first number of a plan that differs from the plan computed again, with both values.
 pub(crate) fn first_difference<T: Serialize>(told: &T, again: &T) -> Option<String> {
     // Plans are numbers, text and lists of them.
     let json = |plan: &T| serde_json::to_value(plan).unwrap_or_default();

@@ -25,8 +25,8 @@ use crate::throw::Throw;
 impl PlanFile {
     /// Puts together the plan of a throw.
     ///
-    /// Returns `None` only if the ball of the throw never comes down on the plane of the target, or stays in the fingers
-    /// when their release was asked for.
+    /// Returns `None` only if the ball of the throw never comes down on the plane of the target, or stays in the
+    /// fingers although their release was requested.
     #[must_use]
     pub fn of(
         problem: &Problem<'_>,
@@ -59,7 +59,7 @@ impl PlanFile {
         };
         let margins = Margins::of(problem, throw);
         let [time, braking, jerk] = problem.objective_terms(throw);
-        // Everything is measured, whatever was enforced.
+        // All limits are measured, also those that were not enforced.
         let mut all = problem.clone();
         all.options.avoid_collisions = true;
         all.options.clean_release = true;

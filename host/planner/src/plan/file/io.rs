@@ -169,8 +169,8 @@ impl ObstacleInfo {
 }
 
 impl Target {
-    /// The point with its plane and its way. A normal without direction, or a course with too many coefficients, counts
-    /// as none.
+    /// The point with its plane and its course. A normal without direction, or a course with too many coefficients,
+    /// is ignored.
     #[must_use]
     pub fn aim(&self) -> Aim {
         let normal = self.opening.map(|o| Vector3::from(o.normal)).filter(|n| n.norm() > 1e-9);
@@ -274,7 +274,7 @@ impl PlanFile {
         }
     }
 
-    /// What the types cannot say.
+    /// Conditions that the types cannot express.
     fn sound(&self) -> Result<(), String> {
         self.lists()?;
         self.ranges()?;

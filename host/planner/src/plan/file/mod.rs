@@ -9,8 +9,8 @@
 //! | here | the keys of the file |
 //! | `claims` | what follows from the rest of the file, computed again |
 //! | `compose` | from a throw to its plan |
-//! | `motion` | knots and events; what files before version 6 had in their place |
-//! | `io` | reading, writing, and what is refused |
+//! | `motion` | knots and events; their form in files before version 6 |
+//! | `io` | reading, writing, and refusals |
 
 mod claims;
 mod compose;
@@ -35,7 +35,7 @@ pub const VERSION: u32 = 11;
 /// First field of every plan file.
 pub const FORMAT: &str = "cubectl-plan";
 
-/// What a plan file is a plan of: its field `kind`.
+/// Kind of a plan file: its field `kind`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// A throw.
@@ -47,10 +47,10 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// All of them.
+    /// All kinds.
     pub const ALL: [Self; 3] = [Self::Throw, Self::Follow, Self::Move];
 
-    /// As the file says it.
+    /// Text of the field.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -77,7 +77,7 @@ pub struct PlanFile {
     pub version: u32,
     /// Which robot.
     pub robot: RobotId,
-    /// What the throw is for.
+    /// Target of the throw.
     pub target: Target,
     /// Boxes in the way; files before version 4 do not name them.
     #[serde(default)]
@@ -194,25 +194,25 @@ pub struct Search {
     pub seed: u64,
     /// Whether it was stopped early.
     pub interrupted: bool,
-    /// Part of the speed limits that was available; older files have none and used all.
+    /// Part of the speed limits that was available; missing in older files, which used all.
     #[serde(default = "whole")]
     pub speed_use: f64,
     /// Part of the acceleration limits that was available.
     pub acceleration_use: f64,
-    /// Clearance that was kept in m; files before version 4 do not say, and claim that bodies do not touch.
+    /// Clearance that was kept in m; missing in files before version 4, which claim that bodies do not touch.
     #[serde(default)]
     pub clearance_m: f64,
-    /// Clearance that the released ball kept from the hand in m; files before version 9 do not say, and claim that they do not
-    /// touch.
+    /// Clearance that the released ball kept from the hand in m; missing in files before version 9, which claim
+    /// that they do not touch.
     #[serde(default)]
     pub hand_clearance_m: f64,
-    /// Whether it was asked for that the released ball may touch the arm. New in version 10.
+    /// True if the request allowed the released ball to touch the arm. New in version 10.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub touch_allowed: bool,
-    /// What the starts say about throws that were not found; files before version 5 do not say.
+    /// Conclusion of the starts about throws that were not found; missing in files before version 5.
     #[serde(default)]
     pub confidence: Option<Confidence>,
-    /// Stored throws that were at hand, by where they come from; files before version 5 do not say.
+    /// Stored throws that were available, by their source; missing in files before version 5.
     #[serde(default)]
     pub stored: Vec<String>,
 }
@@ -297,7 +297,7 @@ pub struct LandingInfo {
     pub noise: Noise,
     /// Probability of a hit, if a region was given.
     pub hit_probability: Option<f64>,
-    /// The same for a ball that leaves between fingers that open, if that was asked for.
+    /// The same for a ball that leaves between fingers that open, if that was requested.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fingers: Option<FingerLandingInfo>,
 }
@@ -324,7 +324,7 @@ pub struct FingerLandingInfo {
 pub struct DelayShift {
     /// Delay, and equally advance, of the release in s.
     pub delay_s: f64,
-    /// Larger of the two shifts in m; none if the ball then does not come down on the plane of the target.
+    /// Larger of the two shifts in m; `None` if the ball then does not come down on the plane of the target.
     pub shift_m: Option<f64>,
     /// Limit that the plan keeps in m, if there is one.
     pub limit_m: Option<f64>,

@@ -85,7 +85,7 @@ impl MotionInfo {
         self.knots.last().map_or(0.0, |knot| knot.t_s)
     }
 
-    /// What the types cannot say.
+    /// Conditions that the types cannot express.
     ///
     /// # Errors
     /// What is wrong, with its place.
@@ -174,7 +174,7 @@ impl OldJoint {
     }
 }
 
-/// Gives a throw of a version before 6 the knots and the event that its polynomials and its release say.
+/// Gives a throw of a version before 6 the knots and the event that follow from its polynomials and its release.
 ///
 /// # Errors
 /// What is wrong with the old fields.

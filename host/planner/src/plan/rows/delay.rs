@@ -22,13 +22,13 @@ const SLOPE_DELAY_S: f64 = 1e-3;
 const SHIFT_SCALE: f64 = 100.0;
 /// Smooths the distance at zero; far below any window.
 const SHIFT_EPS_M: f64 = 1e-4;
-/// A ball that comes through the plane more slowly rises hardly a millimetre above it: with a little more delay it does not get
-/// there at all.
+/// A ball that comes through the plane more slowly rises hardly a millimetre above it: with a little more delay it
+/// does not reach the plane at all.
 const THROUGH_MIN_M_S: f64 = 0.15;
-/// Without windows the ball still comes through the plane when the gripper opens this much late or early: the spread of the landing is
-/// told for 3.75 standard deviations, 7.5 ms of a gripper as it is assumed.
+/// Without windows the ball must still come through the plane when the gripper opens this much late or early: the
+/// spread of the landing is computed for 3.75 standard deviations, 7.5 ms of the assumed gripper.
 pub(super) const JITTER_S: f64 = 0.01;
-/// Rows ask for this much more than the square of it, for what drag and rounding take.
+/// Rows require this multiple of its square, because of drag and rounding.
 const THROUGH_SHARE: f64 = 1.1;
 
 /// Sides of a window: late and early.
@@ -97,8 +97,8 @@ impl Delayed<'_, '_> {
     fn window_rows<S: Sink>(&self, sink: &mut S) {
         let (var, number) = (self.problem.variables(), self.problem.numbers());
         let (problem, layout, throw) = (self.problem, self.layout, self.throw);
-        // Measured from where this throw lands, not from the target: whether it hits is another row's business, and a row
-        // that mixes both is stiff wherever the throw still misses by metres.
+        // Measured from where this throw lands, not from the target: another row makes it hit, and a row that mixes
+        // both is stiff while the throw still misses by metres.
         let on_time = self.landed(0.0);
         for (k, window) in problem.options.delay_windows.iter().enumerate() {
             for (side, sign) in SIDES {

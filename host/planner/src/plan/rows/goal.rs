@@ -1,4 +1,4 @@
-//! The part of the objective that looks at the landing or the energy.
+//! The part of the objective that depends on the landing or the energy.
 
 use super::Layout;
 use crate::plan::energy::energy;
@@ -12,7 +12,7 @@ pub(crate) fn has_goal(problem: &Problem<'_>, layout: &Layout) -> bool {
     problem.options.goal != Goal::Effort && layout.shift.is_none()
 }
 
-/// Energy, spread or odds of the landing; nothing for the paper's objective, and none while the target itself moves.
+/// Energy, spread or odds of the landing; no row for the paper's objective, and none while the target itself moves.
 pub(crate) fn goal_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &Row, sink: &mut S) {
     if !has_goal(problem, layout) {
         return;

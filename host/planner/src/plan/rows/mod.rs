@@ -1,9 +1,9 @@
 //! Objective and constraints of a throw as functions of the variables, with exact gradients.
 //!
 //! # Variables
-//! `x = (q_r, q̇_r, F, h_a, h_b [, q̈_r] [, u])`: the joint state at the release, time of flight and the two phases,
-//! in our form the joint acceleration, and, when the nearest reachable target is looked for, the shift `u` of the
-//! target. Pose and twist of the release enter as equalities:
+//! `x = (q_r, q̇_r, F, h_a, h_b [, q̈_r] [, u])`: the joint state at the release, time of flight and the two
+//! phases, in the best form the joint acceleration, and, in a search for the nearest reachable target, the shift
+//! `u` of the target. Pose and twist of the release enter as equalities:
 //!
 //! ```text
 //! p(F; p(q), J_v q̇) = target(F)   the ball is at the target after the time of flight (divided by F)
@@ -13,7 +13,7 @@
 //! ```
 //!
 //! # Map
-//! `layout` of the folder above says where each variable and each row stands.
+//! `layout` of the parent folder has the place of each variable and each row.
 //!
 //! | module | rows |
 //! |---|---|
@@ -23,11 +23,12 @@
 //! | `opening` | the ball passes through an opening |
 //! | `delay` | landing of a late or early release |
 //! | `current` | currents at the release |
-//! | `goal` | the part of the objective that looks at the landing |
+//! | `goal` | the part of the objective that depends on the landing |
 //!
-//! Why not the paper's `h` as variables: there, every evaluation solves the inverse kinematics, has eight branches
-//! and no value where the pose is out of reach, and `q̇ = J⁻¹ [v0; ω]` blows up at the straight wrist on which the
-//! best throws lie. Here all of (2) to (6) is polynomial, and infeasible points are just points.
+//! Why the paper's `h` are not the variables: there, every evaluation solves the inverse kinematics, has eight
+//! branches and no value if the pose is out of reach, and `q̇ = J⁻¹ [v0; ω]` grows without bound at the straight
+//! wrist, near which the best throws are. Here all of (2) to (6) is polynomial, and infeasible points are ordinary
+//! points.
 
 mod arriving;
 mod current;
@@ -51,7 +52,7 @@ use crate::solve::{Row, Sink, Task, When};
 /// Rows whose scaled value is above this cannot become active within one step and are left out.
 const WINDOW: f64 = 0.8;
 
-/// A throw as a task of the local solver: the problem, its variables and the instants that are looked at.
+/// A throw as a task of the local solver: the problem, its variables and the instants that are checked.
 pub(crate) struct ThrowTask<'t, 'a> {
     pub(crate) problem: &'t Problem<'a>,
     pub(crate) layout: Layout,

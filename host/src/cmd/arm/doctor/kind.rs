@@ -76,8 +76,8 @@ mod tests {
             ("socketcand://lab:29536/can0", "the server of this bus runs, on lab", "the interface on lab"),
         ] {
             let spec: BusSpec = bus.parse().unwrap();
-            let told = [of_silence(Some(&spec)), of_bus_off(Some(&spec))];
-            assert!(told[0].contains(silence) && told[1].contains(bus_off), "{told:?}");
+            let next = [of_silence(Some(&spec)), of_bus_off(Some(&spec))];
+            assert!(next[0].contains(silence) && next[1].contains(bus_off), "{next:?}");
         }
         assert!(of_silence(None).contains("scenario") && of_bus_off(None).contains("scenario"));
     }

@@ -19,7 +19,7 @@ const ROUND: Duration = Duration::from_millis(10);
 /// Longer than any answer takes, also through a slow adapter.
 const DEADLINE: Duration = Duration::from_millis(100);
 
-/// Asks every module [`ROUNDS`] times and tells which answers stayed away.
+/// Asks every module [`ROUNDS`] times and reports which answers are missing.
 ///
 /// # Errors
 /// The bus is gone, or Ctrl-C.

@@ -74,7 +74,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let (modules, mut findings) = look(&mut session, &wanted, args.probe, args.bus.beside)?;
     let place = Place::of_bus(&args.bus);
     for found in &mut findings {
-        found.next = place.told(&found.next);
+        found.next = place.complete(&found.next);
     }
     let name = session.name().to_owned();
     session.finish()?;
@@ -341,7 +341,7 @@ fn module_findings(report: &ModuleReport) -> Vec<Finding> {
         ));
     }
     let Some(state) = report.state else {
-        findings.push(of(Level::Problem, "state", "does not tell its state".to_owned(), "scan again"));
+        findings.push(of(Level::Problem, "state", "does not report its state".to_owned(), "scan again"));
         return findings;
     };
     findings.extend(state_finding(report.module, state));

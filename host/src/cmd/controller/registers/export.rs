@@ -14,7 +14,7 @@ pub(super) const SCHEMA_VERSION: i64 = 1;
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl controller registers export --bus can0 --out arm.registers.toml\n  cubectl controller registers set --file arm.registers.toml --bus can0 --save\n\nThe key of a controller is never told, and is not in the file."
+    after_help = "Examples:\n  cubectl controller registers export --bus can0 --out arm.registers.toml\n  cubectl controller registers set --file arm.registers.toml --bus can0 --save\n\nThe key of a controller is never register, and is not in the file."
 )]
 pub struct Args {
     /// Where to. A file that exists is not overwritten. Default: standard output.
@@ -51,8 +51,10 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
 /// The file: what can be written, in the order of the controller.
 fn file(found: &[RegisterEntry]) -> String {
     let mut text = format!("schema_version = {SCHEMA_VERSION}\n\n[registers]\n");
-    for told in found.iter().filter(|told| told.mutable && !matches!(told.value, Numbers::Text(_))) {
-        let _ = writeln!(text, "\"{}\" = {}", told.name, value::toml(&told.value));
+    for register in
+        found.iter().filter(|register| register.mutable && !matches!(register.value, Numbers::Text(_)))
+    {
+        let _ = writeln!(text, "\"{}\" = {}", register.name, value::toml(&register.value));
     }
     text
 }

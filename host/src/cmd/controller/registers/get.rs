@@ -35,12 +35,12 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
     session.finish()?;
     if args.json {
         let object: serde_json::Map<_, _> =
-            found.iter().map(|told| (told.name.clone(), value::json(&told.value))).collect();
+            found.iter().map(|register| (register.name.clone(), value::json(&register.value))).collect();
         print_json(&object.into());
         return Ok(());
     }
-    for told in &found {
-        console::line!("{} = {}", told.name, value::text(&told.value));
+    for register in &found {
+        console::line!("{} = {}", register.name, value::text(&register.value));
     }
     Ok(())
 }

@@ -65,13 +65,13 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
     if args.json {
         let rows: Vec<_> = found
             .iter()
-            .map(|told| {
-                let info = known(&told.name);
+            .map(|register| {
+                let info = known(&register.name);
                 serde_json::json!({
-                    "name": told.name,
-                    "kind": value::kind(&told.value),
-                    "value": value::json(&told.value),
-                    "mutable": told.mutable,
+                    "name": register.name,
+                    "kind": value::kind(&register.value),
+                    "value": value::json(&register.value),
+                    "mutable": register.mutable,
                     "per_joint": info.map(|(info, _)| info.per_joint),
                     "min": info.map(|(info, _)| info.min),
                     "max": info.map(|(info, _)| info.max),
@@ -83,10 +83,10 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
         print_json(&serde_json::json!({ "controller": node.get(), "registers": rows }));
         return Ok(());
     }
-    for told in &found {
-        console::line!("{} = {}", told.name, value::text(&told.value));
-        if let Some((info, meaning)) = known(&told.name) {
-            let range = if value::kind(&told.value) == "bit" {
+    for register in &found {
+        console::line!("{} = {}", register.name, value::text(&register.value));
+        if let Some((info, meaning)) = known(&register.name) {
+            let range = if value::kind(&register.value) == "bit" {
                 String::new()
             } else {
                 format!("; {} to {}", info.min, info.max)

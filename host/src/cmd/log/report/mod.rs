@@ -161,12 +161,12 @@ pub fn read(
         }
         None => None,
     };
-    let told = |key: &str| summary.as_ref().and_then(|value: &Value| value.get(key)).cloned();
+    let noted = |key: &str| summary.as_ref().and_then(|value: &Value| value.get(key)).cloned();
     let begun = recording.lines.first().map_or(Instant::ZERO, |line| line.at);
     let samples = if of_robot {
         motion::samples(&rows_of(log)?)
     } else {
-        let drives = match told("drives").and_then(|drives| serde_json::from_value(drives).ok()) {
+        let drives = match noted("drives").and_then(|drives| serde_json::from_value(drives).ok()) {
             Some(drives) => drives,
             None => drives_of(&arm).map_err(|error| not_analysed(log, &error))?,
         };
@@ -178,8 +178,8 @@ pub fn read(
         throw: ran.throw.as_ref(),
         arm: &arm,
         start: samples.begun,
-        gripper_opening: told("gripper_opening_us").and_then(|us| us.as_u64()).map(Duration::from_micros),
-        certified: told("certified_timing").and_then(|timing| serde_json::from_value(timing).ok()),
+        gripper_opening: noted("gripper_opening_us").and_then(|us| us.as_u64()).map(Duration::from_micros),
+        certified: noted("certified_timing").and_then(|timing| serde_json::from_value(timing).ok()),
     };
     let (analysis, events) = match analyse(&run) {
         Ok(analysis) => (Ok(analysis), Vec::new()),
