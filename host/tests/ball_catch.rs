@@ -39,6 +39,17 @@ fn a_ball_out_of_reach_is_declined_with_the_reason_and_a_next_step() {
     assert!(told.contains("within the arm's reach") && told.contains("next:"), "{told}");
 }
 
+/// The ball of the first test. The arm catches it unless it counts on a cup of hard rubber.
+#[test]
+fn a_ball_that_would_bounce_out_of_a_hand_at_rest_is_declined_with_the_reason_and_a_next_step() {
+    let words = "catch --robot powercube6 --ball 2.0,0.1,0.2,-2.3,-0.1,3.4 --hand hold";
+    assert!(cubectl(words).status.success());
+    let ended = cubectl(&format!("{words} --restitution 0.85"));
+    assert_eq!(ended.status.code(), Some(i32::from(host::exit::NO_THROW)));
+    let reason = String::from_utf8_lossy(&ended.stderr).into_owned();
+    assert!(reason.contains("bounce out of the cup") && reason.contains("next:"), "{reason}");
+}
+
 /// Balls that an arm catches that knows them earlier: with eyes only the time is too short, and a posture there is.
 #[test]
 fn a_ball_that_is_seen_too_late_is_not_refused_for_want_of_a_posture() {

@@ -14,12 +14,13 @@ use operator::ball_catch::trial::{CatchOutcome, TrialOptions};
 use serde_json::{Value, json};
 
 use super::on_wire::{self, Wire};
+use crate::rally::calibration::CalibrationBin;
 use crate::rally::exchange::{Exchange, Partners, Rally, RallyEnd};
 use crate::rally::study::{self, Row, Share, StudyOptions};
 use crate::report;
 
 /// Options that change nothing in a study.
-const NOT_OF_A_STUDY: [&str; 6] = ["throws", "eyes_only", "hand", "jerk", "trouble", "report"];
+const NOT_OF_A_STUDY: [&str; 7] = ["throws", "eyes_only", "hand", "jerk", "restitution", "trouble", "report"];
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -188,12 +189,16 @@ fn row_text(row: &Row) -> String {
         shares.collect::<Vec<_>>().join(" ")
     };
     let executed = |arm: &Executed| format!("{:.0} / {:.0} %", arm.speed * 100.0, arm.acceleration * 100.0);
-    let first = row.first_decision.0.iter().filter(|bin| bin.of > 0);
-    let first: Vec<String> =
-        first.map(|bin| format!("{:.2}: {}/{}", bin.predicted, bin.caught, bin.of)).collect();
+    let bins = |bins: &[CalibrationBin]| {
+        let bins = bins.iter().filter(|bin| bin.of > 0);
+        let bins = bins.map(|bin| format!("{:.2}: {}/{}", bin.predicted, bin.caught, bin.of));
+        bins.collect::<Vec<_>>().join(", ")
+    };
     format!(
-        "{name}\n  caught {}; of those with a place {} (without one {caught_without_place}); by the rule {:.1} %; by flight time {}; with a place {}\n  miss {:.1} mm (50 %), {:.1} mm (95 %); declined {declined}; not caught and reported {safe}; reported wrongly {silent:?}; limit passed {limit_passed:?}; touched although declined {not_clear:?} (and column or turntable {declined_at_base}); refused {refusals}\n  largest speed and acceleration: thrower {}, catcher {}\n  decision {:.0} / {:.0} us (50 / 99 %), {judged:.0} candidates; waits at {wait_deg:.0?} deg\n  first decision, predicted: caught of all {}; Brier score {:.3}\n",
+        "{name}\n  caught {}, of those begun {} (predicted {:.1} %); of those with a place {} (without one {caught_without_place}); by the rule {:.1} %; by flight time {}; with a place {}\n  miss {:.1} mm (50 %), {:.1} mm (95 %); declined {declined}; not caught and reported {safe}; reported wrongly {silent:?}; limit passed {limit_passed:?}; touched although declined {not_clear:?} (and column or turntable {declined_at_base}); refused {refusals}\n  largest speed and acceleration: thrower {}, catcher {}\n  decision {:.0} / {:.0} us (50 / 99 %), {judged:.0} candidates; waits at {wait_deg:.0?} deg\n  first decision, predicted: caught of all {}; Brier score {:.3}\n  last decision, of those begun {}; Brier score {:.3}\n",
         share(&row.caught),
+        share(&row.begun),
+        row.predicted * 100.0,
         share(&row.of_possible),
         row.by_rule.value() * 100.0,
         by_flight(&row.by_flight, 0),
@@ -204,7 +209,9 @@ fn row_text(row: &Row) -> String {
         executed(&row.executed[1]),
         row.decision_us.0,
         row.decision_us.1,
-        first.join(", "),
-        row.first_decision.1
+        bins(&row.first_decision.0),
+        row.first_decision.1,
+        bins(&row.last_decision.0),
+        row.last_decision.1
     )
 }

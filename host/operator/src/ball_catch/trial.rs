@@ -6,8 +6,9 @@ use hil_sim::rng::Rng;
 use hil_sim::tracker::{TrackerFault, TrackerFaultKind};
 use nalgebra::Vector3;
 use planner::catch::Joints;
-use planner::catch::arm::{CatchArm, Cup, NotACatcher, Shares};
+use planner::catch::arm::{CatchArm, NotACatcher, Shares};
 use planner::catch::clear::CLEARS_FROM_LINK;
+use planner::catch::cup::{Ball, Contact, Cup};
 use planner::catch::draw::Aimed;
 use planner::catch::motion::used;
 use planner::catch::online::{Catcher, Logged};
@@ -75,6 +76,8 @@ pub struct TrialOptions {
     pub grip_off_m: Vector3<f64>,
     /// Drag that the catcher believes in, as a factor on the ball's; and its standard deviation as a share.
     pub drag: (f64, f64),
+    /// Restitution of ball and cup that the catcher counts on, 0 to 1; `None` for that of the court.
+    pub restitution: Option<f64>,
     /// Where the catcher waits, rad.
     pub wait: Joints,
     pub trouble: Vec<Trouble>,
@@ -99,6 +102,7 @@ impl Default for TrialOptions {
             scatter: Scatter::default(),
             grip_off_m: Vector3::zeros(),
             drag: (1.0, 0.1),
+            restitution: None,
             wait: Joints::from(WAIT_HOLD_DEG.map(f64::to_radians)),
             trouble: Vec::new(),
         }
@@ -199,22 +203,29 @@ impl Pair {
     /// # Errors
     /// The catcher's arm cannot hold a cup.
     pub fn new(court: CourtOptions) -> Result<Self, NotACatcher> {
-        let shape = court.cup.shape;
+        let (shape, surface) = (court.cup.shape, court.cup.surface);
         let cup = Cup {
             mouth_m: court.cup.mouth_from_ee_m,
-            outer_radius_m: shape.inner_radius_m + shape.wall_m,
-            length_m: shape.depth_m + shape.wall_m,
-            miss_max_m: shape.inner_radius_m - court.ball.radius_m,
+            inner_radius_m: shape.inner_radius_m,
+            depth_m: shape.depth_m,
+            wall_m: shape.wall_m,
             replaces: court.cup.replaces.clone(),
+            ball: Ball { radius_m: court.ball.radius_m, inertia: court.ball.inertia },
+            contact: Contact {
+                restitution: surface.restitution,
+                friction: surface.friction,
+                rolling: surface.rolling,
+                rest_m_s: surface.rest_m_s,
+            },
         };
-        let arm = |k: usize, jerk| {
-            let ArmPlace { model, x_wb } = &court.arms[k];
-            CatchArm::new(model.clone(), *x_wb, cup.clone(), Shares::default(), jerk)
-        };
-        let mut catchers = [arm(1, false)?, arm(1, true)?];
+        let [thrower, ArmPlace { model, x_wb }] = &court.arms;
+        let arm = CatchArm::new(model.clone(), *x_wb, cup, Shares::default(), false)?;
+        let with_jerk = arm.with_arm(model.clone(), *x_wb, true)?;
+        let mut catchers = [arm, with_jerk];
         if !court.alone {
             // The boxes of a hand reach as far as its cup would.
-            let boxes = reach(&court.arms[0], arm(0, false)?.reach_m() + cup.outer_radius_m);
+            let other = catchers[0].with_arm(thrower.model.clone(), thrower.x_wb, false)?;
+            let boxes = reach(thrower, other.reach_m() + other.cup().outer_radius_m());
             for catcher in &mut catchers {
                 let near = within_reach(catcher, boxes.clone());
                 catcher.set_obstacles(&near);
@@ -236,10 +247,13 @@ impl Pair {
         &self.catchers[usize::from(jerk)]
     }
 
-    /// The catcher for one throw: whoever knows the plan keeps clear of the way that the thrower takes, not of all its reach.
+    /// The catcher for one throw, with the restitution that it counts on: whoever knows the plan keeps clear of the way that the thrower takes, not of all its reach.
     #[must_use]
     pub fn catcher_for(&self, aimed: &Aimed, options: &TrialOptions) -> CatchArm {
         let mut arm = self.catcher(options.jerk).clone();
+        if let Some(restitution) = options.restitution {
+            arm.set_restitution(restitution);
+        }
         if options.cooperative && !self.court.alone {
             let boxes = within_reach(&arm, swept(&self.court.arms[0], &aimed.throw));
             arm.set_obstacles(&boxes);
