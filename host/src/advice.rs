@@ -7,7 +7,8 @@ use clap::parser::ValueSource;
 use operator::bus::BusArgs;
 
 /// What a command line in a message begins with if it acts on a bus: without `--bus` it would mean the simulated cell.
-pub const BUS_VERBS: [&str; 29] = [
+pub const BUS_VERBS: [&str; 30] = [
+    "catch",
     "clear",
     "config diff",
     "config dump",

@@ -300,8 +300,12 @@ impl Live {
             let p_m = x_wb.transform_point(&p);
             (at, LooseBall { p_m, v_m_s: x_wb.rot * v, spin_rad_s: Vector3::zeros() })
         });
+        let lies_e_m = court.cup.rest_e_m(court.ball.radius_m);
+        let mut court = Court::new(court, 0, [upright; 2]);
+        // Who puts the ball into the hand lays it into the middle of the cup.
+        court.grip_at(lies_e_m);
         Self {
-            court: Court::new(court, 0, [upright; 2]),
+            court,
             joints: [upright; 2],
             released_at: [None; 2],
             closed_at: [Some(Instant::ZERO); 2],
