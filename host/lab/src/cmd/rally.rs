@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use hil_sim::court::CourtOptions;
 use host::cmd::catch::catching::Catching;
-use host::cmd::catch::outcome::{as_json, ended, reported_text, why_not_caught};
+use host::cmd::catch::outcome::{as_json, ended, reported_text};
 use host::cmd::print_json;
 use host::cmd::progress::while_working;
 use host::error::ExpectedError;
 use host::exit;
 use operator::ball_catch::limits::Executed;
-use operator::ball_catch::trial::{CatchOutcome, TrialOptions};
+use operator::ball_catch::trial::TrialOptions;
 use serde_json::{Value, json};
 
 use super::on_wire::{self, Wire};
@@ -24,7 +24,7 @@ const NOT_OF_A_STUDY: [&str; 7] = ["throws", "eyes_only", "hand", "jerk", "resti
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubelab rally --throws 20 --report rally.html\n  cubelab rally --throws 4 --trouble frames-lost:0.1 --trouble bias:2\n  cubelab rally --study 500 --json > study.json          # the tables of shares; some minutes\n  cubelab rally --bus-thrower socketcand://127.0.0.1:29536/can0 --bus-catcher socketcand://127.0.0.1:29537/can0 \\\n      --tracker 127.0.0.1:5000                           # one throw in real time, with `hil-sim serve-court` or with arms\n\nTwo arms of the court throw a ball to each other and catch it with open cups, in virtual time. The partners cooperate: the\ncatcher knows the plan of the throw, and the thrower takes the throw that is most surely caught. Whether a ball is caught\nis decided by the simulated contact of ball and cup; what the catcher reports comes from what its tracker saw."
+    after_help = "Examples:\n  cubelab rally --throws 20 --report rally.html\n  cubelab rally --throws 4 --trouble frames-lost:0.1 --trouble bias:2\n  cubelab rally --study 500 --json > study.json          # the tables of shares; some minutes\n  cubelab rally --bus-thrower socketcand://127.0.0.1:29536/can0 --bus-catcher socketcand://127.0.0.1:29537/can0 \\\n      --tracker 127.0.0.1:5000                           # in real time, with `hil-sim serve-court` or with arms\n\nTwo arms of the court throw a ball to each other and catch it with open cups, in virtual time. The partners cooperate: the\ncatcher knows the plan of the throw, and the thrower takes the throw that is most surely caught. Whether a ball is caught\nis decided by the simulated contact of ball and cup; what the catcher reports comes from what its tracker saw."
 )]
 pub struct Args {
     /// Throws at most; the rally ends with the first ball that is not caught.
@@ -42,7 +42,7 @@ pub struct Args {
     /// Of the study only settings whose name has this in it.
     #[arg(long, value_name = "TEXT", requires = "study", conflicts_with_all = NOT_OF_A_STUDY)]
     pub only: Option<String>,
-    /// One throw over the wire.
+    /// Over the wire.
     #[command(flatten)]
     pub wire: Wire,
     /// Write a report of the last exchange: both arms, predicted and actual miss, probability over time, decisions.
@@ -88,27 +88,29 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         }
     }
     match (rally.end.not_thrown(), rally.exchanges.last()) {
-        (Some([why, next]), _) => Err(ExpectedError::new(exit::NO_THROW, why.to_string()).next(next)),
+        (Some([why, next]), _) => Err(ExpectedError::new(exit::NO_THROW, why).next(next)),
         (None, Some(last)) if rally.end == RallyEnd::NotCaught => ended(&last.outcome),
         (None, _) => Ok(()),
     }
 }
 
-/// One throw over two buses in real time.
+/// A rally over two buses.
 fn on_wire(args: &Args, court: CourtOptions, options: &TrialOptions) -> Result<(), ExpectedError> {
-    let outcome = args.wire.run(court, options, args.catching.seed)?;
+    let (throws, seed, report) = (args.throws as usize, args.catching.seed, args.report.as_deref());
+    let rally = args.wire.run(court, throws, options, seed, report, |k, exchange| {
+        if !args.json {
+            console::text!("{}", on_wire::exchange_text(k, exchange));
+        }
+    })?;
     if args.json {
-        print_json(&on_wire::as_json(&outcome, &reported_text(outcome.reported)));
+        print_json(&on_wire::as_json(&rally));
     } else {
-        console::text!("{}", on_wire::as_text(&outcome, &reported_text(outcome.reported)));
+        console::line!("{} catches in a row", rally.length());
+        if let (Some(file), false) = (report, rally.exchanges.is_empty()) {
+            console::line!("report: {}", file.display());
+        }
     }
-    if let Some(why) = on_wire::not_thrown(outcome.thrown) {
-        return Err(why);
-    }
-    match outcome.reported {
-        CatchOutcome::Caught => Ok(()),
-        other => Err(why_not_caught(other)),
-    }
+    on_wire::ended(rally)
 }
 
 fn exchange_text(k: usize, exchange: &Exchange) -> String {

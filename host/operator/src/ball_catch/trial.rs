@@ -25,7 +25,7 @@ pub use super::reported::CatchOutcome;
 use super::reported::{InCup, in_cup, place_in_cup, report};
 use super::thrower::{Scatter, ThrowFault, Thrower};
 use crate::flight_estimator::fit::Air;
-use crate::flight_estimator::{BallWatch, MarkerStream, WatchOptions};
+use crate::flight_estimator::{BallWatch, FlightPrior, MarkerStream, WatchOptions};
 
 /// Step of a trial.
 const STEP: Duration = Duration::from_millis(1);
@@ -120,7 +120,9 @@ pub struct Moment {
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
-    /// The ball lay in the catcher's cup at the end: the court's word.
+    /// Nobody but the tracker saw the ball: on real buses there is no court.
+    pub by_tracker: bool,
+    /// The ball lay in the catcher's cup at the end: the court's word, or what the tracker shows.
     pub caught: bool,
     pub reported: CatchOutcome,
     /// How the ball crossed the plane of the mouth.
@@ -344,7 +346,7 @@ impl Pair {
         if let Some(release_s) = thrower.release_s().filter(|_| !by_hand) {
             court.release_at(Instant::ZERO + Duration::from_secs_f64(release_s));
         }
-        let mut run = self.new_run(arm, &thrower, aimed, options);
+        let mut run = self.new_run(arm, self.prior(&thrower, aimed, options), options);
         if options.cooperative {
             run.decide(executor, SETTLE_S, &mut timed);
         }
@@ -414,6 +416,7 @@ impl Pair {
         let rests = court.resting_in() == Some(1);
         let lies_e_m = seen_m.filter(|_| rests).map(|seen_m| [court.ball().0, seen_m].map(at_e_m));
         Outcome {
+            by_tracker: false,
             caught: rests,
             reported,
             crossing,
@@ -432,19 +435,21 @@ impl Pair {
         }
     }
 
+    /// What a catcher knows beforehand who cooperates.
+    #[must_use]
+    pub fn prior(&self, thrower: &Thrower, aimed: &Aimed, options: &TrialOptions) -> Option<FlightPrior> {
+        let ArmPlace { model, x_wb } = &self.court.arms[0];
+        options.cooperative.then(|| thrower.prior(model, x_wb, aimed, &options.scatter))
+    }
+
     /// The catcher before it has seen anything.
     #[must_use]
     pub fn new_run<'a>(
         &self,
         arm: &'a CatchArm,
-        thrower: &Thrower,
-        aimed: &Aimed,
+        prior: Option<FlightPrior>,
         options: &TrialOptions,
     ) -> Run<'a> {
-        let prior = options.cooperative.then(|| {
-            let ArmPlace { model, x_wb } = &self.court.arms[0];
-            thrower.prior(model, x_wb, aimed, &options.scatter)
-        });
         Run {
             catcher: Catcher::new(arm, options.settings, &options.wait),
             watch: BallWatch::new(WatchOptions { prior, ..self.watch_options(options) }),

@@ -139,6 +139,12 @@ impl CatchArm {
         self.scene.obstacles = placed.collect();
     }
 
+    /// What the arm keeps clear of beside itself and the floor, in its base frame.
+    #[must_use]
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
     /// Boxes of this arm in the world.
     #[must_use]
     pub fn boxes(&self, q: &Joints) -> Vec<Obb> {

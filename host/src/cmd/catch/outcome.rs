@@ -64,7 +64,7 @@ pub fn reported_text(reported: CatchOutcome) -> String {
     }
 }
 
-fn mode_word(mode: Mode) -> &'static str {
+pub(super) fn mode_word(mode: Mode) -> &'static str {
     match mode {
         Mode::Matched => "matched",
         Mode::Hold => "hold",
@@ -159,6 +159,7 @@ fn event_json(after_release_s: f64, event: &CourtEvent) -> Value {
         CourtEvent::HitFloor => ("hit the floor", None, None),
         CourtEvent::Rests { arm } => ("rests in the cup", Some(arm), None),
         CourtEvent::FellOut { arm } => ("fell out of the cup", Some(arm), None),
+        CourtEvent::Gripped { arm } => ("gripped", Some(arm), None),
     };
     let mut result = Map::new();
     result.insert("after_release_s".to_owned(), json!(after_release_s));
