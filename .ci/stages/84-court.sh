@@ -77,7 +77,7 @@ alone() { # name, first port, ball, exit code, caught
         --data "127.0.0.1:$(($2 + 1))" >"$name.court" 2>&1 </dev/null &
     court=$!
     wait_for $court says "$name.court" '"event":"lock step"' || { cat "$name.court"; return 1; }
-    timeout 300 target/release/cubectl catch --yes --for 12 --bus "$place" --tracker "127.0.0.1:$(($2 + 1))" \
+    timeout 300 target/release/cubectl catch --yes --for-s 12 --bus "$place" --tracker "127.0.0.1:$(($2 + 1))" \
         >"$name.reported" 2>"$name.words" </dev/null || status=$?
     kill -INT $court 2>/dev/null || true
     wait $court || { cat "$name.court"; return 1; }

@@ -35,7 +35,7 @@ pub struct OverBus {
     #[arg(long, value_name = "FILE", requires = "bus")]
     pub calibration: Option<PathBuf>,
     /// Wait for a ball at most so many seconds.
-    #[arg(long = "for", value_name = "SECONDS", default_value_t = 60, requires = "bus", value_parser = clap::value_parser!(u32).range(1..=600))]
+    #[arg(long = "for-s", value_name = "SECONDS", default_value_t = 60, requires = "bus", value_parser = clap::value_parser!(u32).range(1..=600))]
     pub wait_s: u32,
     /// Do not ask before the arm moves.
     #[arg(long, requires = "bus")]
