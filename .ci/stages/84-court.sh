@@ -1,9 +1,8 @@
-# Throws and their catches in real time through the public doors: `hil-sim serve-court` plays two arms on two buses, ball and
-# tracker, `cubelab rally` throws and catches. What is reported must be what happened; the simulated court is the judge. The last throw
-# is with a tracker that loses one frame in ten.
+# Rallies through the public doors: `hil-sim serve-court` plays two arms on two buses, ball and tracker, `cubelab rally` throws and
+# catches. What is reported must be what happened; the simulated court is the judge. One throw is with a tracker that loses one frame in ten.
 #
 # First in lock step: buses, tracker and programs have one virtual time, so each ball is caught, and a second run, at the same time as the
-# first, has the same outcome to the last digit.
+# first, has the same outcome to the last digit. Then three rallies of ten throws.
 #
 # Then by the clock, ten times slower than real time (.ci/slow.sh), with a control period of 10 ms; three throws at once, each tried once. A
 # controller waits two thirds of a period for the answer of a drive, and two answers in a row that come later stop its arm. A machine that stops
@@ -12,7 +11,7 @@
 # arm stops by itself on a machine that was on time, or if all throws were held up.
 . .ci/wait.sh
 . .ci/pauses.sh
-cargo build --quiet --release --locked -p lab -p hil-sim --bins
+cargo build --quiet --release --locked -p lab -p hil-sim -p host --bins
 out=target/court
 rm -rf "$out" && mkdir -p "$out"
 cp hil-sim/src/court/two_arms.toml "$out/lossy.toml"
@@ -26,24 +25,64 @@ in_step() { # name, first port, court file, options of cubelab
         --bus-catcher "${places[3]}?clients=2" --data "127.0.0.1:$((first + 2))" >"$name.court" 2>&1 </dev/null &
     court=$!
     wait_for $court says "$name.court" '"event":"lock step"' || { cat "$name.court"; return 1; }
-    timeout 300 target/release/cubelab rally --yes --json --court "$file" "${places[@]}" --tracker "127.0.0.1:$((first + 2))" "$@" \
+    timeout 1200 target/release/cubelab rally --yes --json --court "$file" "${places[@]}" --tracker "127.0.0.1:$((first + 2))" "$@" \
         >"$name.reported" 2>"$name.words" </dev/null || status=$?
     # It ends with its clients.
     [ $status = 0 ] || kill -INT $court
     wait $court && [ $status = 0 ] || { cat "$name.words" "$name.court"; return 1; }
-    # Without the ports, and how long this machine took to decide.
-    sed '/"event":"\(serving\|lock step\)"/d' "$name.court" >"$name.outcome"
+    # Without the ports, how long this machine took to decide, and to leave at the end.
+    sed -e '/"event":"\(serving\|lock step\)"/d' -e 's/"datagrams":[0-9]*,//; s/"unsent":[0-9]*,//; s/"simulated_s":[0-9.]*,//' \
+        "$name.court" >"$name.outcome"
     sed '/longest_decision_s/d' "$name.reported" >>"$name.outcome"
-    grep -q '"caught":true' "$name.outcome" && grep -q '"reported": "caught"' "$name.outcome" || { cat "$name.outcome"; return 1; }
 }
-step_twice() { # as in_step
-    local name=$1 first=$2 again
-    shift 2
-    in_step "$name-again" $((first + 3)) "$@" &
+# What cubelab reports of each throw against what the court saw: all are caught.
+judge_rally() { # name, throws
+    python3 - "$out/$1" "$2" <<'PY'
+import json, sys
+
+name, throws = sys.argv[1], int(sys.argv[2])
+court = [json.loads(line) for line in open(name + ".court")][-1]["throws"]
+rally = json.load(open(name + ".reported"))
+reported = [(e["thrower"], e["reported"] == "caught") for e in rally["exchanges"]]
+happened = [(t["thrower"], t["caught"]) for t in court]
+miss_mm = [1e3 * t["crossing"]["miss_m"] for t in court if t["crossing"]]
+print(f"{name}: {rally['length']} of {throws} caught; off the axis at most {max(miss_mm, default=0):.1f} mm")
+assert reported == happened, (reported, happened)
+assert happened == [(1 + k % 2, True) for k in range(throws)], happened
+assert rally["length"] == throws and rally["complete"], rally["length"]
+assert not any(t["touched_floor"] for t in court), court
+for exchange in rally["exchanges"]:
+    trace = exchange["trace"]
+    for who, least in (("thrower", 50), ("catcher", 100), ("ball", 50)):
+        assert len(trace[who]["t_s"]) > least, (who, len(trace[who]["t_s"]))
+PY
+}
+step_twice() { # name, first port, throws, court file, options of cubelab
+    local name=$1 first=$2 throws=$3 again
+    shift 3
+    in_step "$name-again" $((first + 3)) "$@" --throws "$throws" &
     again=$!
-    in_step "$name" "$first" "$@" && wait $again || { wait $again; echo "$name: not caught in lock step"; return 1; }
+    in_step "$name" "$first" "$@" --throws "$throws" && wait $again || { wait $again; echo "$name: did not end in lock step"; return 1; }
     cmp "$out/$name.outcome" "$out/$name-again.outcome" || { echo "$name: two runs in lock step differ"; return 1; }
-    echo "$name: $(grep '"event":"report"' "$out/$name.outcome")"
+    judge_rally "$name" "$throws"
+}
+rally() { # first port, seed
+    in_step "rally-$2" "$1" hil-sim/src/court/two_arms.toml --throws 10 --seed "$2" && judge_rally "rally-$2" 10
+}
+
+# One arm and a ball that is thrown by hand: exit code, and whether the court saw the ball come to rest in the cup.
+alone() { # name, first port, ball, exit code, caught
+    local name=$out/$1 place=lockstep://127.0.0.1:$2/can0 court status=0
+    target/release/hil-sim serve-court --homed --json "--ball=$3" --ball-at-s 10 --bus-catcher "$place?clients=2" \
+        --data "127.0.0.1:$(($2 + 1))" >"$name.court" 2>&1 </dev/null &
+    court=$!
+    wait_for $court says "$name.court" '"event":"lock step"' || { cat "$name.court"; return 1; }
+    timeout 300 target/release/cubectl catch --yes --for 12 --bus "$place" --tracker "127.0.0.1:$(($2 + 1))" \
+        >"$name.reported" 2>"$name.words" </dev/null || status=$?
+    kill -INT $court 2>/dev/null || true
+    wait $court || { cat "$name.court"; return 1; }
+    echo "$name: $(head -n 1 "$name.reported") ($status)"
+    [ $status = "$4" ] && says "$name.court" "\"throws\":\[{\"caught\":$5" || { cat "$name.words" "$name.court"; return 1; }
 }
 
 throw() { # name, first port, court file, options of cubelab
@@ -54,7 +93,7 @@ throw() { # name, first port, court file, options of cubelab
         --duration-s 60 >"$name.court" 2>&1 </dev/null &
     court=$!
     wait_for $court says "$name.court" '"event":"real time"' || { cat "$name.court"; return 1; }
-    "${slow[@]}" target/release/cubelab rally --yes --json --period 10 --court "$file" "${places[@]}" --tracker "127.0.0.1:$((first + 2))" "$@" \
+    "${slow[@]}" target/release/cubelab rally --yes --json --throws 1 --period 10 --court "$file" "${places[@]}" --tracker "127.0.0.1:$((first + 2))" "$@" \
         >"$name.reported" 2>"$name.words" </dev/null || status=$?
     kill -INT $court
     wait $court || { cat "$name.court"; return 1; }
@@ -75,7 +114,8 @@ def wrong(what):
 
 court = [json.loads(line) for line in open(name + ".court")][-1]
 held_up = max(*court["worst_lag_ms"], pause_ms) > REPLY_DEADLINE_MS
-caught = court["caught"]
+throw = (court["throws"] or [{"caught": False, "crossing": None}])[-1]
+caught, released = throw["caught"], bool(court["throws"])
 reported = json.load(open(name + ".reported"))
 if "what" in reported:
     # A fault or a refusal before the throw.
@@ -84,22 +124,33 @@ if "what" in reported:
         sys.exit(1)
     print("held up", file=open(name + ".caught", "w"))
     sys.exit(0)
+[reported] = reported["exchanges"]
 word = reported["reported"]
-print(f"{name}: reported {word} ({status}); caught: {caught}; released: {court['released']}; "
-      f"{(court['crossing'] or {}).get('miss_m')} m off the axis; clocks {reported['clocks']}; lag {court['worst_lag_ms']} ms")
+print(f"{name}: reported {word} ({status}); caught: {caught}; released: {released}; "
+      f"{(throw['crossing'] or {}).get('miss_m')} m off the axis; clocks {reported['clocks']}; lag {court['worst_lag_ms']} ms")
 if word == "caught" and not caught or word.startswith(("missed", "declined", "nothing")) and caught:
     wrong("what was reported is not what happened")
 if (word == "caught" and reported["thrown"] == "ended") != (status == 0):
     wrong("the exit code is not what was reported")
-if reported["thrown"] == "ended" and not court["released"]:
+if reported["thrown"] == "ended" and not released:
     wrong("the thrower reported the end of a throw, and the ball was not released")
 print("caught" if caught else "held up" if held_up else "missed", file=open(name + ".caught", "w"))
 PY
 }
 status=0
-step_twice step-knows 29600 hil-sim/src/court/two_arms.toml --seed 1 || status=1
-step_twice step-eyes 29610 hil-sim/src/court/two_arms.toml --seed 2 --eyes-only || status=1
-step_twice step-lossy 29620 "$out/lossy.toml" --seed 3 --eyes-only || status=1
+step_twice step-knows 29600 2 hil-sim/src/court/two_arms.toml --seed 1 || status=1
+step_twice step-eyes 29610 1 hil-sim/src/court/two_arms.toml --seed 2 --eyes-only || status=1
+step_twice step-lossy 29620 1 "$out/lossy.toml" --seed 3 --eyes-only || status=1
+alone hand-caught 29650 2.0,0.1,0.2,-2.3,-0.1,3.4 0 true || status=1
+alone hand-declined 29652 2.0,0,0.2,1,0,1 3 false || status=1
+rallies=()
+for seed in 1 2 3; do
+    rally $((29630 + 3 * seed)) $seed &
+    rallies+=($!)
+done
+for one in "${rallies[@]}"; do
+    wait "$one" || status=1
+done
 # Another seed is another throw.
 ! cmp -s "$out/step-knows.outcome" "$out/step-eyes.outcome" || { echo "two seeds gave one outcome"; status=1; }
 watch_pauses

@@ -9,7 +9,7 @@ use operator::bus::BusArgs;
 use crate::cli::SHORT_NAMES;
 
 /// What a command line in a message begins with if it acts on a bus: without `--bus` it would mean the simulated cell.
-pub const BUS_VERBS: [&str; 28] = [
+pub const BUS_VERBS: [&str; 29] = [
     "arm doctor",
     "arm home",
     "arm identify",
@@ -18,6 +18,7 @@ pub const BUS_VERBS: [&str; 28] = [
     "arm pose save",
     "arm status",
     "arm stop",
+    "catch",
     "controller clear",
     "controller key remove",
     "controller key set",

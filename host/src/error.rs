@@ -167,6 +167,7 @@ with_next!(
     hil_sim::scenario::BuildError,
     hil_sim::tracker::serve::ServeError,
     operator::analysis::AnalysisError,
+    operator::ball_catch::wire::WireError,
     operator::bus::BusFailure,
     operator::bus::period::NoPeriod,
     operator::bus::settings::NoSettings,

@@ -39,6 +39,17 @@ fn a_ball_out_of_reach_is_declined_with_the_reason_and_a_next_step() {
     assert!(told.contains("within the arm's reach") && told.contains("next:"), "{told}");
 }
 
+/// The ball of the first test. The arm catches it unless it counts on a cup of hard rubber.
+#[test]
+fn a_ball_that_would_bounce_out_of_a_hand_at_rest_is_declined_with_the_reason_and_a_next_step() {
+    let words = "catch --robot powercube6 --ball 2.0,0.1,0.2,-2.3,-0.1,3.4 --hand hold";
+    assert!(cubectl(words).status.success());
+    let ended = cubectl(&format!("{words} --restitution 0.85"));
+    assert_eq!(ended.status.code(), Some(i32::from(host::exit::NO_THROW)));
+    let reason = String::from_utf8_lossy(&ended.stderr).into_owned();
+    assert!(reason.contains("bounce out of the cup") && reason.contains("next:"), "{reason}");
+}
+
 /// Balls that an arm catches that knows them earlier: with eyes only the time is too short, and a posture there is.
 #[test]
 fn a_ball_that_is_seen_too_late_is_not_refused_for_want_of_a_posture() {
@@ -109,4 +120,53 @@ fn a_verb_that_is_in_cubelab_now_says_so_with_the_same_words() {
     }
     let help = String::from_utf8(cubectl("--help").stdout).unwrap();
     assert!(!help.contains("rally") && !help.contains("swarm"), "{help}");
+}
+
+#[test]
+fn a_catch_on_a_bus_is_refused_with_the_reason_where_it_makes_no_sense() {
+    let folder = std::env::temp_dir().join(format!("catch-bus-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let point = |robot_m: [f64; 3], room_m: [f64; 3]| {
+        format!("[[point]]\nrobot_m = {robot_m:?}\nroom_m = {room_m:?}\nscatter_m = 0.0\n")
+    };
+    let corners = [[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.5, 0.5, 1.0], [1.0, 1.0, 0.2]];
+    let write = |name: &str, robot: &str, room: &dyn Fn([f64; 3]) -> [f64; 3]| {
+        let points: String = corners.iter().map(|at| point(*at, room(*at))).collect();
+        let file = folder.join(name);
+        std::fs::write(
+            &file,
+            format!(
+                "schema_version = 1\nrobot = \"{robot}\"\nsource = \"test\"\nchanged = \"today\"\n{points}"
+            ),
+        )
+        .unwrap();
+        file.display().to_string()
+    };
+    let other = write("other.toml", "kr16_2", &|at| at);
+    // The room lies on its side.
+    let leans = write("leans.toml", "powercube6", &|[x, y, z]| [x, -z, y]);
+    for (words, code, reason) in [
+        ("--bus sim --tracker 127.0.0.1:0".to_owned(), host::exit::BAD_INPUT, "nobody throws"),
+        ("--bus can77".to_owned(), host::exit::USAGE, "--tracker"),
+        ("--bus can77 --tracker 127.0.0.1:0 --ball 2,0,0,-2,0,3".to_owned(), host::exit::USAGE, "--ball"),
+        ("--bus can77 --tracker 127.0.0.1:0 --trouble bias:2".to_owned(), host::exit::USAGE, "--trouble"),
+        ("--bus can77 --tracker 127.0.0.1:0".to_owned(), host::exit::USAGE, "--yes"),
+        ("--bus can77 --tracker 127.0.0.1:0 --yes --robot pincher4".to_owned(), host::exit::BAD_INPUT, "six"),
+        (
+            format!("--bus can77 --tracker 127.0.0.1:0 --yes --calibration {other}"),
+            host::exit::BAD_INPUT,
+            "is for the robot kr16_2",
+        ),
+        (
+            format!("--bus can77 --tracker 127.0.0.1:0 --yes --calibration {leans}"),
+            host::exit::BAD_INPUT,
+            "leans by 90.0 degrees",
+        ),
+    ] {
+        let ended = cubectl(&format!("catch {words}"));
+        let told = String::from_utf8_lossy(&ended.stderr).into_owned();
+        assert_eq!(ended.status.code(), Some(i32::from(code)), "{words}: {told}");
+        assert!(told.contains(reason), "{words}: {told}");
+    }
+    std::fs::remove_dir_all(folder).unwrap();
 }

@@ -248,6 +248,18 @@ impl Drives {
         }
     }
 
+    /// When the gripper was last ordered to close, also if it was closed; `None` while it is ordered to open.
+    pub(super) fn gripper_closed(&self, output: Option<(Option<usize>, u8)>) -> Option<Instant> {
+        let (open, changed) = self.gripper(output)?;
+        let set = match (self, output) {
+            (Self::PowerCubes(drives), Some((axis, _))) => {
+                axis.map_or(drives.last(), |axis| drives.get(axis)).map(PowerCubeDrive::outputs_set)
+            }
+            _ => None,
+        };
+        (!open).then(|| set.unwrap_or(changed))
+    }
+
     /// Whether the drives have the gripper open, and since when. `output` is the axis and the line of a module's output.
     pub(super) fn gripper(&self, output: Option<(Option<usize>, u8)>) -> Option<(bool, Instant)> {
         match self {

@@ -117,6 +117,11 @@ impl Cell {
         self.throw.order(at, open);
     }
 
+    /// When the drives were last ordered to close the hand, also if it was closed; `None` while they are ordered to open it.
+    pub fn closed_at(&self) -> Option<Instant> {
+        self.throw.closed_at(&self.drives)
+    }
+
     /// Puts a new ball into the hand and closes the gripper.
     pub fn reload(&mut self, at: Instant) {
         self.throw.reload(at);

@@ -80,6 +80,10 @@ impl Throw {
         self.gripper.is_ordered_open()
     }
 
+    pub(super) fn closed_at(&self, drives: &Drives) -> Option<Instant> {
+        drives.gripper_closed(self.gripper.options().output)
+    }
+
     pub(super) fn set_stuck(&mut self, now: Instant, stuck: bool) {
         self.gripper.set_stuck(now, stuck);
     }

@@ -1,4 +1,5 @@
-//! `hil-sim serve-court`: two arms, each on a bus of its own, a ball between them and a tracker, in real time.
+//! `hil-sim serve-court`: two arms, each on a bus of its own, a ball between them and a tracker, in real time. A hand that closes around a
+//! ball at rest in its cup grips it, and its next opening is the next throw.
 //!
 //! ```text
 //! client ── bus 1 ── drives of the thrower ──┐ joints, each millisecond
@@ -25,11 +26,13 @@ use can_link::{BusSpec, Clock, Role, Urgent};
 use hil_sim::bus::BusConfig;
 use hil_sim::cell::{Cell, CellOptions};
 use hil_sim::court::in_step::{STEP, Trackers};
-use hil_sim::court::{ArmPlace, Court, CourtEvent, CourtOptions, JointsNow};
+use hil_sim::court::{ArmPlace, Court, CourtEvent, CourtOptions, Crossing, JointsNow};
+use hil_sim::mechanics::LooseBall;
 use hil_sim::realtime::{Door, Realtime, shared_time};
+use nalgebra::Vector3;
 use protocol::{Duration, Instant};
 use robot_model::JointVec;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::exit::{Code, Failure};
 use super::progress::{Interrupt, say};
@@ -54,6 +57,13 @@ pub(super) struct Args {
     /// The drives are homed, as if they had been left on.
     #[arg(long)]
     homed: bool,
+    /// A ball that is thrown by hand, instead of the first arm, which is not there then, nor its bus: place (m) and velocity (m/s)
+    /// in the base frame of the second arm.
+    #[arg(long, value_name = "X,Y,Z,VX,VY,VZ", allow_hyphen_values = true, value_parser = six, conflicts_with = "bus_thrower")]
+    ball: Option<[f64; 6]>,
+    /// When it is thrown, s.
+    #[arg(long, value_name = "SECONDS", default_value_t = 15.0, requires = "ball", value_parser = seconds)]
+    ball_at_s: f64,
     /// Seed instead of the court's.
     #[arg(long)]
     seed: Option<u64>,
@@ -69,8 +79,10 @@ pub(super) struct Args {
 struct ArmNow {
     at: Instant,
     joints: JointsNow,
-    /// When the ball left the fingers.
+    /// When the hand let go of what it held.
     released_at: Option<Instant>,
+    /// When the hand was last ordered to close; `None` while it is ordered to open.
+    closed_at: Option<Instant>,
 }
 
 /// The bus of an arm in its thread.
@@ -88,8 +100,10 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let mut court = court.map_err(|error| Failure::new(Code::BadFile, &error))?;
     court.seed = args.seed.unwrap_or(court.seed);
     let data = address(&args.data)?;
-    let specs = [&args.bus_thrower, &args.bus_catcher];
-    let buses = specs.map(Clone::clone);
+    if args.ball.is_some() {
+        court = court.without_thrower();
+    }
+    let buses: Vec<BusSpec> = served(args).map(|(_, spec)| spec.clone()).collect();
     let (_, in_step) =
         shared_time(&buses).map_err(|error| Failure::new(Code::BadFile, &error).next(error.next()))?;
     if in_step.is_some() {
@@ -100,10 +114,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let clock = Clock::start();
     let over = Arc::new(AtomicBool::new(false));
     let mut arms = Vec::new();
-    for (k, spec) in specs.into_iter().enumerate() {
-        let door =
-            Door::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error).next(error.next()))?;
-        say(args.json, "serving", &format!("{} ({})", door.name(), ["thrower", "catcher"][k]));
+    for (k, spec) in served(args) {
+        let door = open_door(args, k, spec, clock)?;
         arms.push(arm_bus(&court.arms[k], args.homed, court.seed + k as u64, door, clock, &over));
     }
     say(args.json, "serving", &format!("tracker data to {data}"));
@@ -111,7 +123,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     say(args.json, "real time", &urgent.granted().to_string());
     let interrupt = Interrupt::listen();
     let until = args.duration_s.map_or(Instant::FAR_FUTURE, |s| Instant::ZERO + Duration::from_secs_f64(s));
-    let mut live = Live::of(court);
+    let mut live = Live::of(args, court);
     let goes_on = || !interrupt.came() && clock.now() < until;
     let ended = live.run(args, &mut arms, &socket, data, clock, &goes_on);
     over.store(true, Ordering::Relaxed);
@@ -125,17 +137,27 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     live.report(args, &lags)
 }
 
+/// The arms that are there, by number, and their buses.
+fn served(args: &Args) -> impl Iterator<Item = (usize, &BusSpec)> {
+    let both = [&args.bus_thrower, &args.bus_catcher].into_iter().enumerate();
+    both.skip(usize::from(args.ball.is_some()))
+}
+
+fn open_door(args: &Args, arm: usize, spec: &BusSpec, clock: Clock) -> Result<Door, Failure> {
+    let door = Door::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error).next(error.next()))?;
+    say(args.json, "serving", &format!("{} (arm {})", door.name(), arm + 1));
+    Ok(door)
+}
+
 /// Both buses, ball and tracker in one virtual time, until all clients have left.
 fn run_in_step(args: &Args, court: CourtOptions, data: SocketAddr) -> Result<(), Failure> {
     let mut trackers = Trackers::listen(data).map_err(|error| Failure::new(Code::Bus, &error))?;
     let failed = |why: String| Failure::new(Code::Bus, &why);
     let mut arms = Vec::new();
-    for (k, spec) in [&args.bus_thrower, &args.bus_catcher].into_iter().enumerate() {
+    for (k, spec) in served(args) {
         let BusSpec::Lockstep { clients, .. } = spec else { continue };
         let clock = Clock::manual();
-        let door =
-            Door::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error).next(error.next()))?;
-        say(args.json, "serving", &format!("{} ({})", door.name(), ["thrower", "catcher"][k]));
+        let door = open_door(args, k, spec, clock)?;
         let seed = court.seed + k as u64;
         let realtime = realtime_of(&court.arms[k], args.homed, seed, door, clock).map_err(failed)?;
         arms.push((realtime.in_lock_step(*clients), 0, VecDeque::new()));
@@ -143,7 +165,7 @@ fn run_in_step(args: &Args, court: CourtOptions, data: SocketAddr) -> Result<(),
     say(args.json, "lock step", &format!("tracker data at {data}"));
     let interrupt = Interrupt::listen();
     let until = args.duration_s.map_or(Instant::FAR_FUTURE, |s| Instant::ZERO + Duration::from_secs_f64(s));
-    let mut live = Live::of(court);
+    let mut live = Live::of(args, court);
     while !arms.iter_mut().fold(true, |all, (arm, ..)| arm.is_gathered() && all) && !interrupt.came() {
         std::thread::sleep(std::time::Duration::from_millis(1));
     }
@@ -154,12 +176,11 @@ fn run_in_step(args: &Args, court: CourtOptions, data: SocketAddr) -> Result<(),
             while !arm.has_reached(now) && !interrupt.came() {
                 arm.turn(now, &mut ()).map_err(|error| failed(error.to_string()))?;
             }
+            hold_again(arm).map_err(failed)?;
             samples.extend(samples_since(arm, sent).map_err(failed)?);
         }
         while arms.iter().all(|(.., samples)| !samples.is_empty()) {
-            let mut both = arms.iter_mut().filter_map(|(.., samples)| samples.pop_front());
-            let (Some(thrower), Some(catcher)) = (both.next(), both.next()) else { break };
-            live.step(&thrower, &catcher);
+            live.step(arms.iter_mut().filter_map(|(.., samples)| samples.pop_front()));
         }
         live.tell(args);
         let datagrams: Vec<_> = std::iter::from_fn(|| live.court.poll_datagram_by(now)).collect();
@@ -188,6 +209,16 @@ fn realtime_of(
         .map_err(|error| error.to_string())
 }
 
+/// A hand that has closed after a throw lets go again at its next opening. Whether it holds the ball, the court knows.
+fn hold_again(realtime: &mut Realtime<Cell>) -> Result<(), String> {
+    let cell = &realtime.world().participants().0;
+    if cell.throw().released_at.is_none() || cell.closed_at().is_none() {
+        return Ok(());
+    }
+    let held = realtime.world_mut().with_participants(|(cell, _), now| cell.reload(now));
+    held.map_err(|error| error.to_string())
+}
+
 /// What the arm did since the last call.
 fn samples_since(realtime: &Realtime<Cell>, sent: &mut usize) -> Result<Vec<ArmNow>, String> {
     let cell = &realtime.world().participants().0;
@@ -196,7 +227,12 @@ fn samples_since(realtime: &Realtime<Cell>, sent: &mut usize) -> Result<Vec<ArmN
     let sample = |index| {
         let joint = |i: usize, part: usize| trace.sample(index).get(i).map_or(0.0, |joint| joint[part]);
         let (q, qd) = (JointVec::from_fn(6, |i| joint(i, 0)), JointVec::from_fn(6, |i| joint(i, 1)));
-        ArmNow { at: trace.at(index), joints: JointsNow { q, qd }, released_at: cell.throw().released_at }
+        ArmNow {
+            at: trace.at(index),
+            joints: JointsNow { q, qd },
+            released_at: cell.throw().released_at,
+            closed_at: cell.closed_at(),
+        }
     };
     Ok((first..trace.len()).map(sample).collect())
 }
@@ -225,6 +261,7 @@ fn serve(mut realtime: Realtime<Cell>, to: &Sender<ArmNow>, over: &AtomicBool) -
     while !over.load(Ordering::Relaxed) {
         let next = realtime.world().now() + STEP;
         realtime.turn(next, &mut ()).map_err(|error| error.to_string())?;
+        hold_again(&mut realtime)?;
         for now in samples_since(&realtime, &mut sent)? {
             if to.send(now).is_err() {
                 break;
@@ -237,7 +274,15 @@ fn serve(mut realtime: Realtime<Cell>, to: &Sender<ArmNow>, over: &AtomicBool) -
 /// The court while it runs.
 struct Live {
     court: Court,
-    released: bool,
+    joints: [JointsNow; 2],
+    /// Of each arm: when it let go last, and when it was ordered to close last.
+    released_at: [Option<Instant>; 2],
+    closed_at: [Option<Instant>; 2],
+    /// The arms that are there begin with this one.
+    first: usize,
+    /// A ball that is still to be thrown by hand, and when.
+    ball: Option<(Instant, LooseBall)>,
+    thrown_in_at: Option<Instant>,
     /// Events that were printed.
     printed: usize,
     datagrams: u64,
@@ -245,12 +290,28 @@ struct Live {
 }
 
 impl Live {
-    fn of(court: CourtOptions) -> Self {
+    fn of(args: &Args, court: CourtOptions) -> Self {
         let upright =
             JointsNow { q: JointVec::from(STANDING_DEG.map(f64::to_radians)), qd: JointVec::zeros(6) };
+        let x_wb = court.arms[1].x_wb;
+        let ball = args.ball.map(|[x, y, z, vx, vy, vz]| {
+            let at = Instant::ZERO + Duration::from_secs_f64(args.ball_at_s);
+            let (p, v) = (Vector3::new(x, y, z), Vector3::new(vx, vy, vz));
+            let p_m = x_wb.transform_point(&p);
+            (at, LooseBall { p_m, v_m_s: x_wb.rot * v, spin_rad_s: Vector3::zeros() })
+        });
+        let lies_e_m = court.cup.rest_e_m(court.ball.radius_m);
+        let mut court = Court::new(court, 0, [upright; 2]);
+        // Who puts the ball into the hand lays it into the middle of the cup.
+        court.grip_at(lies_e_m);
         Self {
-            court: Court::new(court, 0, [upright; 2]),
-            released: false,
+            court,
+            joints: [upright; 2],
+            released_at: [None; 2],
+            closed_at: [Some(Instant::ZERO); 2],
+            first: usize::from(ball.is_some()),
+            ball,
+            thrown_in_at: None,
             printed: 0,
             datagrams: 0,
             unsent: 0,
@@ -277,9 +338,7 @@ impl Live {
                 arm.waiting.extend(arm.samples.try_iter());
             }
             while arms.iter().all(|arm| !arm.waiting.is_empty()) {
-                let mut both = arms.iter_mut().filter_map(|arm| arm.waiting.pop_front());
-                let (Some(thrower), Some(catcher)) = (both.next(), both.next()) else { break };
-                self.step(&thrower, &catcher);
+                self.step(arms.iter_mut().filter_map(|arm| arm.waiting.pop_front()));
             }
             self.tell(args);
             while let Some(bytes) = self.court.poll_datagram_by(clock.now()) {
@@ -292,12 +351,26 @@ impl Live {
         Ok(())
     }
 
-    fn step(&mut self, thrower: &ArmNow, catcher: &ArmNow) {
-        if let (Some(at), false) = (thrower.released_at, self.released) {
-            self.released = true;
-            self.court.release_at(at);
+    /// A step of the arms that are there.
+    fn step(&mut self, arms: impl Iterator<Item = ArmNow>) {
+        let mut to = self.court.now();
+        for (k, arm) in (self.first..).zip(arms) {
+            if arm.closed_at != std::mem::replace(&mut self.closed_at[k], arm.closed_at) {
+                self.court.set_jaws(k, arm.closed_at.is_none());
+            }
+            let before = std::mem::replace(&mut self.released_at[k], arm.released_at);
+            if let Some(at) = arm.released_at.filter(|_| before != arm.released_at)
+                && self.court.holder() == Some(k)
+            {
+                self.court.release_at(at);
+            }
+            (self.joints[k], to) = (arm.joints, arm.at);
         }
-        self.court.step(thrower.at, [thrower.joints, catcher.joints]);
+        if let Some((_, ball)) = self.ball.take_if(|(at, _)| *at <= to) {
+            self.court.throw_in(ball);
+            self.thrown_in_at = Some(to);
+        }
+        self.court.step(to, self.joints);
     }
 
     fn tell(&mut self, args: &Args) {
@@ -316,24 +389,12 @@ impl Live {
     }
 
     fn report(&self, args: &Args, lags: &[Duration]) -> Result<(), Failure> {
-        let events = self.court.events();
-        let has = |wanted: &dyn Fn(&CourtEvent) -> bool| events.iter().any(|(_, event)| wanted(event));
-        let caught = self.court.resting_in() == Some(1);
-        let floor = has(&|event| *event == CourtEvent::HitFloor);
         let worst_ms: Vec<f64> = lags.iter().map(|lag| lag.as_secs_f64() * 1e3).collect();
+        let throws = thrown(self.thrown_in_at, self.court.events());
         if args.json {
             let report = json!({
                 "event": "report",
-                "released": self.released,
-                "caught": caught,
-                "touched_floor": floor,
-                "touched_catcher": has(&|event| matches!(event, CourtEvent::HitCup { arm: 1, .. } | CourtEvent::HitLink { arm: 1, .. })),
-                "crossing": events.iter().find_map(|(_, event)| match event {
-                    CourtEvent::Crossed { arm: 1, crossing } => Some(json!({
-                        "miss_m": crossing.miss_m, "angle_rad": crossing.angle_rad, "speed_m_s": crossing.speed_m_s,
-                    })),
-                    _ => None,
-                }),
+                "throws": throws.iter().map(Thrown::as_json).collect::<Vec<_>>(),
                 "datagrams": self.datagrams,
                 "unsent": self.unsent,
                 "simulated_s": self.court.now().as_secs_f64(),
@@ -342,42 +403,118 @@ impl Live {
             console::line!("{}", serde_json::to_string(&report).map_err(|e| Failure::new(Code::Output, &e))?);
             return Ok(());
         }
-        let what = match (self.released, caught, floor) {
-            (false, ..) => "the ball was not released",
-            (true, true, _) => "the ball lies in the catcher's cup",
-            (true, false, true) => "the ball was not caught; it touched the floor",
-            (true, false, false) => "the ball was not caught",
-        };
-        console::line!("{what}");
+        if throws.is_empty() {
+            console::line!("the ball was not released");
+        }
+        for (k, throw) in throws.iter().enumerate() {
+            console::line!("throw {}: {}", k + 1, throw.words());
+        }
         console::line!(
-            "tracker: {} datagrams sent, {} not taken; behind the clock at worst: thrower {:.1} ms, catcher {:.1} ms",
+            "tracker: {} datagrams sent, {} not taken; behind the clock at worst: {:.1} ms",
             self.datagrams,
             self.unsent,
-            worst_ms.first().copied().unwrap_or_default(),
-            worst_ms.get(1).copied().unwrap_or_default()
+            worst_ms.iter().copied().fold(0.0, f64::max)
         );
         Ok(())
     }
 }
 
+/// A throw, from the release to the next one.
+#[derive(Default)]
+struct Thrown {
+    released_at: Instant,
+    /// 0 or 1; `None`: by hand.
+    by: Option<usize>,
+    /// The ball lies in the other arm's cup, or was gripped there.
+    caught: bool,
+    touched_floor: bool,
+    touched_catcher: bool,
+    crossing: Option<Crossing>,
+}
+
+fn thrown(by_hand: Option<Instant>, events: &[(Instant, CourtEvent)]) -> Vec<Thrown> {
+    let by_hand = by_hand.map(|released_at| Thrown { released_at, ..Thrown::default() });
+    let mut throws: Vec<Thrown> = by_hand.into_iter().collect();
+    for (at, event) in events {
+        if let CourtEvent::Released { arm } = event {
+            throws.push(Thrown { released_at: *at, by: Some(*arm), ..Thrown::default() });
+        }
+        let Some(throw) = throws.last_mut() else { continue };
+        let by_catcher = |arm: &usize| Some(*arm) != throw.by;
+        match event {
+            CourtEvent::Crossed { arm, crossing } if by_catcher(arm) => throw.crossing = Some(*crossing),
+            CourtEvent::HitCup { arm, .. } | CourtEvent::HitLink { arm, .. } if by_catcher(arm) => {
+                throw.touched_catcher = true;
+            }
+            CourtEvent::HitFloor => throw.touched_floor = true,
+            CourtEvent::Rests { arm } if by_catcher(arm) => throw.caught = true,
+            CourtEvent::FellOut { arm } if by_catcher(arm) => throw.caught = false,
+            _ => {}
+        }
+    }
+    throws
+}
+
+impl Thrown {
+    fn as_json(&self) -> Value {
+        json!({
+            "t_s": self.released_at.as_secs_f64(),
+            "thrower": self.by.map(|arm| arm + 1),
+            "caught": self.caught,
+            "touched_floor": self.touched_floor,
+            "touched_catcher": self.touched_catcher,
+            "crossing": self.crossing.map(|crossing| json!({
+                "miss_m": crossing.miss_m, "angle_rad": crossing.angle_rad, "speed_m_s": crossing.speed_m_s,
+            })),
+        })
+    }
+
+    fn words(&self) -> String {
+        let what = match (self.caught, self.touched_floor) {
+            (true, _) => "the ball lies in a cup",
+            (false, true) => "the ball was not caught; it touched the floor",
+            (false, false) => "the ball was not caught",
+        };
+        let at_s = self.released_at.as_secs_f64();
+        match self.by {
+            Some(arm) => format!("arm {} lets go at {at_s:.3} s; {what}", arm + 1),
+            None => format!("by hand at {at_s:.3} s; {what}"),
+        }
+    }
+}
+
 fn words(event: &CourtEvent) -> String {
-    let name = |arm: &usize| ["thrower", "catcher"][*arm];
+    let name = |arm: &usize| format!("arm {}", arm + 1);
     match event {
-        CourtEvent::Released { arm } => format!("the {} lets the ball go", name(arm)),
+        CourtEvent::Released { arm } => format!("{} lets the ball go", name(arm)),
         CourtEvent::Crossed { arm, crossing } => format!(
-            "the ball crosses the mouth of the {}'s cup, {:.1} mm off its axis, with {:.2} m/s",
+            "the ball crosses the mouth of the cup of {}, {:.1} mm off its axis, with {:.2} m/s",
             name(arm),
             crossing.miss_m * 1e3,
             crossing.speed_m_s
         ),
         CourtEvent::HitCup { arm, speed_m_s } => {
-            format!("the ball hits the cup of the {} with {speed_m_s:.2} m/s", name(arm))
+            format!("the ball hits the cup of {} with {speed_m_s:.2} m/s", name(arm))
         }
-        CourtEvent::HitLink { arm, part, .. } => format!("the ball hits the {} ({part})", name(arm)),
+        CourtEvent::HitLink { arm, part, .. } => format!("the ball hits {} ({part})", name(arm)),
         CourtEvent::HitFloor => "the ball hits the floor".to_owned(),
-        CourtEvent::Rests { arm } => format!("the ball rests in the cup of the {}", name(arm)),
-        CourtEvent::FellOut { arm } => format!("the ball has left the cup of the {}", name(arm)),
+        CourtEvent::Rests { arm } => format!("the ball rests in the cup of {}", name(arm)),
+        CourtEvent::FellOut { arm } => format!("the ball has left the cup of {}", name(arm)),
+        CourtEvent::Gripped { arm } => format!("{} grips the ball", name(arm)),
     }
+}
+
+/// Six numbers with commas between.
+fn six(text: &str) -> Result<[f64; 6], String> {
+    let numbers: Vec<f64> =
+        text.split(',').map_while(|part| part.trim().parse().ok()).filter(|x: &f64| x.is_finite()).collect();
+    let parts = text.split(',').count();
+    <[f64; 6]>::try_from(numbers).ok().filter(|_| parts == 6).ok_or_else(|| "six finite numbers".to_owned())
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|s: &f64| (0.0..=86_400.0).contains(s));
+    seconds.ok_or_else(|| "seconds from 0 to 86400".to_owned())
 }
 
 fn address(text: &str) -> Result<SocketAddr, Failure> {

@@ -97,7 +97,8 @@ impl Follower {
             match TcpStream::connect_timeout(&address, PATIENCE) {
                 Ok(stream) => {
                     stream.set_read_timeout(Some(PATIENCE))?;
-                    let steps = now.as_micros().div_ceil(STEP.as_micros());
+                    // At the border of two steps the court may have sent the mark of the second one already.
+                    let steps = now.as_micros() / STEP.as_micros() + 1;
                     return Ok(Self {
                         stream,
                         until: Instant::ZERO + STEP * steps,
@@ -154,5 +155,17 @@ mod tests {
         assert_eq!((court.taken, court.untaken), (3, 1));
         drop(court);
         assert!(client.next(at(9_000)).is_err());
+    }
+
+    #[test]
+    fn a_client_that_connects_at_the_border_of_two_steps_waits_for_no_mark_of_the_one_that_begins_there() {
+        let mut court = Trackers::listen(([127, 0, 0, 1], 0).into()).unwrap();
+        let address = court.listener.local_addr().unwrap().to_string();
+        let at = Instant::from_micros;
+        court.put(&[], at(2_000));
+        let mut client = Follower::connect(&address, at(1_000)).unwrap();
+        assert_eq!(client.next(at(1_900)).unwrap(), None);
+        court.put(&[b"one".to_vec()], at(3_000));
+        assert_eq!(client.next(at(2_100)).unwrap(), Some(b"one".to_vec()));
     }
 }

@@ -41,7 +41,7 @@ const CROSSING_MAX_M: f64 = 0.5;
 const NEAR_M: f64 = 0.02;
 /// A contact that is lost for less than this goes on.
 const GAP: Duration = Duration::from_millis(20);
-const EVENTS_MAX: usize = 4096;
+const EVENTS_MAX: usize = 65_536;
 const CHANNEL: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 5000);
 
 /// An arm and where it stands.
@@ -143,6 +143,8 @@ pub enum CourtEvent {
     Rests { arm: usize },
     /// A ball that rested in the arm's cup is out of it again.
     FellOut { arm: usize },
+    /// The jaws closed around the ball that rested in the arm's cup.
+    Gripped { arm: usize },
 }
 
 /// Position and speed of an arm's joints, rad and rad/s.
@@ -210,6 +212,26 @@ impl Court {
         }
     }
 
+    /// The hand of an arm opens its jaws, or closes them: to a cup, or around a ball that rests in it, where it lies. A ball that is
+    /// gripped shows no marker; it leaves the hand with [`Court::release_at`].
+    pub fn set_jaws(&mut self, arm: usize, open: bool) {
+        if self.holder() == Some(arm) {
+            return;
+        }
+        self.jaws_open[arm] = open;
+        if open && self.resting == Some(arm) {
+            (self.resting, self.slow_since) = (None, None);
+            self.tell(self.now, CourtEvent::FellOut { arm });
+        }
+        if let (BallPlace::Loose(ball), false, Some(in_cup)) = (self.place, open, self.resting)
+            && in_cup == arm
+        {
+            let at_e_m = self.hand(arm).x_we.inverse_transform_point(&ball.p_m);
+            self.place = BallPlace::Held { arm, at_e_m };
+            self.tell(self.now, CourtEvent::Gripped { arm });
+        }
+    }
+
     /// The ball leaves its hand at `at`, within a later step.
     pub fn release_at(&mut self, at: Instant) {
         if let BallPlace::Held { arm, .. } = self.place {
@@ -223,7 +245,15 @@ impl Court {
         (self.crossed, self.resting, self.slow_since) = ([false; 2], None, None);
     }
 
-    /// The cup in which the ball rests now.
+    /// The arm that grips the ball.
+    pub fn holder(&self) -> Option<usize> {
+        match self.place {
+            BallPlace::Held { arm, .. } => Some(arm),
+            BallPlace::Loose(_) => None,
+        }
+    }
+
+    /// The cup in which the ball rests now, gripped or not.
     pub fn resting_in(&self) -> Option<usize> {
         self.resting
     }

@@ -104,3 +104,37 @@ fn a_released_ball_leaves_with_the_hands_velocity_and_the_tracker_sees_it_from_t
     // 15 ms of latency: the flash at 133.3 ms has arrived, that at 141.7 ms has not.
     assert_eq!(stamps.last(), Some(&133_328));
 }
+
+#[test]
+fn jaws_that_close_around_a_ball_at_rest_grip_it_where_it_lies_and_let_it_go_again() {
+    let mut court = thrown(0.03, [0.0, 0.0, -2.0], |_| {});
+    assert_eq!((court.resting_in(), court.holder()), (Some(1), None));
+    let lies_m = court.ball().0;
+    court.set_jaws(1, false);
+    assert_eq!((court.resting_in(), court.holder()), (Some(1), Some(1)));
+    assert!((court.ball().0 - lies_m).norm() < 1e-9);
+    // The order to the other hand changes nothing for the ball.
+    court.set_jaws(0, false);
+    assert_eq!(court.holder(), Some(1));
+    let rest = court.joints;
+    let begin = court.now();
+    court.release_at(begin + Duration::from_millis(5));
+    for ms in 1..=20 {
+        court.step(begin + Duration::from_millis(ms), rest);
+    }
+    assert_eq!((court.resting_in(), court.holder(), court.jaws_open), (None, None, [false, true]));
+    assert!(has(&court, |e| *e == CourtEvent::Gripped { arm: 1 }));
+}
+
+#[test]
+fn jaws_that_open_under_a_ball_let_it_fall_and_closing_beside_a_ball_grips_nothing() {
+    let mut court = thrown(0.0, [0.0, 0.0, -2.0], |_| {});
+    court.set_jaws(1, true);
+    let (rest, begin) = (court.joints, court.now());
+    for ms in 1..=1000 {
+        court.step(begin + Duration::from_millis(ms), rest);
+    }
+    assert_eq!((court.resting_in(), court.holder()), (None, None));
+    court.set_jaws(1, false);
+    assert_eq!(court.holder(), None);
+}

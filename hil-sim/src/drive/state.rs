@@ -135,6 +135,7 @@ pub struct PowerCubeDrive {
     pub(super) inputs: u8,
     pub(super) outputs: u8,
     outputs_changed: Instant,
+    outputs_set: Instant,
 
     // Motion and state, in module coordinates.
     pub(super) generator: SetpointGenerator,
@@ -184,6 +185,7 @@ impl PowerCubeDrive {
             inputs: 0,
             outputs: 0,
             outputs_changed: Instant::ZERO,
+            outputs_set: Instant::ZERO,
             generator: SetpointGenerator::new(options.step_path),
             servo: Servo::new(&plate, 1.0, 1.0, 1.0),
             homing: None,
@@ -233,7 +235,13 @@ impl PowerCubeDrive {
         self.outputs_changed
     }
 
+    /// When the outputs were set last, changed or not.
+    pub fn outputs_set(&self) -> Instant {
+        self.outputs_set
+    }
+
     pub(super) fn set_outputs(&mut self, now: Instant, outputs: u8) {
+        self.outputs_set = now;
         if outputs != self.outputs {
             self.outputs = outputs;
             self.outputs_changed = now;

@@ -1,6 +1,7 @@
 //! The tests of this package as one program: it is linked once.
 
 mod advice;
+mod catch_bounce;
 mod catch_degradation;
 mod catch_truth;
 #[path = "../../tests/command_lines/mod.rs"]

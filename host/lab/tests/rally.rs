@@ -2,11 +2,12 @@
 
 use hil_sim::court::CourtOptions;
 use lab::rally::exchange::{Partners, RallyEnd};
-use lab::rally::on_controller::ControllerArm;
 use lab::rally::study::{Row, row};
 use lab::rally::throws::{draw_throws, place_exists};
+use operator::ball_catch::controller_arm::ControllerArm;
 use operator::ball_catch::thrower::ThrowFault;
 use operator::ball_catch::trial::{CatchOutcome, Pair, TrialOptions, Trouble};
+use planner::catch::Joints;
 use planner::catch::draw::{Aimed, Window};
 
 fn pair() -> Pair {
@@ -122,7 +123,7 @@ fn a_rally_goes_to_and_fro() {
     let partners = Partners::new(CourtOptions::two_arms().unwrap()).unwrap();
     let options = TrialOptions { cooperative: true, ..TrialOptions::default() };
     let rally = partners.play(4, &options, 2, |_, _| {});
-    assert_eq!((rally.end, rally.length()), (RallyEnd::Complete, 4));
+    assert_eq!((&rally.end, rally.length()), (&RallyEnd::Complete, 4));
     assert_eq!(rally.exchanges.iter().map(|e| e.thrower).collect::<Vec<_>>(), [0, 1, 0, 1]);
     // The ball lies at the wall of the cup. It is thrown from there, and the tracker knows the place.
     for pair in rally.exchanges.windows(2) {
@@ -131,4 +132,28 @@ fn a_rally_goes_to_and_fro() {
         assert!((lies_m - seen_m).norm() < 0.002, "{lies_m} {seen_m}");
     }
     assert!(rally.exchanges[1..].iter().any(|e| e.gripped_e_m[0].xy().norm() > 0.03));
+}
+
+/// On the wire the arms stand anywhere: both ways begin there, and the arm that finds none is named.
+#[test]
+fn both_arms_go_from_where_they_stand_to_the_run_up_and_to_the_waiting_pose() {
+    let partners = Partners::new(CourtOptions::two_arms().unwrap()).unwrap();
+    let options = TrialOptions { cooperative: true, ..TrialOptions::default() };
+    let upright = Joints::from([0.0, -90.0, -90.0, 0.0, 0.0, 0.0].map(f64::to_radians));
+    let plan = |k, q: &[Joints; 2]| partners.plan(k, q, partners.first_e_m(), &options, 1);
+    for k in [0, 1] {
+        let planned = plan(k, &[upright; 2]).unwrap();
+        let ends = [planned.aimed.throw.start(), options.wait];
+        for (way, end) in planned.ways.iter().zip(ends) {
+            let way = way.as_ref().unwrap();
+            assert!((way.start_rad() - upright).amax() < 1e-9 && (way.stop_rad() - end).amax() < 1e-9);
+        }
+        assert!(planned.transit_s() > 1.0, "three tenths of the limits: {}", planned.transit_s());
+    }
+    let mut outside = [upright; 2];
+    outside[1][1] = 3.0;
+    let refused = plan(0, &outside).unwrap_err();
+    assert!(matches!(refused, RallyEnd::NoTransit { arm: 1, .. }), "{refused:?}");
+    let [why, _] = refused.not_thrown().unwrap();
+    assert!(why.contains("arm 2") && why.contains("joint 2"), "{why}");
 }

@@ -12,7 +12,11 @@ fn wrong_input_is_refused_with_its_code() {
         ("rally --tracker 127.0.0.1:5000", host::exit::USAGE),
         ("rally --bus-thrower can0 --bus-catcher can0 --tracker 127.0.0.1:0", host::exit::BAD_INPUT),
         ("rally --bus-thrower can0 --bus-catcher sim --tracker 127.0.0.1:0", host::exit::BAD_INPUT),
-        ("rally --bus-thrower can0 --bus-catcher can1 --tracker 127.0.0.1:0 --throws 3", host::exit::USAGE),
+        (
+            "rally --bus-thrower can0 --bus-catcher can1 --tracker 127.0.0.1:0 --trouble bias:2",
+            host::exit::USAGE,
+        ),
+        ("rally --record /tmp/nowhere", host::exit::USAGE),
         ("rally --study 10 --throws 3", host::exit::USAGE),
         ("rally --study 10 --hand hold", host::exit::USAGE),
     ] {

@@ -2,7 +2,7 @@
 //!
 //! | verb | question |
 //! |---|---|
-//! | `throw`, `run`, `identify`, `rally --bus-thrower` | before the first motion; `throw` asks once more before the ball is thrown |
+//! | `throw`, `run`, `identify`, `catch --bus`, `rally --bus-thrower` | before the first motion; `throw` asks once more before the ball is thrown |
 //! | `move`, `servo`, `teach` | before the first motion |
 //! | `home`, `jog` | no question: the order names this one motion, at reduced speed, and `jog` moves only while a key is held or for the time given |
 //!

@@ -204,6 +204,27 @@ pub(super) fn room_to_robot(path: &Path, robot: &str) -> Result<Pose, ExpectedEr
     Ok(Pose::new(solved.x_wr.rotation, solved.x_wr.translation_m))
 }
 
+/// Most that the room may lean against the base of an arm that catches, degrees: gravity is along z of the room, and a lean of one
+/// degree moves a ball by 4 cm in 0.7 s.
+const LEAN_MAX_DEG: f64 = 1.0;
+
+/// Where the base of the robot stands in the room of the tracker, by a calibration that was made for this robot.
+///
+/// # Errors
+/// As [`room_to_robot`], and for a room whose z axis is not that of the base.
+pub fn base_in_room(path: &Path, robot: &str) -> Result<Pose, ExpectedError> {
+    let x_room_base = room_to_robot(path, robot)?.inverse();
+    let lean_deg = x_room_base.rot[(2, 2)].clamp(-1.0, 1.0).acos().to_degrees();
+    if lean_deg <= LEAN_MAX_DEG {
+        return Ok(x_room_base);
+    }
+    Err(ExpectedError::bad_input(&format!(
+        "{}: z of the room leans by {lean_deg:.1} degrees against z of the base; a ball falls along one of them",
+        path.display()
+    ))
+    .next("level the room calibration of the tracker, so that its z axis points up"))
+}
+
 fn solved(calibration: &Calibration, path: &Path) -> Result<Solved, ExpectedError> {
     let refused = |error: Unsolved| ExpectedError::bad_input(&error).at(path.display());
     let solved = solve(&calibration.pairs).map_err(refused)?;

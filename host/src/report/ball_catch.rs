@@ -74,7 +74,12 @@ pub fn answer(outcome: &Outcome, again: &str) -> Answer {
         let (miss_mm, speed_m_s) = (c.miss_m * 1e3, c.speed_m_s);
         format!("at the mouth the ball was {miss_mm:.1} mm off the axis of the cup, at {speed_m_s:.2} m/s against it")
     });
-    let seen = missed.unwrap_or_else(|| "the ball did not reach the mouth of the cup".to_owned());
+    let unseen = if outcome.by_tracker {
+        "by what the tracker shows; nobody measured how the ball crossed the mouth of the cup"
+    } else {
+        "the ball did not reach the mouth of the cup"
+    };
+    let seen = missed.unwrap_or_else(|| unseen.to_owned());
     match (outcome.caught, outcome.reported) {
         (true, _) => Answer::new("caught: the ball rests in the cup", Tone::Good, seen, again),
         (_, CatchOutcome::Declined(why)) => Answer::new("declined", Tone::Warn, why.to_string(), again),

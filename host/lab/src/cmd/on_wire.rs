@@ -1,44 +1,57 @@
-//! `cubelab rally --bus-thrower --bus-catcher --tracker`: one throw over the wire, in real time or in lock step.
+//! `cubelab rally --bus-thrower --bus-catcher --tracker`: a rally over the wire, in real time or in lock step.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
 
 use can_link::BusSpec;
 use hil_sim::court::CourtOptions;
+use host::cmd::catch::on_bus::{as_json as caught_json, clocks_text, failed, path_json};
+use host::cmd::catch::outcome::reported_text;
 use host::cmd::consent::Consent;
+use host::cmd::tracker::base_in_room;
 use host::error::ExpectedError;
 use host::exit;
-use operator::ball_catch::trial::{Pair, TrialOptions};
+use operator::ball_catch::trial::TrialOptions;
+use operator::ball_catch::wire::ArmOnBus;
 use operator::dialogue::operator::OperatorError;
 use operator::interrupt::interrupt;
-use planner::catch::draw::Window;
+use operator::log::mcap;
+use protocol::{Duration, Instant};
 use serde_json::{Value, json};
 
-use crate::rally::on_wire::{WireError, WireOptions, WireOutcome, run};
-use crate::rally::throws::{draw_throws, place_exists};
-
-/// Throws that are drawn until one has a place where it can be caught.
-const DRAWS: usize = 40;
-/// Flight times, s: shorter ones leave too little time in which the tracker sees the ball.
-const FLIGHT_S: (f64, f64) = (0.6, 0.9);
+use crate::rally::exchange::{Partners, Rally, RallyEnd};
+use crate::rally::on_wire::{WireExchange, WireOptions, WireRally, play};
+use crate::report;
 
 /// Where arms and tracker are.
 #[derive(Debug, clap::Args)]
 pub struct Wire {
-    /// Bus of the arm that throws: instead of a rally in virtual time one throw in real time, with a controller in this
+    /// Bus of the arm that throws first: instead of a rally in virtual time one in real time, with a controller in this
     /// program on each bus. Place the arms as the court says.
-    #[arg(long, value_parser = can_link::bus_of_option, value_name = "SPEC", requires_all = ["bus_catcher", "tracker"], conflicts_with_all = ["study", "trouble", "report", "throws"], help_heading = "Over the wire")]
+    #[arg(long, value_parser = can_link::bus_of_option, value_name = "SPEC", requires_all = ["bus_catcher", "tracker"], conflicts_with_all = ["study", "trouble"], help_heading = "Over the wire")]
     pub bus_thrower: Option<BusSpec>,
-    /// Bus of the arm that catches.
+    /// Bus of the arm that catches first.
     #[arg(long, value_parser = can_link::bus_of_option, value_name = "SPEC", requires = "bus_thrower", help_heading = "Over the wire")]
     pub bus_catcher: Option<BusSpec>,
     /// Address of this machine to which the tracker (DTrack) sends its data. With lockstep:// for both buses: where
     /// `hil-sim serve-court` has them (its --data).
     #[arg(long, value_name = "HOST:PORT", requires = "bus_thrower", help_heading = "Over the wire")]
     pub tracker: Option<String>,
+    /// Where the first arm stands in the tracker's room, by a file of `cubectl tracker calibrate` [default: as the court says].
+    #[arg(long, value_name = "FILE", requires_all = ["bus_thrower", "calibration_catcher"], help_heading = "Over the wire")]
+    pub calibration_thrower: Option<PathBuf>,
+    /// Where the second arm stands there.
+    #[arg(long, value_name = "FILE", requires_all = ["bus_thrower", "calibration_thrower"], help_heading = "Over the wire")]
+    pub calibration_catcher: Option<PathBuf>,
     /// Do not ask before the arms move.
     #[arg(long, requires = "bus_thrower", help_heading = "Over the wire")]
     pub yes: bool,
     /// Control period of both controllers, ms: 3, 5, 10 or 17.
     #[arg(long, value_name = "MS", default_value_t = 5, requires = "bus_thrower", value_parser = clap::value_parser!(u32).range(1..=40), help_heading = "Over the wire")]
     pub period: u32,
+    /// Record both buses into this folder: arm-1.log and arm-1.mcap, arm-2.log and arm-2.mcap; and ball.mcap, what the tracker shows.
+    #[arg(long, value_name = "FOLDER", requires = "bus_thrower", help_heading = "Over the wire")]
+    pub record: Option<PathBuf>,
 }
 
 impl Wire {
@@ -47,14 +60,9 @@ impl Wire {
         self.bus_thrower.is_some()
     }
 
-    /// Draws a throw, throws and catches.
-    pub(super) fn run(
-        &self,
-        court: CourtOptions,
-        options: &TrialOptions,
-        seed: u64,
-    ) -> Result<WireOutcome, ExpectedError> {
-        let (Some(thrower), Some(catcher), Some(tracker)) =
+    /// The arms of the court on their buses.
+    fn options(&self, court: &CourtOptions) -> Result<WireOptions, ExpectedError> {
+        let (Some(first), Some(second), Some(tracker)) =
             (&self.bus_thrower, &self.bus_catcher, &self.tracker)
         else {
             return Err(ExpectedError::new(
@@ -63,7 +71,7 @@ impl Wire {
             )
             .next("give --bus-thrower, --bus-catcher and --tracker"));
         };
-        if thrower == catcher || [thrower, catcher].contains(&&BusSpec::Sim) {
+        if first == second || [first, second].contains(&&BusSpec::Sim) {
             return Err(ExpectedError::bad_input(
                 &"thrower and catcher need a bus of their own each: signs of life to the drives go to \
                      everybody on a bus",
@@ -71,115 +79,143 @@ impl Wire {
             .next("two places, as `hil-sim serve-court` has them"));
         }
         let is_in_step = |spec: &BusSpec| matches!(spec, BusSpec::Lockstep { .. });
-        if is_in_step(thrower) != is_in_step(catcher) {
+        if is_in_step(first) != is_in_step(second) {
             return Err(ExpectedError::bad_input(
                 &"two buses have one time: lock step or the machine's, not both",
             )
             .next("give lockstep:// for both, or for none"));
         }
+        if let Some(folder) = &self.record {
+            std::fs::create_dir_all(folder).map_err(|e| ExpectedError::output(folder, &e))?;
+        }
+        let arm = |k: usize, bus: &BusSpec| ArmOnBus {
+            bus: bus.clone(),
+            robot: court.arms[k].model.clone(),
+            period_us: self.period * 1_000,
+            record: self.record.as_ref().map(|folder| folder.join(format!("arm-{}", k + 1))),
+        };
+        Ok(WireOptions { arms: [arm(0, first), arm(1, second)], tracker: tracker.clone() })
+    }
+
+    /// Throws to and fro.
+    pub(super) fn run(
+        &self,
+        mut court: CourtOptions,
+        throws: usize,
+        options: &TrialOptions,
+        seed: u64,
+        report: Option<&Path>,
+        observe: impl FnMut(usize, &WireExchange),
+    ) -> Result<WireRally, ExpectedError> {
+        let wire = self.options(&court)?;
+        for (arm, file) in court.arms.iter_mut().zip([&self.calibration_thrower, &self.calibration_catcher]) {
+            if let Some(file) = file {
+                arm.x_wb = base_in_room(file, arm.model.name())?;
+            }
+        }
         // Both buses are real ones; the question names them together.
-        Consent::on(thrower, self.yes)?.require(
-            "Both arms home, one throws and the other catches. Ball in the hand, nobody near?",
+        Consent::on(&wire.arms[0].bus, self.yes)?.require(
+            "Both arms home and throw to each other. Ball in the hand of the first one, nobody near?",
             &interrupt(),
         )?;
-        let robot = court.arms[0].model.name().to_owned();
-        let pair = Pair::new(court).map_err(|why| ExpectedError::bad_input(&why))?;
-        let window = Window { flight_s: FLIGHT_S, ..Window::default() };
-        let throws = draw_throws(&pair, &window, DRAWS, seed).unwrap_or_default();
-        let aimed = throws.iter().find(|aimed| place_exists(&pair, aimed, options)).ok_or_else(|| {
-            ExpectedError::new(exit::NO_THROW, "no throw was found that the other arm catches")
-                .next("set the arms of the court 2 to 3 m apart, or another --seed")
+        let partners = Partners::new(court).map_err(|why| ExpectedError::bad_input(&why))?;
+        let rally = play(&partners, throws, options, &wire, seed, observe).map_err(|broken| {
+            let error = failed(*broken.why);
+            match broken.arm {
+                Some(arm) if error.code != exit::INTERRUPTED => error.at(format!("arm {}", arm + 1)),
+                _ => error,
+            }
         })?;
-        let wire = WireOptions {
-            thrower: thrower.clone(),
-            catcher: catcher.clone(),
-            tracker: tracker.clone(),
-            robot,
-            period_us: self.period * 1_000,
-        };
-        run(&pair, aimed, options, &wire).map_err(failed)
-    }
-}
-
-fn failed(why: WireError) -> ExpectedError {
-    match why {
-        WireError::Bus(why) => why.into(),
-        WireError::Operator(why) => why.into(),
-        WireError::Settings(_) | WireError::Period(_) | WireError::Trajectory(_) => {
-            ExpectedError::bad_input(&why)
+        if let Some(folder) = &self.record {
+            let file = folder.join("ball.mcap");
+            record_ball(&file, &rally).map_err(|e| ExpectedError::output(&file, &e))?;
         }
-        WireError::Tracker { .. } | WireError::Silent { .. } => ExpectedError::of(exit::BUS, &why),
-        WireError::Arm { .. } | WireError::NotReady => ExpectedError::of(exit::DRIVE, &why),
-    }
-}
-
-/// Why the throw did not run to its end, with the exit code.
-pub(super) fn not_thrown(thrown: Result<(), OperatorError>) -> Option<ExpectedError> {
-    match thrown {
-        Ok(()) => None,
-        Err(why @ OperatorError::Stopped { .. }) => {
-            Some(ExpectedError::of(exit::STOPPED, &why).at("the thrower"))
+        if let (Some(file), Some(last)) = (report, rally.exchanges.last()) {
+            let shown = Rally {
+                exchanges: rally.exchanges.iter().map(WireExchange::as_shown).collect(),
+                end: rally.end.clone(),
+            };
+            if let Some(exchange) = shown.exchanges.last() {
+                let page = report::rally(&shown, &last.planned.pair, exchange, options.jerk);
+                std::fs::write(file, page).map_err(|e| ExpectedError::output(file, &e))?;
+            }
         }
-        Err(why) => Some(why.into()),
+        Ok(rally)
     }
 }
 
-/// The outcome as text.
-pub(super) fn as_text(outcome: &WireOutcome, reported: &str) -> String {
-    let mut out = format!("reported: {reported}\n");
-    out += &match &outcome.thrown {
-        Ok(()) => "  thrower: the throw ran to its end\n".to_owned(),
-        Err(why) => format!("  thrower: {why}\n"),
+/// What the tracker showed of the ball, at the times of the recordings of the buses.
+fn record_ball(file: &Path, rally: &WireRally) -> std::io::Result<()> {
+    let Some(first) = rally.exchanges.first() else { return Ok(()) };
+    let (_, zero_unix) = first.caught.zero;
+    let mut log = mcap::Log::new(File::create_new(file)?, zero_unix, None)?;
+    for exchange in &rally.exchanges {
+        let (zero, unix) = exchange.caught.zero;
+        let radius_m = exchange.planned.pair.court.ball.radius_m;
+        for (t_s, p_m) in &exchange.caught.ball {
+            // The clocks of the sessions begin at different times.
+            let at_s = (unix.as_secs_f64() - zero_unix.as_secs_f64()) + zero.as_secs_f64() + t_s;
+            log.ball(Instant::ZERO + Duration::from_secs_f64(at_s.max(0.0)), (*p_m).into(), radius_m)?;
+        }
+    }
+    log.finish()
+}
+
+/// How the rally ended, with its exit code.
+pub(super) fn ended(rally: WireRally) -> Result<(), ExpectedError> {
+    if let Some([why, next]) = rally.end.not_thrown() {
+        return Err(ExpectedError::new(exit::NO_THROW, why).next(next));
+    }
+    let Some(last) = rally.exchanges.into_iter().last().filter(|_| rally.end == RallyEnd::NotCaught) else {
+        return Ok(());
     };
-    if let Some((after_s, probability)) = outcome.choice {
-        out += &format!(
-            "  catch {after_s:.3} s after the planned release, predicted probability {probability:.2}\n"
-        );
-    }
-    let clocks = &outcome.clocks;
-    out += &format!(
-        "  end states: {} taken, {} refused; {} decisions, the longest {:.1} ms\n",
-        outcome.answered.0,
-        outcome.answered.1,
-        outcome.decisions,
-        outcome.longest_decision_s * 1e3
-    );
-    out += &format!(
-        "  clocks: this machine less the tracker {:.4} s, by the least late of {} datagrams, after the release at most {:.1} ms later than that; controllers known to {:.1} ms (thrower) and {:.1} ms (catcher){}\n",
-        clocks.tracker_offset_s,
-        clocks.datagrams,
-        outcome.latest_datagram_s * 1e3,
-        clocks.controllers_off_s[0] * 1e3,
-        clocks.controllers_off_s[1] * 1e3,
-        match clocks.catcher_held {
-            Some(true) => "",
-            Some(false) => "; the catcher's clock has jumped",
-            None => "; the catcher's clock was not readable at the end",
+    match last.thrown.ended {
+        Ok(()) => Err(host::cmd::catch::outcome::why_not_caught(last.caught.reported)),
+        Err(why @ OperatorError::Stopped { .. }) => {
+            Err(ExpectedError::of(exit::STOPPED, &why).at("the thrower"))
         }
+        Err(why) => Err(why.into()),
+    }
+}
+
+/// An exchange as text.
+pub(super) fn exchange_text(k: usize, exchange: &WireExchange) -> String {
+    let caught = &exchange.caught;
+    let [x, y, _] = exchange.gripped_e_m.into();
+    let mut out = format!(
+        "{:2}: arm {} throws from {:.0} mm beside the axis of its cup, flight {:.2} s: {}\n",
+        k + 1,
+        exchange.thrower + 1,
+        f64::hypot(x, y) * 1e3,
+        exchange.planned.aimed.flight_s,
+        reported_text(caught.reported)
     );
+    if let Err(why) = &exchange.thrown.ended {
+        out += &format!("  thrower: {why}\n");
+    }
+    out += &clocks_text(caught, exchange.release_s, "the release");
+    out += &format!("  thrower's controller known to {:.1} ms\n", exchange.thrown.clock_off_s * 1e3);
     out
 }
 
-/// The outcome as JSON.
-pub(super) fn as_json(outcome: &WireOutcome, reported: &str) -> Value {
-    let clocks = &outcome.clocks;
+/// The rally as JSON; times of an exchange count from its planned release.
+pub(super) fn as_json(rally: &WireRally) -> Value {
     json!({
-        "reported": reported,
-        "thrown": outcome.thrown.as_ref().map_or_else(ToString::to_string, |()| "ended".to_owned()),
-        "choice": outcome.choice.map(|(after_s, probability)| json!({
-            "after_release_s": after_s, "probability": probability,
-        })),
-        "end_states": {"taken": outcome.answered.0, "refused": outcome.answered.1},
-        "refusals": outcome.refusals.iter().map(ToString::to_string).collect::<Vec<_>>(),
-        "decisions": outcome.decisions,
-        "longest_decision_s": outcome.longest_decision_s,
-        "clocks": {
-            "tracker_offset_s": clocks.tracker_offset_s,
-            "datagrams": clocks.datagrams,
-            "latest_datagram_s": outcome.latest_datagram_s,
-            "thrower_off_s": clocks.controllers_off_s[0],
-            "catcher_off_s": clocks.controllers_off_s[1],
-            "catcher_held": clocks.catcher_held,
-        },
+        "length": rally.length(),
+        "complete": rally.end == RallyEnd::Complete,
+        "exchanges": rally.exchanges.iter().map(exchange_json).collect::<Vec<_>>(),
     })
+}
+
+fn exchange_json(exchange: &WireExchange) -> Value {
+    let mut json = caught_json(&exchange.caught, exchange.release_s);
+    json["thrower"] = json!(exchange.thrower + 1);
+    json["flight_s"] = json!(exchange.planned.aimed.flight_s);
+    json["transit_s"] = json!(exchange.planned.transit_s());
+    json["planned_gripped_e_m"] = json!(exchange.gripped_e_m.as_slice());
+    json["thrown"] =
+        json!(exchange.thrown.ended.as_ref().map_or_else(ToString::to_string, |()| "ended".to_owned()));
+    json["clocks"]["thrower_off_s"] = json!(exchange.thrown.clock_off_s);
+    json["trace"]["thrower"] = path_json(&exchange.thrown.joints, exchange.release_s, "q_rad", |q| &q[..]);
+    json
 }

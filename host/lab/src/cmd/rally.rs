@@ -4,26 +4,27 @@ use std::path::PathBuf;
 
 use hil_sim::court::CourtOptions;
 use host::cmd::catch::catching::Catching;
-use host::cmd::catch::outcome::{as_json, ended, reported_text, why_not_caught};
+use host::cmd::catch::outcome::{as_json, ended, reported_text};
 use host::cmd::print_json;
 use host::cmd::progress::while_working;
 use host::error::ExpectedError;
 use host::exit;
 use operator::ball_catch::limits::Executed;
-use operator::ball_catch::trial::{CatchOutcome, TrialOptions};
+use operator::ball_catch::trial::TrialOptions;
 use serde_json::{Value, json};
 
 use super::on_wire::{self, Wire};
+use crate::rally::calibration::CalibrationBin;
 use crate::rally::exchange::{Exchange, Partners, Rally, RallyEnd};
 use crate::rally::study::{self, Row, Share, StudyOptions};
 use crate::report;
 
 /// Options that change nothing in a study.
-const NOT_OF_A_STUDY: [&str; 6] = ["throws", "eyes_only", "hand", "jerk", "trouble", "report"];
+const NOT_OF_A_STUDY: [&str; 7] = ["throws", "eyes_only", "hand", "jerk", "restitution", "trouble", "report"];
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubelab rally --throws 20 --report rally.html\n  cubelab rally --throws 4 --trouble frames-lost:0.1 --trouble bias:2\n  cubelab rally --study 500 --json > study.json          # the tables of shares; some minutes\n  cubelab rally --bus-thrower socketcand://127.0.0.1:29536/can0 --bus-catcher socketcand://127.0.0.1:29537/can0 \\\n      --tracker 127.0.0.1:5000                           # one throw in real time, with `hil-sim serve-court` or with arms\n\nTwo arms of the court throw a ball to each other and catch it with open cups, in virtual time. The partners cooperate: the\ncatcher knows the plan of the throw, and the thrower takes the throw that is most surely caught. Whether a ball is caught\nis decided by the simulated contact of ball and cup; what the catcher reports comes from what its tracker saw."
+    after_help = "Examples:\n  cubelab rally --throws 20 --report rally.html\n  cubelab rally --throws 4 --trouble frames-lost:0.1 --trouble bias:2\n  cubelab rally --study 500 --json > study.json          # the tables of shares; some minutes\n  cubelab rally --bus-thrower socketcand://127.0.0.1:29536/can0 --bus-catcher socketcand://127.0.0.1:29537/can0 \\\n      --tracker 127.0.0.1:5000                           # in real time, with `hil-sim serve-court` or with arms\n\nTwo arms of the court throw a ball to each other and catch it with open cups, in virtual time. The partners cooperate: the\ncatcher knows the plan of the throw, and the thrower takes the throw that is most surely caught. Whether a ball is caught\nis decided by the simulated contact of ball and cup; what the catcher reports comes from what its tracker saw."
 )]
 pub struct Args {
     /// Throws at most; the rally ends with the first ball that is not caught.
@@ -41,7 +42,7 @@ pub struct Args {
     /// Of the study only settings whose name has this in it.
     #[arg(long, value_name = "TEXT", requires = "study", conflicts_with_all = NOT_OF_A_STUDY)]
     pub only: Option<String>,
-    /// One throw over the wire.
+    /// Over the wire.
     #[command(flatten)]
     pub wire: Wire,
     /// Write a report of the last exchange: both arms, predicted and actual miss, probability over time, decisions.
@@ -87,27 +88,29 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         }
     }
     match (rally.end.not_thrown(), rally.exchanges.last()) {
-        (Some([why, next]), _) => Err(ExpectedError::new(exit::NO_THROW, why.to_string()).next(next)),
+        (Some([why, next]), _) => Err(ExpectedError::new(exit::NO_THROW, why).next(next)),
         (None, Some(last)) if rally.end == RallyEnd::NotCaught => ended(&last.outcome),
         (None, _) => Ok(()),
     }
 }
 
-/// One throw over two buses in real time.
+/// A rally over two buses.
 fn on_wire(args: &Args, court: CourtOptions, options: &TrialOptions) -> Result<(), ExpectedError> {
-    let outcome = args.wire.run(court, options, args.catching.seed)?;
+    let (throws, seed, report) = (args.throws as usize, args.catching.seed, args.report.as_deref());
+    let rally = args.wire.run(court, throws, options, seed, report, |k, exchange| {
+        if !args.json {
+            console::text!("{}", on_wire::exchange_text(k, exchange));
+        }
+    })?;
     if args.json {
-        print_json(&on_wire::as_json(&outcome, &reported_text(outcome.reported)));
+        print_json(&on_wire::as_json(&rally));
     } else {
-        console::text!("{}", on_wire::as_text(&outcome, &reported_text(outcome.reported)));
+        console::line!("{} catches in a row", rally.length());
+        if let (Some(file), false) = (report, rally.exchanges.is_empty()) {
+            console::line!("report: {}", file.display());
+        }
     }
-    if let Some(why) = on_wire::not_thrown(outcome.thrown) {
-        return Err(why);
-    }
-    match outcome.reported {
-        CatchOutcome::Caught => Ok(()),
-        other => Err(why_not_caught(other)),
-    }
+    on_wire::ended(rally)
 }
 
 fn exchange_text(k: usize, exchange: &Exchange) -> String {
@@ -188,12 +191,16 @@ fn row_text(row: &Row) -> String {
         shares.collect::<Vec<_>>().join(" ")
     };
     let executed = |arm: &Executed| format!("{:.0} / {:.0} %", arm.speed * 100.0, arm.acceleration * 100.0);
-    let first = row.first_decision.0.iter().filter(|bin| bin.of > 0);
-    let first: Vec<String> =
-        first.map(|bin| format!("{:.2}: {}/{}", bin.predicted, bin.caught, bin.of)).collect();
+    let bins = |bins: &[CalibrationBin]| {
+        let bins = bins.iter().filter(|bin| bin.of > 0);
+        let bins = bins.map(|bin| format!("{:.2}: {}/{}", bin.predicted, bin.caught, bin.of));
+        bins.collect::<Vec<_>>().join(", ")
+    };
     format!(
-        "{name}\n  caught {}; of those with a place {} (without one {caught_without_place}); by the rule {:.1} %; by flight time {}; with a place {}\n  miss {:.1} mm (50 %), {:.1} mm (95 %); declined {declined}; not caught and reported {safe}; reported wrongly {silent:?}; limit passed {limit_passed:?}; touched although declined {not_clear:?} (and column or turntable {declined_at_base}); refused {refusals}\n  largest speed and acceleration: thrower {}, catcher {}\n  decision {:.0} / {:.0} us (50 / 99 %), {judged:.0} candidates; waits at {wait_deg:.0?} deg\n  first decision, predicted: caught of all {}; Brier score {:.3}\n",
+        "{name}\n  caught {}, of those begun {} (predicted {:.1} %); of those with a place {} (without one {caught_without_place}); by the rule {:.1} %; by flight time {}; with a place {}\n  miss {:.1} mm (50 %), {:.1} mm (95 %); declined {declined}; not caught and reported {safe}; reported wrongly {silent:?}; limit passed {limit_passed:?}; touched although declined {not_clear:?} (and column or turntable {declined_at_base}); refused {refusals}\n  largest speed and acceleration: thrower {}, catcher {}\n  decision {:.0} / {:.0} us (50 / 99 %), {judged:.0} candidates; waits at {wait_deg:.0?} deg\n  first decision, predicted: caught of all {}; Brier score {:.3}\n  last decision, of those begun {}; Brier score {:.3}\n",
         share(&row.caught),
+        share(&row.begun),
+        row.predicted * 100.0,
         share(&row.of_possible),
         row.by_rule.value() * 100.0,
         by_flight(&row.by_flight, 0),
@@ -204,7 +211,9 @@ fn row_text(row: &Row) -> String {
         executed(&row.executed[1]),
         row.decision_us.0,
         row.decision_us.1,
-        first.join(", "),
-        row.first_decision.1
+        bins(&row.first_decision.0),
+        row.first_decision.1,
+        bins(&row.last_decision.0),
+        row.last_decision.1
     )
 }

@@ -11,10 +11,12 @@ use operator::ball_catch::trial::{Outcome, Pair, TrialOptions};
 use planner::catch::Joints;
 use planner::catch::arm::{CatchArm, NotACatcher};
 use planner::catch::draw::{Aimed, Window};
-use planner::catch::law::{Pieces, State};
-use planner::catch::motion::{CatchMotion, Fault, check};
+use planner::catch::law::State;
+use planner::catch::motion::{CatchMotion, check};
 use planner::catch::search::search;
 use planner::catch::task::Start;
+use planner::motion::Motion;
+use planner::way::{Travel, WayError, way};
 use robot_model::Pose;
 use robot_model::collision::{CollisionChecker, Obb, Scene};
 
@@ -22,13 +24,10 @@ use super::throws::{draw_throws, true_forecast};
 
 /// Throws that are drawn for one exchange; the one that is most surely caught is thrown.
 const DRAWS: usize = 24;
-/// Transits last from this on, longer by a quarter at each try, s.
-const TRANSIT_S: (f64, f64) = (0.4, 6.0);
+/// A throw is as sure as can be if its catch is foreseen with this probability.
+const SURE: f64 = 0.95;
 /// Half of the thickness of the wall between the arms, m.
 const WALL_M: f64 = 0.5;
-/// A pose from which every other one is near, deg.
-const UPRIGHT_DEG: [f64; 6] = [0.0, -90.0, -90.0, 0.0, 0.0, 0.0];
-
 /// One throw and its catch.
 #[derive(Debug, Clone)]
 pub struct Exchange {
@@ -44,7 +43,7 @@ pub struct Exchange {
 }
 
 /// Why a rally ended before its number of throws.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum RallyEnd {
     Complete,
     /// The last ball was not caught, or the catcher does not know that it was.
@@ -52,7 +51,29 @@ pub enum RallyEnd {
     /// No throw was found that the other arm catches.
     NoThrow,
     /// An arm found no way to its next pose.
-    NoTransit,
+    NoTransit {
+        /// 0 or 1.
+        arm: usize,
+        why: WayError,
+    },
+}
+
+/// What both arms do for one throw.
+#[derive(Debug, Clone)]
+pub struct Planned {
+    /// Thrower and catcher, the ball gripped where the plan has it.
+    pub pair: Pair,
+    pub aimed: Aimed,
+    /// Ways of thrower and catcher to the run-up and to the waiting pose, free of contact; `None` for an arm that is there.
+    pub ways: [Option<Motion>; 2],
+}
+
+impl Planned {
+    /// How long both arms take to get ready, s.
+    #[must_use]
+    pub fn transit_s(&self) -> f64 {
+        self.ways.iter().flatten().map(Motion::duration_s).fold(0.0, f64::max)
+    }
 }
 
 #[derive(Debug, Clone)]
@@ -64,16 +85,17 @@ pub struct Rally {
 
 impl RallyEnd {
     /// Why no ball was thrown any more, and what to do; `None` if the last ball ended the rally.
-    pub const fn not_thrown(self) -> Option<[&'static str; 2]> {
+    pub fn not_thrown(&self) -> Option<[String; 2]> {
         match self {
             Self::Complete | Self::NotCaught => None,
             Self::NoThrow => Some([
-                "no throw was found that the other arm catches",
-                "set the arms of the court 2 to 3 m apart, or another --seed",
+                "no throw was found that the other arm catches".to_owned(),
+                "set the arms of the court 2 to 3 m apart, or another --seed".to_owned(),
             ]),
-            Self::NoTransit => {
-                Some(["an arm found no way to its next pose without contact", "another --seed"])
-            }
+            Self::NoTransit { arm, why } => Some([
+                format!("arm {} found no way to its next pose without contact: {why}", arm + 1),
+                "bring it to a pose that is free, on its own side of the court; or another --seed".to_owned(),
+            ]),
         }
     }
 }
@@ -111,6 +133,12 @@ impl Partners {
         Ok(Self { pairs, walls, window, first_e_m })
     }
 
+    /// Where the first ball is gripped, in the end-effector frame, m.
+    #[must_use]
+    pub const fn first_e_m(&self) -> Vector3<f64> {
+        self.first_e_m
+    }
+
     /// The pair in which arm `thrower` throws.
     pub fn pair(&self, thrower: usize) -> &Pair {
         &self.pairs[thrower]
@@ -131,30 +159,14 @@ impl Partners {
         for k in 0..throws {
             let thrower = k % 2;
             let [true_e_m, planned_e_m] = gripped_e_m;
-            let pair = &self.pairs[thrower].clone().gripped_at(planned_e_m);
             let options = &TrialOptions { grip_off_m: true_e_m - planned_e_m, ..options.clone() };
-            let seed = seed.wrapping_mul(1_000_003).wrapping_add(k as u64);
-            // The catcher's side of the other pair is the arm that throws now.
-            let arms = [self.pairs[1 - thrower].catcher(options.jerk), pair.catcher(options.jerk)];
-            let walls = [&self.walls[1 - thrower], &self.walls[thrower]];
-            let mut throws = self.best_throws(pair, options, seed);
-            // The jaws are open during a throw and closed to a cup before and after it.
-            throws.retain(|aimed| {
-                let ends = [aimed.throw.start(), aimed.throw.stop()];
-                ends.iter().all(|q| stands(arms[0], walls[0], q))
-            });
-            if throws.is_empty() {
-                return Rally { exchanges, end: RallyEnd::NoThrow };
-            }
-            let wait_s = transit(arms[1], walls[1], &q[1 - thrower], &options.wait, &options.wait);
-            let ready = throws.into_iter().find_map(|aimed| {
-                let run_up_s = transit(arms[0], walls[0], &q[thrower], &aimed.throw.start(), &options.wait)?;
-                Some((aimed, run_up_s.max(wait_s?)))
-            });
-            let Some((aimed, transit_s)) = ready else {
-                return Rally { exchanges, end: RallyEnd::NoTransit };
+            let planned = match self.plan(k, &q, planned_e_m, options, seed) {
+                Ok(planned) => planned,
+                Err(end) => return Rally { exchanges, end },
             };
-            let outcome = pair.run(&aimed, options, seed);
+            let transit_s = planned.transit_s();
+            let Planned { pair, aimed, .. } = planned;
+            let outcome = pair.run(&aimed, options, of_throw(seed, k));
             q[thrower] = aimed.throw.stop();
             // Without a catch the arm may have moved out of the way, and the ball have fallen into its cup all the same.
             let stands = || outcome.trace.last().map_or(options.wait, |last| last.q[1]);
@@ -172,24 +184,73 @@ impl Partners {
         Rally { exchanges, end: RallyEnd::Complete }
     }
 
-    /// Throws that the other arm can catch, the one with the largest margin first.
-    fn best_throws(&self, pair: &Pair, options: &TrialOptions, seed: u64) -> Vec<Aimed> {
+    /// Throw number `k`, from 0, from where the arms stand (joints of arm 0 and 1, rad) and where the ball is gripped (in the
+    /// end-effector frame of the arm that throws, m). The first throw is the slowest of those that are surely caught.
+    ///
+    /// # Errors
+    /// Why there is none.
+    pub fn plan(
+        &self,
+        k: usize,
+        q: &[Joints; 2],
+        gripped_e_m: Vector3<f64>,
+        options: &TrialOptions,
+        seed: u64,
+    ) -> Result<Planned, RallyEnd> {
+        let thrower = k % 2;
+        let pair = self.pairs[thrower].clone().gripped_at(gripped_e_m);
+        // The catcher's side of the other pair is the arm that throws now.
+        let arms = [self.pairs[1 - thrower].catcher(options.jerk), pair.catcher(options.jerk)];
+        let walls = [&self.walls[1 - thrower], &self.walls[thrower]];
+        let mut throws = self.best_throws(&pair, options, k == 0, of_throw(seed, k));
+        // The jaws are open during a throw and closed to a cup before and after it.
+        throws.retain(|aimed| {
+            let ends = [aimed.throw.start(), aimed.throw.stop()];
+            ends.iter().all(|q| stands(arms[0], walls[0], q))
+        });
+        let go = |side: usize, to: &Joints| {
+            let arm = [thrower, 1 - thrower][side];
+            way(arms[side].model(), walls[side], &Travel::default(), &q[arm], to)
+                .map_err(|why| RallyEnd::NoTransit { arm, why })
+        };
+        let to_wait = go(1, &options.wait)?;
+        let mut end = RallyEnd::NoThrow;
+        for aimed in throws {
+            match go(0, &aimed.throw.start()) {
+                Ok(run_up) => return Ok(Planned { pair, aimed, ways: [run_up, to_wait] }),
+                Err(why) => end = why,
+            }
+        }
+        Err(end)
+    }
+
+    /// Throws that the other arm can catch, the one with the largest margin first; with `slow` the slowest of the sure ones.
+    fn best_throws(&self, pair: &Pair, options: &TrialOptions, slow: bool, seed: u64) -> Vec<Aimed> {
         let throws = draw_throws(pair, &self.window, DRAWS, seed).unwrap_or_default();
         let state = std::array::from_fn(|i| State::rest(options.wait[i]));
         let start = Start { at_s: 0.0, state: &state, under_way: None };
-        let gravity_m_s2 = pair.court.arms[0].model.world().gravity_m_s2;
+        let thrower = &pair.court.arms[0].model;
+        let v_max_rad_s = thrower.limit(|limits| limits.v_max_rad_s);
         let judged = throws.into_iter().filter_map(|aimed| {
             let release_s = aimed.throw.ha_s.max(0.3);
-            let forecast = true_forecast(&pair.court.ball, &aimed, release_s, gravity_m_s2);
+            let forecast = true_forecast(&pair.court.ball, &aimed, release_s, thrower.world().gravity_m_s2);
             let choice = search(pair.catcher(options.jerk), &options.settings, &start, &forecast).0.ok()?;
+            let speed = aimed.throw.qd_rad_s.component_div(&v_max_rad_s).amax();
             // What a correction can still use, late in a long flight.
-            let score = choice.probability - 0.5 * choice.used + 0.3 * (choice.t_s - release_s);
+            let margin = choice.probability - 0.5 * choice.used + 0.3 * (choice.t_s - release_s);
+            let score =
+                if slow && choice.probability >= SURE { 2.0 - speed.max(choice.used) } else { margin };
             Some((score, aimed))
         });
         let mut judged: Vec<(f64, Aimed)> = judged.collect();
         judged.sort_by(|a, b| b.0.total_cmp(&a.0));
         judged.into_iter().map(|(_, aimed)| aimed).collect()
     }
+}
+
+/// Seed of all chance of throw number `k`.
+const fn of_throw(seed: u64, k: usize) -> u64 {
+    seed.wrapping_mul(1_000_003).wrapping_add(k as u64)
 }
 
 fn stands(arm: &CatchArm, wall: &Scene, q: &Joints) -> bool {
@@ -211,38 +272,4 @@ fn wall(pair: &Pair) -> Scene {
 
 fn end_of(motion: &CatchMotion) -> Joints {
     motion.joints_at(motion.end_s()).0
-}
-
-/// How long the way from one posture at rest to another takes: straight, by `via`, or upright; `None` if all touch something.
-fn transit(arm: &CatchArm, wall: &Scene, from: &Joints, to: &Joints, via: &Joints) -> Option<f64> {
-    let upright = Joints::from(UPRIGHT_DEG.map(f64::to_radians));
-    let by = |via: &Joints| Some(leg(arm, wall, from, via)? + leg(arm, wall, via, to)?);
-    leg(arm, wall, from, to).or_else(|| by(via)).or_else(|| by(&upright))
-}
-
-fn leg(arm: &CatchArm, wall: &Scene, from: &Joints, to: &Joints) -> Option<f64> {
-    let mut checker = CollisionChecker::new(arm.model(), wall);
-    let limits = arm.limits(false);
-    let mut t_s = TRANSIT_S.0;
-    while t_s < TRANSIT_S.1 {
-        let mut joints = std::array::from_fn(|i| Pieces::starting(State::rest(from[i])));
-        let moved = joints.iter_mut().enumerate().all(|(i, pieces): (usize, &mut Pieces)| {
-            let fit = arm.law().fit(&limits[i], &State::rest(from[i]), to[i], 0.0, t_s);
-            fit.is_some_and(|fit| {
-                arm.law().append(&fit, t_s, pieces);
-                true
-            })
-        });
-        if moved {
-            let motion = CatchMotion { start_s: 0.0, joints };
-            match check(arm, &mut checker, &motion, None) {
-                Ok(()) => return Some(t_s),
-                // More time helps against currents, not against contacts.
-                Err(Fault::Current) => {}
-                Err(_) => return None,
-            }
-        }
-        t_s *= 1.25;
-    }
-    None
 }

@@ -4,8 +4,7 @@
 //! |---|---|
 //! | [`throws`] | throws for trials, drawn |
 //! | [`exchange`] | throw, catch, throw back |
-//! | [`on_controller`] | the arm behind its controller: simulated drives on a simulated bus |
-//! | [`on_wire`] | both arms behind their controllers on buses of their own, and a tracker, in real time |
+//! | [`on_wire`] | both arms behind their controllers on buses of their own, and a tracker |
 //! | [`study`] | many trials: shares with intervals, by flight time and by fault |
 //! | [`degraded`] | what can go wrong, one fault at a time |
 //! | [`waiting`] | where the catcher waits, found for throws of a kind |
@@ -20,7 +19,6 @@ pub mod degraded;
 pub mod estimator;
 pub mod exchange;
 pub mod failures;
-pub mod on_controller;
 pub mod on_wire;
 pub mod study;
 pub mod throws;

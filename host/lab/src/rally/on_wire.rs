@@ -1,473 +1,442 @@
-//! A throw and its catch over the wire: two buses with a controller each, and a tracker, in real time or in one lock step.
+//! A rally over the wire: two buses with a controller each, and a tracker, in real time or in one lock step.
 //!
 //! ```text
-//! thrower's thread:  session ── bus 1 ── controller: goes to the start, stores the throw, runs it at the time agreed on
-//! catcher:           session ── bus 2 ── controller: waits, takes end states
-//!                    socket  ── datagrams of the tracker ──► forecast ──► decision ──► end state
+//! thread of arm 1:  session ── bus 1 ── controller ──┐ throws, while the other one catches by what the tracker shows;
+//! thread of arm 2:  session ── bus 2 ── controller ──┘ then the other way round
+//!
+//! catcher  stands at ─────────────►  thrower plans ── plan ──►  both go, free of contact
+//! thrower  ready ─────────────────►  catcher settles ── begin ──►  throw and catch
+//! both     what became of it ─────►  the catcher grips where the tracker saw the ball lie, and throws next
 //! ```
 //!
 //! What this side reports comes from tracker and controllers alone. Whoever serves drives and ball knows what really happened.
 //!
 //! # Times
 //!
-//! Time zero is that of the catcher's run, on the monotonic clock of this machine. Each controller's clock is related to it by readings
-//! with bounds ([`operator::dialogue::clock`]), before the throw and once more after it. The tracker's clock is related to it by the least
-//! late datagram ([`MarkerStream`]).
+//! Time zero of an exchange is that of the catcher's run, on the monotonic clock of this machine. Each controller's clock is related to it
+//! by readings with bounds ([`operator::dialogue::clock`]), before the throw and once more after it. The tracker's clock is related to it
+//! by the least late datagram ([`operator::flight_estimator::MarkerStream`]).
 //!
 //! In lock step both buses and the tracker's data have one virtual time ([`hil_sim::court::in_step`]). The court gives turns to the
 //! clients of one bus and then to those of the other, so the two threads of this side never have a turn at once.
 
-use host::error::Cause;
-use std::net::UdpSocket;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{self, Receiver, Sender};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration as WallSpan, Instant as WallTime};
 
-use can_link::BusSpec;
-use firmware::settings::Settings;
-use hil_sim::court::in_step::Follower;
 use hil_sim::rng::Rng;
-use operator::ball_catch::executor::{Executor, Refused};
-use operator::ball_catch::reported::{CatchOutcome, report};
+use nalgebra::Vector3;
+use operator::ball_catch::controller_arm::ControllerArm;
+use operator::ball_catch::limits::Executed;
+use operator::ball_catch::on_bus::{Caught, Expected, actuation_s, catch, settle};
+use operator::ball_catch::reported::CatchOutcome;
 use operator::ball_catch::thrower::{Scatter, Thrower};
-use operator::ball_catch::trial::{Pair, TrialOptions};
-use operator::bus::args::{Cell, CellArgs};
-use operator::bus::period::{NoPeriod, PeriodRequest, apply, choose};
-use operator::bus::settings::{NoSettings, settings_of};
-use operator::bus::sim::SimSetup;
-use operator::bus::{BusArgs, BusFailure, Session};
+use operator::ball_catch::trial::{Moment, Outcome, TrialOptions};
+use operator::ball_catch::wire::{ArmOnBus, Eyes, WireError, idle, meanwhile};
 use operator::dialogue::operator::OperatorError;
-use operator::flight_estimator::MarkerStream;
 use operator::interrupt::interrupt;
-use operator::trajectory::{TrajectoryError, encode};
-use planner::catch::draw::Aimed;
+use operator::trajectory::encode;
+use planner::catch::Joints;
 use planner::motion::Motion;
 use protocol::{Duration, Instant};
-use robot_model::RobotModel;
 
-use super::on_controller::{ControllerArm, NoArm};
+use super::exchange::{Exchange, Partners, Planned, RallyEnd};
 
 /// Time between the order to throw and the throw, s. A catcher that knows the throw plans in this time.
 const AHEAD_S: f64 = 2.0;
-/// Before that the client listens to the tracker for this long, s, and needs at least this many frames.
-const SETTLE_S: f64 = 1.0;
-const SETTLED_FRAMES: usize = 10;
-/// The catcher watches for this long after the last motion and the planned end of the flight, s.
-const AFTER_S: f64 = 1.2;
-/// Longest turn of the catcher between two looks at the tracker.
-const TURN_S: f64 = 0.5e-3;
-/// Longest trial after the agreement, s; shorter than the run that takes end states.
-const TRIAL_MAX_S: f64 = 12.0;
-/// Longest time until both arms are ready: homing takes most of it.
+/// A report shows so much before the release, s.
+const SHOWN_BEFORE_S: f64 = 0.3;
+/// Longest time until the other arm is ready: homing takes most of it.
 const READY_MAX: Duration = Duration::from_secs(180);
 const RUN_MAX: Duration = Duration::from_secs(20);
-/// A message on a bus that the drives share, a decision, and the lag of the drives, s; two control periods come on top.
-const ACTUATION_S: f64 = 0.016;
-/// Largest datagram, bytes.
-const DATAGRAM_MAX: usize = 32_768;
 
 #[derive(Clone, Debug)]
 pub struct WireOptions {
-    pub thrower: BusSpec,
-    pub catcher: BusSpec,
+    /// Arm 1, which throws first, and arm 2.
+    pub arms: [ArmOnBus; 2],
     /// Address of this machine to which the tracker sends; in lock step where the court has its data.
     pub tracker: String,
-    pub robot: String,
-    pub period_us: u32,
 }
 
-impl WireOptions {
-    /// Buses and tracker have one virtual time.
-    pub const fn is_in_step(&self) -> bool {
-        matches!(self.catcher, BusSpec::Lockstep { .. })
-    }
-}
-
-/// Why there was no trial, or why it ended before its time.
-#[derive(Debug, thiserror::Error)]
-pub enum WireError {
-    #[error(transparent)]
-    Settings(#[from] NoSettings),
-    #[error(transparent)]
-    Period(#[from] NoPeriod),
-    #[error(transparent)]
-    Trajectory(#[from] TrajectoryError),
-    #[error(transparent)]
-    Bus(#[from] BusFailure),
-    #[error(transparent)]
-    Operator(#[from] OperatorError),
-    #[error("{arm}: {why}")]
-    Arm { arm: &'static str, why: Box<NoArm> },
-    #[error("{address}: {error}")]
-    Tracker { address: String, error: std::io::Error },
-    #[error("{address}: no frame of the tracker came")]
-    Silent { address: String },
-    #[error("the thrower did not get ready")]
-    NotReady,
-}
-
-impl Cause for WireError {
-    fn next(&self) -> Option<String> {
-        Some(match self {
-            Self::Tracker { .. } => {
-                "name an address of this machine and a free port, where the tracker sends its data".to_owned()
-            }
-            Self::Silent { .. } => {
-                "start the tracker and let it send to this address; nothing was thrown".to_owned()
-            }
-            Self::NotReady => "look at its bus with `cubectl status --bus SPEC`".to_owned(),
-            Self::Arm { why, .. } => return why.next(),
-            Self::Settings(error) => return error.next(),
-            Self::Period(error) => return error.next(),
-            Self::Trajectory(error) => return error.next(),
-            Self::Bus(error) => return error.next(),
-            Self::Operator(error) => return error.next(),
-        })
-    }
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Clocks {
-    /// Clock of this machine minus the tracker's, s; by the least late of so many datagrams.
-    pub tracker_offset_s: f64,
-    pub datagrams: usize,
-    /// By how much the controllers' clocks were known at the start: thrower, catcher, s.
-    pub controllers_off_s: [f64; 2],
-    /// The catcher's clock had not jumped when it was read again at the end; `None`: it was not readable.
-    pub catcher_held: Option<bool>,
+/// How a throw went, by its controller.
+#[derive(Debug)]
+pub struct Thrown {
+    pub ended: Result<(), OperatorError>,
+    /// By how much the controller's clock was known, s.
+    pub clock_off_s: f64,
+    /// Joints as the drives measured them (rad), at times of the exchange, s.
+    pub joints: Vec<(f64, Joints)>,
 }
 
 /// What this side knows of a throw and its catch.
 #[derive(Debug)]
-pub struct WireOutcome {
-    pub reported: CatchOutcome,
-    /// How the thrower's run ended, by its controller.
-    pub thrown: Result<(), OperatorError>,
-    pub clocks: Clocks,
-    /// End states that the catcher's controller took and refused.
-    pub answered: (usize, usize),
-    pub refusals: Vec<Refused>,
-    /// Decisions: how many, and the longest, s.
-    pub decisions: usize,
-    pub longest_decision_s: f64,
-    /// Largest age of a datagram when it was read, beside the tracker's latency, s.
-    pub latest_datagram_s: f64,
-    /// The catch that was tried: time after the planned release (s) and predicted probability.
-    pub choice: Option<(f64, f64)>,
+pub struct WireExchange {
+    /// 0 or 1.
+    pub thrower: usize,
+    pub planned: Planned,
+    /// Where the plan has the ball in the thrower's hand, in its end-effector frame, m.
+    pub gripped_e_m: Vector3<f64>,
+    /// When the plan releases the ball, s.
+    pub release_s: f64,
+    pub thrown: Thrown,
+    pub caught: Caught,
 }
 
-/// Throws once and catches.
+impl WireExchange {
+    /// The tracker shows the ball at rest in the cup, and the throw ran to its end.
+    #[must_use]
+    pub fn known_caught(&self) -> bool {
+        self.caught.reported == CatchOutcome::Caught && self.thrown.ended.is_ok()
+    }
+}
+
+impl WireExchange {
+    /// The exchange as the report shows it: caught is what the tracker shows, and nobody knows how the ball crossed the mouth.
+    #[must_use]
+    pub fn as_shown(&self) -> Exchange {
+        let caught = &self.caught;
+        let aimed = self.planned.aimed;
+        let q_at = |path: &[(f64, Joints)], t_s: f64, before: Joints| {
+            let k = path.partition_point(|(at_s, _)| *at_s <= t_s);
+            k.checked_sub(1).and_then(|k| path.get(k)).map_or(before, |(_, q)| *q)
+        };
+        let ball_at = |t_s: f64| {
+            let k = caught.ball.partition_point(|(at_s, _)| *at_s <= t_s);
+            k.checked_sub(1).and_then(|k| caught.ball.get(k)).map_or(aimed.p_m, |(_, p_m)| *p_m)
+        };
+        let moments = caught.joints.iter().filter(|(t_s, _)| *t_s >= self.release_s - SHOWN_BEFORE_S);
+        let trace = moments.map(|(t_s, q)| Moment {
+            t_s: *t_s,
+            q: [q_at(&self.thrown.joints, *t_s, aimed.throw.start()), *q],
+            ball_m: ball_at(*t_s),
+        });
+        let outcome = Outcome {
+            by_tracker: true,
+            caught: caught.reported == CatchOutcome::Caught,
+            reported: caught.reported,
+            crossing: None,
+            events: Vec::new(),
+            choice: caught.choice.clone(),
+            log: caught.log.clone(),
+            refusals: caught.refusals.clone(),
+            planned_s: (self.release_s, self.release_s + aimed.flight_s),
+            used: [0.0; 3],
+            executed: [Executed::default(); 2],
+            arms_touched: false,
+            seen_s: 0.0,
+            off_m: caught.log.iter().rev().map(|logged| logged.off_m).find(|off_m| off_m.is_finite()),
+            lies_e_m: caught.lies_e_m.map(|lies_m| [lies_m; 2]),
+            trace: trace.collect(),
+        };
+        let gripped_e_m = [self.gripped_e_m; 2];
+        Exchange { thrower: self.thrower, transit_s: self.planned.transit_s(), aimed, gripped_e_m, outcome }
+    }
+}
+
+#[derive(Debug)]
+pub struct WireRally {
+    /// The exchanges, the last one caught or not.
+    pub exchanges: Vec<WireExchange>,
+    pub end: RallyEnd,
+}
+
+impl WireRally {
+    #[must_use]
+    pub fn length(&self) -> usize {
+        self.exchanges.iter().filter(|exchange| exchange.known_caught()).count()
+    }
+}
+
+/// Why a rally ended before its time.
+#[derive(Debug)]
+pub struct Broken {
+    /// The arm that ended it, 0 or 1; `None`: the tracker could not be heard.
+    pub arm: Option<usize>,
+    pub why: Box<WireError>,
+}
+
+/// Up to `throws` throws; arm 1 begins with the ball in its hand. `observe` gets the number of each throw, from 0, and what became of it.
 ///
 /// # Errors
-/// [`WireError`]: before the throw nothing has been thrown; the session that ends halts what moves.
-pub fn run(
-    pair: &Pair,
-    aimed: &Aimed,
+/// [`Broken`]: the session that ends halts what moves. A ball that is not caught is no error.
+pub fn play(
+    partners: &Partners,
+    throws: usize,
     options: &TrialOptions,
     wire: &WireOptions,
-) -> Result<WireOutcome, WireError> {
-    let (cell, settings) = cell_of(wire)?;
-    let throw =
-        encode(&Motion::from(&aimed.throw), settings.cycle_period_us, settings.robot_crc32, Some(&settings))?;
-    let eyes = Eyes::open(wire)?;
-    let (ready, is_ready) = mpsc::channel();
-    let (go, goes) = mpsc::channel();
+    seed: u64,
+    mut observe: impl FnMut(usize, &WireExchange),
+) -> Result<WireRally, Broken> {
+    let in_step = wire.arms[1].is_in_step();
+    let eyes = Eyes::open(&wire.tracker, in_step).map_err(|why| Broken { arm: None, why: Box::new(why) })?;
+    let eyes = &Mutex::new(eyes);
+    let (done, exchanged) = mpsc::channel();
+    let (to_second, from_first) = mpsc::channel();
+    let (to_first, from_second) = mpsc::channel();
     std::thread::scope(|scope| {
-        let (cell, settings) = (&cell, &settings);
-        let (spec, start) = (&wire.thrower, aimed.throw.start());
-        let thread = scope.spawn(move || {
-            let session = open(spec, cell, settings)?;
-            let arm = ControllerArm::at(session, settings, &start);
-            let mut arm = arm.map_err(|why| WireError::Arm { arm: "thrower", why: Box::new(why) })?;
-            let thrown = throw_when_agreed(&mut arm, &throw, &ready, &goes);
-            if let Err(WireError::Operator(why)) | Ok((Err(why), _)) = &thrown {
-                end_both(why);
-            }
-            thrown
-        });
-        let caught = catch(pair, aimed, options, wire, (cell, settings), eyes, &is_ready, &go);
-        if let Err(WireError::Operator(why)) = &caught {
-            end_both(why);
-        }
-        // Without it the thrower waits no longer.
-        drop(go);
-        let thrown = thread.join().unwrap_or(Err(WireError::NotReady));
-        // The thrower's own words say more than that it did not get ready.
-        let mut outcome = match (caught, thrown) {
-            (Err(WireError::NotReady | WireError::Operator(OperatorError::Interrupted)), Err(why)) => {
-                return Err(why);
-            }
-            // The thrower was stopped, and the catcher ended because of it.
-            (Err(WireError::Operator(OperatorError::Interrupted)), Ok((Err(why), _))) => {
-                return Err(why.into());
-            }
-            (Err(why), _) | (Ok(_), Err(why)) => return Err(why),
-            (Ok(outcome), Ok((thrown, off_s))) => WireOutcome { thrown, ..outcome }.with_thrower_off(off_s),
+        let side = |me: usize, to: Sender<Note>, from: Receiver<Note>, done: Sender<WireExchange>| {
+            scope.spawn(move || {
+                let links = Links { to, from, eyes, done };
+                let side = Side { me, partners, options, on_bus: &wire.arms[me], in_step, seed, links };
+                let ended = side.play(throws);
+                if let Err(why) = &ended {
+                    end_both(why);
+                }
+                ended
+            })
         };
-        outcome.refusals.truncate(20);
-        Ok(outcome)
+        let first = side(0, to_second, from_second, done.clone());
+        let second = side(1, to_first, from_first, done);
+        let mut exchanges = Vec::new();
+        for exchange in exchanged {
+            observe(exchanges.len(), &exchange);
+            exchanges.push(exchange);
+        }
+        let ended = [first, second].map(|thread| thread.join().unwrap_or(Err(WireError::NotReady)));
+        let broken = |arm, why| Err(Broken { arm: Some(arm), why: Box::new(why) });
+        let end = match ended {
+            // An arm that waited for the other one, or was stopped because of it, has less to say.
+            [Err(waited), Err(why)] if is_consequence(&waited) => return broken(1, why),
+            [Err(why), _] => return broken(0, why),
+            [_, Err(why)] => return broken(1, why),
+            [Ok(end), Ok(_)] => end,
+        };
+        Ok(WireRally { exchanges, end })
     })
 }
 
 /// A stop of one arm by somebody else ends the session of the other one too, as Ctrl-C does.
-fn end_both(why: &OperatorError) {
-    if why.is_stop_by_other() {
+fn end_both(why: &WireError) {
+    if why.operator().is_some_and(OperatorError::is_stop_by_other) {
         interrupt().store(true, Ordering::Relaxed);
     }
 }
 
-impl WireOutcome {
-    const fn with_thrower_off(mut self, off_s: f64) -> Self {
-        self.clocks.controllers_off_s[0] = off_s;
-        self
-    }
+fn is_consequence(why: &WireError) -> bool {
+    matches!(why, WireError::NotReady) || matches!(why.operator(), Some(OperatorError::Interrupted))
 }
 
-fn cell_of(wire: &WireOptions) -> Result<(Cell, Settings), WireError> {
-    let robot = RobotModel::load(&wire.robot).map_err(BusFailure::from)?;
-    let mut settings = settings_of(&robot)?;
-    let choice = choose(PeriodRequest::Period(wire.period_us), None, &robot, settings.cycle_period_us)?;
-    apply(&choice, &mut settings);
-    let cell = Cell { robot_source: wire.robot.clone(), robot, seed: 1, setup: SimSetup::default() };
-    Ok((cell, settings))
-}
-
-fn open(spec: &BusSpec, cell: &Cell, settings: &Settings) -> Result<Session, WireError> {
-    let args = BusArgs { bus: spec.clone(), cell: CellArgs::default(), ..BusArgs::default() };
-    Ok(args.open_cell(cell, Some(settings))?)
+/// When a throw begins.
+#[derive(Clone, Copy)]
+struct Begin {
+    /// In the time of the exchange.
+    start_s: f64,
+    at: BeginAt,
 }
 
 #[derive(Clone, Copy)]
-enum Begin {
+enum BeginAt {
     /// By the clock of this machine.
     Clock(WallTime),
     /// In the time of all sessions in lock step.
     InStep(Instant),
 }
 
-enum Eyes {
-    Socket(UdpSocket),
-    /// In lock step: where they are, and the connection from the first question on.
-    InStep(String, Option<Follower>),
+/// What one arm's thread lets the other one know.
+enum Note {
+    /// The catcher stands there.
+    Stands(Joints),
+    Plan(Box<Result<Planned, RallyEnd>>),
+    /// The thrower is ready.
+    Ready,
+    Begin(Begin),
+    Thrown(Thrown),
+    /// Where the ball was gripped in the catcher's hand; `None`: it was not caught.
+    Gripped(Option<Vector3<f64>>),
 }
 
-impl Eyes {
-    fn open(wire: &WireOptions) -> Result<Self, WireError> {
-        if wire.is_in_step() {
-            return Ok(Self::InStep(wire.tracker.clone(), None));
-        }
-        let open = || {
-            let socket = UdpSocket::bind(&wire.tracker)?;
-            socket.set_nonblocking(true)?;
-            Ok(Self::Socket(socket))
-        };
-        open().map_err(|error| WireError::Tracker { address: wire.tracker.clone(), error })
-    }
+struct Links<'a> {
+    to: Sender<Note>,
+    from: Receiver<Note>,
+    eyes: &'a Mutex<Eyes>,
+    done: Sender<WireExchange>,
+}
 
-    /// The next datagram that is there at `now`, in a buffer of [`DATAGRAM_MAX`] bytes.
-    fn next<'a>(&mut self, now: Instant, buffer: &'a mut [u8]) -> Result<Option<&'a [u8]>, WireError> {
-        let (address, follower) = match self {
-            Self::Socket(socket) => {
-                return Ok(socket.recv(buffer).ok().and_then(|length| buffer.get(..length)));
+/// An arm in its thread.
+struct Side<'a> {
+    me: usize,
+    partners: &'a Partners,
+    options: &'a TrialOptions,
+    on_bus: &'a ArmOnBus,
+    in_step: bool,
+    seed: u64,
+    links: Links<'a>,
+}
+
+impl Side<'_> {
+    fn play(&self, throws: usize) -> Result<RallyEnd, WireError> {
+        let settings = self.on_bus.settings()?;
+        let mut arm = self.on_bus.connect(&settings)?;
+        // Around the ball, or to a cup.
+        arm.set_hand(false)?;
+        let mut gripped_e_m = Some(self.partners.first_e_m());
+        let mut end = RallyEnd::Complete;
+        for k in 0..throws {
+            let Some(lies_e_m) = gripped_e_m else {
+                end = RallyEnd::NotCaught;
+                break;
+            };
+            let gripped = if k % 2 == self.me {
+                self.throw(&mut arm, k, lies_e_m)
+            } else {
+                self.catch(&mut arm, lies_e_m)
+            };
+            match gripped? {
+                Ok(gripped) => gripped_e_m = gripped,
+                Err(why) => {
+                    end = why;
+                    break;
+                }
             }
-            Self::InStep(address, follower) => (address, follower),
+        }
+        if gripped_e_m.is_none() {
+            end = RallyEnd::NotCaught;
+        }
+        arm.finish()?;
+        Ok(end)
+    }
+
+    /// Plans throw number `k` and throws. Returns where the other arm has gripped the ball.
+    fn throw(
+        &self,
+        arm: &mut ControllerArm,
+        k: usize,
+        gripped_e_m: Vector3<f64>,
+    ) -> Result<Result<Option<Vector3<f64>>, RallyEnd>, WireError> {
+        let other = self.wait(arm, |note| if let Note::Stands(q) = note { Some(q) } else { None })?;
+        let here = arm.pose()?;
+        let q = if self.me == 0 { [here, other] } else { [other, here] };
+        let Self { partners, options, seed, .. } = *self;
+        let planned =
+            meanwhile(arm.parts().0, self.in_step, || partners.plan(k, &q, gripped_e_m, options, seed))?;
+        self.send(Note::Plan(Box::new(planned.clone())));
+        let Planned { aimed, ways, .. } = match planned {
+            Ok(planned) => planned,
+            Err(end) => return Ok(Err(end)),
         };
-        let mut ask = || {
-            if follower.is_none() {
-                *follower = Some(Follower::connect(address, now)?);
+        let settings = self.on_bus.settings()?;
+        let file = encode(
+            &Motion::from(&aimed.throw),
+            settings.cycle_period_us,
+            settings.robot_crc32,
+            Some(&settings),
+        )?;
+        if let [Some(way), _] = &ways {
+            arm.go(way)?;
+        }
+        let (session, node, _) = arm.parts();
+        let name = session.upload(node, &file, &mut |_, _| {})?;
+        self.send(Note::Ready);
+        let begin = self.wait(arm, |note| if let Note::Begin(begin) = note { Some(begin) } else { None })?;
+
+        arm.keep();
+        let (session, node, clock) = arm.parts();
+        session.arm(node, &name)?;
+        session.read_clock(node, clock)?;
+        let ours = match begin.at {
+            BeginAt::InStep(at) => at,
+            BeginAt::Clock(at) => {
+                let ahead = at.saturating_duration_since(WallTime::now());
+                session.now() + Duration::from_secs_f64(ahead.as_secs_f64())
             }
-            follower.as_mut().map_or(Ok(None), |follower| follower.next(now))
         };
-        let bytes = ask().map_err(|error| WireError::Tracker { address: address.clone(), error })?;
-        Ok(bytes.and_then(|bytes| {
-            let place = buffer.get_mut(..bytes.len())?;
-            place.copy_from_slice(&bytes);
-            Some(&*place)
-        }))
-    }
-}
-
-type Thrown = (Result<(), OperatorError>, f64);
-
-/// Keeps the session alive until the time of the throw, then runs it. Returns how the run ended, and the bound of the error of
-/// the controller's clock, s.
-fn throw_when_agreed(
-    arm: &mut ControllerArm,
-    file: &[u8],
-    ready: &Sender<()>,
-    goes: &Receiver<Begin>,
-) -> Result<Thrown, WireError> {
-    let (session, node, clock) = arm.parts();
-    let name = session.upload(node, file, &mut |_, _| {})?;
-    let _ = ready.send(());
-    let begin = loop {
-        session.pass(Duration::from_millis(5))?;
-        session.heed_stops().map_err(OperatorError::from)?;
-        if session.is_interrupted() {
-            return Err(OperatorError::Interrupted.into());
-        }
-        match goes.try_recv() {
-            Ok(begin) => break begin,
-            Err(mpsc::TryRecvError::Empty) => {}
-            // The catcher has given up.
-            Err(mpsc::TryRecvError::Disconnected) => return Err(WireError::NotReady),
-        }
-    };
-    session.arm(node, &name)?;
-    session.read_clock(node, clock)?;
-    let ours = match begin {
-        Begin::InStep(at) => at,
-        Begin::Clock(at) => {
-            let ahead = at.saturating_duration_since(WallTime::now());
-            session.now() + Duration::from_secs_f64(ahead.as_secs_f64())
-        }
-    };
-    let (start, off) = clock.controller_time(ours).ok_or(OperatorError::NoAnswer { node })?;
-    let thrown = session.run_trajectory_at(node, &name, Some(start), RUN_MAX, &[], &mut |_, _| {}).map(drop);
-    session.halt_if_moving()?;
-    Ok((thrown, off.as_secs_f64()))
-}
-
-/// Relates the tracker's clock to that of the trial before the throw is ordered. Returns how many frames came.
-fn settle(
-    arm: &mut ControllerArm,
-    eyes: &mut Eyes,
-    buffer: &mut [u8],
-) -> Result<(MarkerStream, usize), WireError> {
-    let (mut stream, mut frames) = (MarkerStream::new(), 0);
-    let until_s = arm.now_s() + SETTLE_S;
-    while arm.now_s() < until_s {
-        let session = arm.parts().0;
-        if session.is_interrupted() {
-            return Err(OperatorError::Interrupted.into());
-        }
-        session.pass(Duration::from_micros(500))?;
-        session.heed_stops().map_err(OperatorError::from)?;
-        while let Some(bytes) = eyes.next(arm.parts().0.now(), buffer)? {
-            frames += usize::from(matches!(stream.push(bytes, arm.now_s()), Ok(Some(_))));
-        }
-    }
-    Ok((stream, frames))
-}
-
-#[expect(clippy::too_many_arguments, reason = "both ends of a channel, and what a trial is made of")]
-fn catch(
-    pair: &Pair,
-    aimed: &Aimed,
-    options: &TrialOptions,
-    wire: &WireOptions,
-    (cell, settings): (&Cell, &Settings),
-    mut eyes: Eyes,
-    ready: &Receiver<()>,
-    go: &Sender<Begin>,
-) -> Result<WireOutcome, WireError> {
-    let of_catcher = |why| WireError::Arm { arm: "catcher", why: Box::new(why) };
-    let session = open(&wire.catcher, cell, settings)?;
-    let mut arm = ControllerArm::at(session, settings, &options.wait).map_err(of_catcher)?;
-    let patience = arm.parts().0.now() + READY_MAX;
-    while let Err(none) = ready.try_recv() {
-        arm.parts().0.pass(Duration::from_millis(5))?;
-        arm.parts().0.heed_stops().map_err(OperatorError::from)?;
-        if none == mpsc::TryRecvError::Disconnected || arm.parts().0.now() > patience {
-            return Err(WireError::NotReady);
-        }
-    }
-    arm.begin().map_err(of_catcher)?;
-    let mut buffer = vec![0; DATAGRAM_MAX];
-    let (stream, settled) = settle(&mut arm, &mut eyes, &mut buffer)?;
-    if settled < SETTLED_FRAMES {
-        arm.parts().0.halt_if_moving()?;
-        return Err(WireError::Silent { address: wire.tracker.clone() });
-    }
-    let mut options = options.clone();
-    options.settings.actuation_s = ACTUATION_S + 2e-6 * f64::from(settings.cycle_period_us);
-    let start_s = arm.now_s() + AHEAD_S;
-    let begin = if wire.is_in_step() {
-        Begin::InStep(arm.parts().0.now() + Duration::from_secs_f64(AHEAD_S))
-    } else {
-        Begin::Clock(WallTime::now() + WallSpan::from_secs_f64(AHEAD_S))
-    };
-    // The plan, without scatter: what comes of it is the business of the arm.
-    let nothing = Scatter { delay_s: 0.0, share: 0.0 };
-    let model = &pair.court.arms[0].model;
-    let planned = Thrower::new(model, aimed, start_s, &nothing, None, &mut Rng::stream(0, "none"));
-    let catcher = pair.catcher_for(aimed, &options);
-    let mut run = pair.new_run(&catcher, &planned, aimed, &options);
-    run.stream = stream;
-    let _ = go.send(begin);
-    let release_s = planned.planned_release_s();
-    let mut longest_s = 0.0_f64;
-    let mut timed = |decide: &mut dyn FnMut()| {
-        let begun = WallTime::now();
-        decide();
-        longest_s = longest_s.max(begun.elapsed().as_secs_f64());
-    };
-    let latency_s = pair.court.tracker.latency.as_secs_f64();
-    let (mut datagrams, mut latest_s) = (settled, 0.0_f64);
-    let (mut until_s, mut is_planned) = (release_s + aimed.flight_s + AFTER_S, false);
-    let mut joints = arm.advance(arm.now_s());
-    while arm.now_s() < until_s.min(start_s + TRIAL_MAX_S) {
-        let now_s = arm.now_s();
-        joints = arm.advance(now_s + TURN_S);
-        // A fault of the catcher is an outcome; a stop by somebody else ends both arms.
-        if let Err(why) = arm.parts().0.heed_stops().map_err(OperatorError::from)
-            && why.is_stop_by_other()
+        let (start, off) = clock.controller_time(ours).ok_or(OperatorError::NoAnswer { node })?;
+        let ended =
+            session.run_trajectory_at(node, &name, Some(start), RUN_MAX, &[], &mut |_, _| {}).map(drop);
+        session.halt_if_moving()?;
+        if let Err(why) = &ended
+            && (why.is_stop_by_other() || matches!(why, OperatorError::Interrupted))
         {
-            arm.parts().0.halt_if_moving()?;
-            return Err(why.into());
+            return Err(ended.map_or_else(WireError::from, |()| WireError::NotReady));
         }
-        if arm.parts().0.is_interrupted() {
-            arm.parts().0.halt_if_moving()?;
-            return Err(OperatorError::Interrupted.into());
+        if ended.is_ok() {
+            arm.set_hand(false)?;
         }
-        while let Some(why) = arm.refused() {
-            run.refusals.push(why);
-            run.catcher.refused();
-        }
-        if now_s > start_s - 0.5 * AHEAD_S && !is_planned {
-            if options.cooperative {
-                run.decide(&mut arm, now_s, &mut timed);
-            }
-            is_planned = true;
-        }
-        while let Some(bytes) = eyes.next(arm.parts().0.now(), &mut buffer)? {
-            let now_s = arm.now_s();
-            let Ok(Some(frame)) = run.stream.push(bytes, now_s) else { continue };
-            datagrams += 1;
-            if now_s > release_s {
-                latest_s = latest_s.max(frame.age_s - latency_s);
-            }
-            run.seen.extend(frame.markers.iter().map(|(_, p)| (frame.t_s, *p)));
-            if run.watch.observe(&frame) {
-                run.decide(&mut arm, now_s, &mut timed);
-            }
-        }
-        until_s = until_s.max(run.catcher.motion().end_s() + AFTER_S);
+        let since_s = begin.start_s - arm.at_s(ours);
+        let joints =
+            arm.kept_joints(&self.on_bus.robot).into_iter().map(|(t_s, q)| (t_s + since_s, q)).collect();
+        self.send(Note::Thrown(Thrown { ended, clock_off_s: off.as_secs_f64(), joints }));
+        self.wait(arm, |note| if let Note::Gripped(lies_e_m) = note { Some(lies_e_m) } else { None }).map(Ok)
     }
-    let reported = report(&run.catcher, &run.watch, &run.seen, arm.halted(), &joints, arm.now_s());
-    let answered = arm.answered;
-    let (session, node, clock) = arm.parts();
-    let off_s = clock.controller_time(session.now()).map_or(f64::NAN, |(_, off)| off.as_secs_f64());
-    let catcher_held = match session.read_clock(node, clock) {
-        Ok(()) => Some(true),
-        Err(OperatorError::ClockJumped { .. }) => Some(false),
-        Err(_) => None,
-    };
-    session.halt_if_moving()?;
-    Ok(WireOutcome {
-        reported,
-        thrown: Ok(()),
-        clocks: Clocks {
-            tracker_offset_s: run.stream.offset_s().unwrap_or(f64::NAN),
-            datagrams,
-            controllers_off_s: [f64::NAN, off_s],
-            catcher_held,
-        },
-        answered,
-        refusals: run.refusals,
-        decisions: run.catcher.log().len(),
-        longest_decision_s: longest_s,
-        latest_datagram_s: latest_s,
-        choice: run.catcher.choice().map(|choice| (choice.t_s - release_s, choice.probability)),
-    })
+
+    /// Catches the throw that the other arm plans, and grips. Returns where.
+    fn catch(
+        &self,
+        arm: &mut ControllerArm,
+        gripped_e_m: Vector3<f64>,
+    ) -> Result<Result<Option<Vector3<f64>>, RallyEnd>, WireError> {
+        self.send(Note::Stands(arm.pose()?));
+        let planned = self.wait(arm, |note| if let Note::Plan(plan) = note { Some(*plan) } else { None })?;
+        let planned = match planned {
+            Ok(planned) => planned,
+            Err(end) => return Ok(Err(end)),
+        };
+        if let [_, Some(way)] = &planned.ways {
+            arm.go(way)?;
+        }
+        self.wait(arm, |note| matches!(note, Note::Ready).then_some(()))?;
+        arm.begin()?;
+        let mut eyes = self.links.eyes.lock().unwrap_or_else(PoisonError::into_inner);
+        let stream = settle(arm, &mut eyes)?;
+        let start_s = arm.now_s() + AHEAD_S;
+        let at = if self.in_step {
+            BeginAt::InStep(arm.parts().0.now() + Duration::from_secs_f64(AHEAD_S))
+        } else {
+            BeginAt::Clock(WallTime::now() + WallSpan::from_secs_f64(AHEAD_S))
+        };
+        // The plan, without scatter: what comes of it is the business of the arm.
+        let nothing = Scatter { delay_s: 0.0, share: 0.0 };
+        let Planned { pair, aimed, .. } = &planned;
+        let thrower = &pair.court.arms[0].model;
+        let thrower = Thrower::new(thrower, aimed, start_s, &nothing, None, &mut Rng::stream(0, "none"));
+        let mut options = self.options.clone();
+        options.settings.actuation_s = actuation_s(self.on_bus.period_us);
+        let catcher = pair.catcher_for(aimed, &options);
+        let mut run = pair.new_run(&catcher, pair.prior(&thrower, aimed, &options), &options);
+        run.stream = stream;
+        self.send(Note::Begin(Begin { start_s, at }));
+        let release_s = thrower.planned_release_s();
+        let expected = Expected::Throw {
+            start_s,
+            passes_s: release_s + aimed.flight_s,
+            plans_s: options.cooperative.then_some(start_s - 0.5 * AHEAD_S),
+        };
+        let caught = catch(arm, &mut eyes, run, expected)?;
+        drop(eyes);
+        let gripped = caught.lies_e_m.filter(|_| caught.reported == CatchOutcome::Caught);
+        if gripped.is_some() {
+            arm.end()?;
+            arm.set_hand(false)?;
+        } else {
+            arm.parts().0.halt_if_moving()?;
+        }
+        let thrown =
+            self.wait(arm, |note| if let Note::Thrown(thrown) = note { Some(thrown) } else { None })?;
+        let exchange = WireExchange { thrower: 1 - self.me, planned, gripped_e_m, release_s, thrown, caught };
+        let gripped = gripped.filter(|_| exchange.known_caught());
+        self.send(Note::Gripped(gripped));
+        let _ = self.links.done.send(exchange);
+        Ok(Ok(gripped))
+    }
+
+    /// The other arm may have ended; then the next wait says so.
+    fn send(&self, note: Note) {
+        let _ = self.links.to.send(note);
+    }
+
+    /// Keeps the session alive until the other arm lets something be known.
+    fn wait<T>(&self, arm: &mut ControllerArm, wanted: impl Fn(Note) -> Option<T>) -> Result<T, WireError> {
+        let session = arm.parts().0;
+        let until = session.now() + READY_MAX;
+        loop {
+            match self.links.from.try_recv() {
+                // The threads take turns by one script.
+                Ok(note) => return wanted(note).ok_or(WireError::NotReady),
+                Err(mpsc::TryRecvError::Disconnected) => return Err(WireError::NotReady),
+                Err(mpsc::TryRecvError::Empty) if session.now() > until => return Err(WireError::NotReady),
+                Err(mpsc::TryRecvError::Empty) => idle(session)?,
+            }
+        }
+    }
 }

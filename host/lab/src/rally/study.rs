@@ -77,6 +77,12 @@ pub struct Row {
     pub by_flight: Vec<Share>,
     /// The same of the throws for which a place exists.
     pub possible_by_flight: Vec<Share>,
+    /// Throws in which the arm began to catch, and those of them that were caught.
+    pub begun: Share,
+    /// Mean over these throws of the predicted probability of the last decision; 0 where the catch was given up.
+    pub predicted: f64,
+    /// The predicted probability of the last decision against what came of it, and its Brier score.
+    pub last_decision: (Vec<CalibrationBin>, f64),
     /// Predicted probability of the first decision to move against what came of it, and its Brier score.
     pub first_decision: (Vec<CalibrationBin>, f64),
     pub failures: Vec<Failure>,
@@ -137,7 +143,7 @@ pub fn row(
     let bins = vec![Share::default(); BINS];
     let mut row =
         Row { name: name.to_owned(), by_flight: bins.clone(), possible_by_flight: bins, ..Row::default() };
-    let mut predictions = Vec::new();
+    let (mut predictions, mut last_predictions) = (Vec::new(), Vec::new());
     let (mut misses, mut times, mut judged) = (Vec::new(), Vec::new(), (0_usize, 0_usize));
     for (k, ((outcome, took), aimed)) in outcomes.iter().zip(throws).enumerate() {
         let options = options(k);
@@ -154,7 +160,13 @@ pub fn row(
         if !outcome.caught {
             row.failures.push(failure(k, aimed, place, outcome));
         }
-        predictions.extend(first_begun(outcome).map(|first| (first.probability, outcome.caught)));
+        if let Some(first) = first_begun(outcome) {
+            row.begun.count(outcome.caught);
+            predictions.push((first.probability, outcome.caught));
+            let last = outcome.choice.as_ref().map_or(0.0, |choice| choice.probability);
+            row.predicted += last;
+            last_predictions.push((last, outcome.caught));
+        }
         misses.extend(outcome.crossing.filter(|_| outcome.choice.is_some()).map(|c| c.miss_m * 1e3));
         match outcome.reported {
             CatchOutcome::Declined(why) => {
@@ -187,6 +199,8 @@ pub fn row(
             judged.1 += 1;
         }
     }
+    row.predicted /= row.begun.of.max(1) as f64;
+    row.last_decision = (calibration(&last_predictions), brier(&last_predictions));
     row.first_decision = (calibration(&predictions), brier(&predictions));
     row.miss_mm = (quantile(&mut misses, 0.5), quantile(&mut misses, 0.95));
     row.decision_us = (quantile(&mut times, 0.5), quantile(&mut times, 0.99), quantile(&mut times, 1.0));
@@ -309,6 +323,15 @@ pub fn run(
             done(&row(&name, &pair, &throws, &|_| trial.clone(), &[], options.seed));
         }
     }
+    let wanted: Vec<_> = restitutions(court).filter(|(name, ..)| options.wants(name)).collect();
+    if !wanted.is_empty() {
+        let window = Window { flight_s: (0.55, 0.9), ..Window::default() };
+        let throws = draw_throws(&Pair::new(at_distance(court, 2.5))?, &window, options.throws, options.seed);
+        let throws = throws.ok_or(NoStudy::OutOfReach { distance_m: 2.5 })?;
+        for (name, court, trial) in wanted {
+            done(&row(&name, &Pair::new(court)?, &throws, &|_| trial.clone(), &[], options.seed));
+        }
+    }
     let estimator =
         if options.wants("estimator") { estimator(options.throws, options.seed) } else { Vec::new() };
     let rallies = rallies(court, options)?;
@@ -370,6 +393,21 @@ fn priors() -> impl Iterator<Item = (String, TrialOptions)> {
             let with = if cooperative { "with" } else { "without" };
             let name = format!("prior: {off_mm:.0} mm off, {percent} %, {with} the plan");
             (name, TrialOptions { grip_off_m, ..trial })
+        })
+    })
+}
+
+/// A ball and a cup that bounce more and more, by kind of catch, at 2.5 m; eyes only.
+fn restitutions(court: &CourtOptions) -> impl Iterator<Item = (String, CourtOptions, TrialOptions)> {
+    [0.15, 0.3, 0.4, 0.5, 0.6, 0.7].into_iter().flat_map(|restitution| {
+        let kinds = [(Allowed::Hold, "hold"), (Allowed::Matched, "matched"), (Allowed::Either, "either")];
+        kinds.map(|(allowed, kind)| {
+            let mut court = at_distance(court, 2.5);
+            court.cup.surface.restitution = restitution;
+            let wait = if allowed == Allowed::Hold { WAIT_HOLD_DEG } else { WAIT_MATCHED_DEG };
+            let wait = Joints::from(wait.map(f64::to_radians));
+            let trial = TrialOptions { wait, ..trial(allowed, false, 0.01, false) };
+            (format!("restitution {restitution}, {kind}"), court, trial)
         })
     })
 }

@@ -102,21 +102,22 @@ pub fn place_exists(pair: &Pair, aimed: &Aimed, options: &TrialOptions) -> bool 
     KNOWN_S.iter().any(|at_s| reached_from(pair, aimed, options, &options.wait, *at_s).is_some())
 }
 
-/// The catch that the search finds for an arm that rests at `wait` and knows the throw `known_s` after its release: the largest
-/// share of an acceleration or jerk limit that its motion uses. `None` if it finds none.
+/// The catch that the search finds for an arm that rests at `wait` and knows the throw `known_s` after its release: its probability, and
+/// the largest share of an acceleration or jerk limit that its motion uses. `None` if it finds none.
 pub(super) fn reached_from(
     pair: &Pair,
     aimed: &Aimed,
     options: &TrialOptions,
     wait: &Joints,
     known_s: f64,
-) -> Option<f64> {
+) -> Option<(f64, f64)> {
     let arm = &pair.catcher_for(aimed, options);
     let state = std::array::from_fn(|i| State::rest(wait[i]));
     let start = Start { at_s: RELEASE_S + known_s, state: &state, under_way: None };
     let gravity_m_s2 = pair.court.arms[0].model.world().gravity_m_s2;
     let forecast = true_forecast(&pair.court.ball, aimed, RELEASE_S, gravity_m_s2);
-    Some(search(arm, &options.settings, &start, &forecast).0.ok()?.used)
+    let choice = search(arm, &options.settings, &start, &forecast).0.ok()?;
+    Some((choice.probability, choice.used))
 }
 
 /// The flight of the planned throw as it is, released at `release_s`.

@@ -1,6 +1,6 @@
 //! Where the catcher waits: one pose for all throws of a kind, found by a search.
 //!
-//! A pose is worth the share of throws that can be caught from it when the arm learns of them: 70 ms after the release for an arm that
+//! A pose is worth the mean probability of the catches that are found from it when the arm learns of them: 70 ms after the release for an arm that
 //! sees the ball only, 0.3 s before it for a partner that knows the plan. Where the motions leave much of the accelerations, the arm may
 //! learn later: that is worth a little more. The search climbs from given poses: it changes all joints at random, less and less, and
 //! keeps what is not worse.
@@ -27,7 +27,7 @@ const SPARE_WORTH: f64 = 0.1;
 pub struct Wait {
     /// Joint angles, rad.
     pub q_rad: Joints,
-    /// Of each throw 0 if it cannot be caught from there, else 1 to 1.1; the mean.
+    /// Of each throw 0 if it cannot be caught from there, else its probability times 1 to 1.1; the mean.
     worth: f64,
 }
 
@@ -64,8 +64,8 @@ pub fn find_wait(pair: &Pair, options: &TrialOptions, throws: &[Aimed], seed: u6
 fn worth(pair: &Pair, options: &TrialOptions, throws: &[Aimed], q: &Joints) -> f64 {
     let known_s = if options.cooperative { LEARNS_S.1 } else { LEARNS_S.0 };
     let of_each = throws.par_iter().map(|aimed| {
-        let used = reached_from(pair, aimed, options, q, known_s);
-        used.map_or(0.0, |used| 1.0 + SPARE_WORTH * (1.0 - used))
+        let reached = reached_from(pair, aimed, options, q, known_s);
+        reached.map_or(0.0, |(probability, used)| probability * (1.0 + SPARE_WORTH * (1.0 - used)))
     });
     // In the order of the throws: the sum does not depend on the threads.
     of_each.collect::<Vec<f64>>().iter().sum::<f64>() / throws.len().max(1) as f64

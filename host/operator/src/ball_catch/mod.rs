@@ -1,4 +1,4 @@
-//! A ball that an arm catches with a cup, on the simulated court and in virtual time.
+//! A ball that an arm catches with a cup: on the simulated court in virtual time, and over a bus with the eyes of a tracker.
 //!
 //! ```text
 //! thrower's motion ──► Court (ball, cups, tracker) ──► datagrams ──► MarkerStream ──► BallWatch ──► forecast
@@ -13,13 +13,19 @@
 //! | [`obstacles`] | the thrower, as the catcher keeps clear of it |
 //! | [`limits`] | the limits against the joints of both arms as they moved |
 //! | [`reported`] | what the catcher reports of its catch |
+//! | [`controller_arm`] | an arm behind its controller |
+//! | [`wire`] | an arm on its bus, and the tracker's data |
+//! | [`on_bus`] | one catch with both |
 //! | [`trial`] | one throw from the first run-up to the ball at rest; what was reported and what happened |
 //!
 //! The court is the witness: what the catcher reports is compared with where the simulated ball lies.
 
+pub mod controller_arm;
 pub mod executor;
 pub mod limits;
 pub mod obstacles;
+pub mod on_bus;
 pub mod reported;
 pub mod thrower;
 pub mod trial;
+pub mod wire;

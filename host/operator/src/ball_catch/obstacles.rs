@@ -61,7 +61,7 @@ pub fn reach(thrower: &ArmPlace, reach_m: f64) -> Vec<Obb> {
 #[must_use]
 pub fn within_reach(catcher: &CatchArm, boxes: Vec<Obb>) -> Vec<Obb> {
     let shoulder = catcher.shoulder_m();
-    let reach_m = catcher.reach_m() + catcher.cup().outer_radius_m;
+    let reach_m = catcher.reach_m() + catcher.cup().outer_radius_m();
     boxes.into_iter().filter(|b| (b.nearest_point(&shoulder) - shoulder).norm() < reach_m).collect()
 }
 

@@ -77,7 +77,7 @@ fn inside(
 ) -> Vec<Vector3<f64>> {
     let arm: &CatchArm = catcher.arm();
     let (mouth, axis, _) = arm.mouth(&joints.q, &joints.qd);
-    let middle = mouth - axis * (0.5 * arm.cup().length_m);
+    let middle = mouth - axis * (0.5 * arm.cup().length_m());
     let last = last_seen(catcher, seen, now_s);
     let inside: Vec<_> = last.iter().filter(|(_, p)| (p - middle).norm() < IN_CUP_M).collect();
     // A ball that has fallen out is in the cup no longer, however long it was there.

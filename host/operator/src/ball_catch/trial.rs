@@ -6,8 +6,9 @@ use hil_sim::rng::Rng;
 use hil_sim::tracker::{TrackerFault, TrackerFaultKind};
 use nalgebra::Vector3;
 use planner::catch::Joints;
-use planner::catch::arm::{CatchArm, Cup, NotACatcher, Shares};
+use planner::catch::arm::{CatchArm, NotACatcher, Shares};
 use planner::catch::clear::CLEARS_FROM_LINK;
+use planner::catch::cup::{Ball, Contact, Cup};
 use planner::catch::draw::Aimed;
 use planner::catch::motion::used;
 use planner::catch::online::{Catcher, Logged};
@@ -24,7 +25,7 @@ pub use super::reported::CatchOutcome;
 use super::reported::{InCup, in_cup, place_in_cup, report};
 use super::thrower::{Scatter, ThrowFault, Thrower};
 use crate::flight_estimator::fit::Air;
-use crate::flight_estimator::{BallWatch, MarkerStream, WatchOptions};
+use crate::flight_estimator::{BallWatch, FlightPrior, MarkerStream, WatchOptions};
 
 /// Step of a trial.
 const STEP: Duration = Duration::from_millis(1);
@@ -75,6 +76,8 @@ pub struct TrialOptions {
     pub grip_off_m: Vector3<f64>,
     /// Drag that the catcher believes in, as a factor on the ball's; and its standard deviation as a share.
     pub drag: (f64, f64),
+    /// Restitution of ball and cup that the catcher counts on, 0 to 1; `None` for that of the court.
+    pub restitution: Option<f64>,
     /// Where the catcher waits, rad.
     pub wait: Joints,
     pub trouble: Vec<Trouble>,
@@ -99,6 +102,7 @@ impl Default for TrialOptions {
             scatter: Scatter::default(),
             grip_off_m: Vector3::zeros(),
             drag: (1.0, 0.1),
+            restitution: None,
             wait: Joints::from(WAIT_HOLD_DEG.map(f64::to_radians)),
             trouble: Vec::new(),
         }
@@ -116,7 +120,9 @@ pub struct Moment {
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
-    /// The ball lay in the catcher's cup at the end: the court's word.
+    /// Nobody but the tracker saw the ball: on real buses there is no court.
+    pub by_tracker: bool,
+    /// The ball lay in the catcher's cup at the end: the court's word, or what the tracker shows.
     pub caught: bool,
     pub reported: CatchOutcome,
     /// How the ball crossed the plane of the mouth.
@@ -199,22 +205,29 @@ impl Pair {
     /// # Errors
     /// The catcher's arm cannot hold a cup.
     pub fn new(court: CourtOptions) -> Result<Self, NotACatcher> {
-        let shape = court.cup.shape;
+        let (shape, surface) = (court.cup.shape, court.cup.surface);
         let cup = Cup {
             mouth_m: court.cup.mouth_from_ee_m,
-            outer_radius_m: shape.inner_radius_m + shape.wall_m,
-            length_m: shape.depth_m + shape.wall_m,
-            miss_max_m: shape.inner_radius_m - court.ball.radius_m,
+            inner_radius_m: shape.inner_radius_m,
+            depth_m: shape.depth_m,
+            wall_m: shape.wall_m,
             replaces: court.cup.replaces.clone(),
+            ball: Ball { radius_m: court.ball.radius_m, inertia: court.ball.inertia },
+            contact: Contact {
+                restitution: surface.restitution,
+                friction: surface.friction,
+                rolling: surface.rolling,
+                rest_m_s: surface.rest_m_s,
+            },
         };
-        let arm = |k: usize, jerk| {
-            let ArmPlace { model, x_wb } = &court.arms[k];
-            CatchArm::new(model.clone(), *x_wb, cup.clone(), Shares::default(), jerk)
-        };
-        let mut catchers = [arm(1, false)?, arm(1, true)?];
+        let [thrower, ArmPlace { model, x_wb }] = &court.arms;
+        let arm = CatchArm::new(model.clone(), *x_wb, cup, Shares::default(), false)?;
+        let with_jerk = arm.with_arm(model.clone(), *x_wb, true)?;
+        let mut catchers = [arm, with_jerk];
         if !court.alone {
             // The boxes of a hand reach as far as its cup would.
-            let boxes = reach(&court.arms[0], arm(0, false)?.reach_m() + cup.outer_radius_m);
+            let other = catchers[0].with_arm(thrower.model.clone(), thrower.x_wb, false)?;
+            let boxes = reach(thrower, other.reach_m() + other.cup().outer_radius_m());
             for catcher in &mut catchers {
                 let near = within_reach(catcher, boxes.clone());
                 catcher.set_obstacles(&near);
@@ -236,10 +249,13 @@ impl Pair {
         &self.catchers[usize::from(jerk)]
     }
 
-    /// The catcher for one throw: whoever knows the plan keeps clear of the way that the thrower takes, not of all its reach.
+    /// The catcher for one throw, with the restitution that it counts on: whoever knows the plan keeps clear of the way that the thrower takes, not of all its reach.
     #[must_use]
     pub fn catcher_for(&self, aimed: &Aimed, options: &TrialOptions) -> CatchArm {
         let mut arm = self.catcher(options.jerk).clone();
+        if let Some(restitution) = options.restitution {
+            arm.set_restitution(restitution);
+        }
         if options.cooperative && !self.court.alone {
             let boxes = within_reach(&arm, swept(&self.court.arms[0], &aimed.throw));
             arm.set_obstacles(&boxes);
@@ -330,7 +346,7 @@ impl Pair {
         if let Some(release_s) = thrower.release_s().filter(|_| !by_hand) {
             court.release_at(Instant::ZERO + Duration::from_secs_f64(release_s));
         }
-        let mut run = self.new_run(arm, &thrower, aimed, options);
+        let mut run = self.new_run(arm, self.prior(&thrower, aimed, options), options);
         if options.cooperative {
             run.decide(executor, SETTLE_S, &mut timed);
         }
@@ -400,6 +416,7 @@ impl Pair {
         let rests = court.resting_in() == Some(1);
         let lies_e_m = seen_m.filter(|_| rests).map(|seen_m| [court.ball().0, seen_m].map(at_e_m));
         Outcome {
+            by_tracker: false,
             caught: rests,
             reported,
             crossing,
@@ -418,19 +435,21 @@ impl Pair {
         }
     }
 
+    /// What a catcher knows beforehand who cooperates.
+    #[must_use]
+    pub fn prior(&self, thrower: &Thrower, aimed: &Aimed, options: &TrialOptions) -> Option<FlightPrior> {
+        let ArmPlace { model, x_wb } = &self.court.arms[0];
+        options.cooperative.then(|| thrower.prior(model, x_wb, aimed, &options.scatter))
+    }
+
     /// The catcher before it has seen anything.
     #[must_use]
     pub fn new_run<'a>(
         &self,
         arm: &'a CatchArm,
-        thrower: &Thrower,
-        aimed: &Aimed,
+        prior: Option<FlightPrior>,
         options: &TrialOptions,
     ) -> Run<'a> {
-        let prior = options.cooperative.then(|| {
-            let ArmPlace { model, x_wb } = &self.court.arms[0];
-            thrower.prior(model, x_wb, aimed, &options.scatter)
-        });
         Run {
             catcher: Catcher::new(arm, options.settings, &options.wait),
             watch: BallWatch::new(WatchOptions { prior, ..self.watch_options(options) }),

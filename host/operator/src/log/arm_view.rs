@@ -13,6 +13,8 @@ use protocol::Instant;
 
 /// Frame at the place where the hand holds the ball; its axes are those of the world.
 const HAND_FRAME: &str = "hand";
+/// Frame of what a tracker sees.
+const ROOM_FRAME: &str = "room";
 /// Colours: red, green, blue, opacity.
 const BODY_COLOUR: [f64; 4] = [0.56, 0.63, 0.71, 1.0];
 const BALL_COLOUR: [f64; 4] = [0.90, 0.45, 0.13, 1.0];
@@ -142,6 +144,17 @@ impl ArmView {
         }
         all
     }
+}
+
+/// `foxglove.SceneUpdate`: a ball that flies or lies somewhere, m, in the frame of the room.
+pub fn ball_at(unix: Instant, p_m: [f64; 3], radius_m: f64) -> Message {
+    let [x, y, z] = p_m;
+    let sphere = Message::default()
+        .bytes(1, &pose(&Pose::translation(x, y, z)))
+        .bytes(2, &numbers(&[2.0 * radius_m; 3]))
+        .bytes(3, &numbers(&BALL_COLOUR));
+    let ball = entity(unix, ROOM_FRAME, BALL).bytes(9, &sphere.into_bytes());
+    Message::default().bytes(2, &ball.into_bytes())
 }
 
 /// `google.protobuf.Timestamp`.

@@ -12,6 +12,7 @@
 //! | `/freeze` | `cubectl.FreezeFrame` | a fault or stop came that was not there before |
 //! | `/joints` | `foxglove.JointStates` | all drives have reported their angle: once per control cycle |
 //! | `/tf` | `foxglove.FrameTransforms` | as `/joints` |
+//! | `/ball` | `foxglove.SceneUpdate` | a tracker has seen a ball, in a file of its own |
 //! | `/scene` | `foxglove.SceneUpdate` | bodies and ball, whole, at the start and when the gripper closes or opens |
 
 use std::collections::BTreeMap;
@@ -25,7 +26,7 @@ use protocol::cyphal::cubecell::joint_state::{JointFlags, JointSample};
 use protocol::powercube::{CubeState, Parameter, Reply, ShortState, Value};
 use protocol::{Duration, Frame, Instant};
 
-use super::arm_view::{ArmView, timestamp};
+use super::arm_view::{ArmView, ball_at, timestamp};
 use super::facts::{Fact, position};
 use super::schema::{self, Message};
 use super::watch::{FreezeFrame, LogEvent, Severity, Watch};
@@ -185,6 +186,15 @@ impl<W: Write + Seek> Log<W> {
             self.put("/scene", self.schemas.scene, at, bodies)?;
         }
         Ok(())
+    }
+
+    /// Writes where a tracker has seen a ball, m, in its room.
+    ///
+    /// # Errors
+    /// The medium's.
+    pub fn ball(&mut self, at: Instant, p_m: [f64; 3], radius_m: f64) -> io::Result<()> {
+        let ball = ball_at(at + self.zero_unix, p_m, radius_m);
+        self.put("/ball", self.schemas.scene, at, ball)
     }
 
     /// Writes an error of the bus.

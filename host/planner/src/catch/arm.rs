@@ -1,25 +1,15 @@
 //! The arm that catches: kinematics, cup, place in the world, limits.
 
+use std::sync::Arc;
+
 use nalgebra::Vector3;
 use robot_model::collision::{Obb, Scene};
 use robot_model::{AxisTool, Family, Pose, RobotModel};
 
 use super::Joints;
+use super::bounce::{CupNow, StayTable};
+use super::cup::Cup;
 use super::law::{CatchLaw, Limits};
-
-/// Cup at the hand, open along the tool axis.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Cup {
-    /// From the end-effector frame to the middle of the mouth along the tool axis, m.
-    pub mouth_m: f64,
-    pub outer_radius_m: f64,
-    /// From the mouth to the outer face of the bottom, m.
-    pub length_m: f64,
-    /// Distance of the ball's centre from the axis up to which it passes the rim, m.
-    pub miss_max_m: f64,
-    /// Boxes of the robot file that are not there because the cup is.
-    pub replaces: Vec<String>,
-}
 
 /// Shares of the limits that a plan may use.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,6 +54,7 @@ pub struct CatchArm {
     pub(super) x_wb: Pose,
     pub(super) tool: AxisTool,
     pub(super) cup: Cup,
+    pub(super) stays: Arc<StayTable>,
     pub(super) law: CatchLaw,
     pub(super) shares: Shares,
     first: [Limits; 6],
@@ -72,7 +63,8 @@ pub struct CatchArm {
 }
 
 impl CatchArm {
-    /// `x_wb` is the pose of the arm's base in the world; `jerk` keeps the jerk limits of the robot file as well.
+    /// `x_wb` is the pose of the arm's base in the world; `jerk` keeps the jerk limits of the robot file as well. How a ball bounces in the
+    /// cup is worked out here; [`CatchArm::with_arm`] has another arm with the same cup.
     ///
     /// # Errors
     /// The arm cannot hold a cup that this planner can aim.
@@ -80,6 +72,25 @@ impl CatchArm {
         model: RobotModel,
         x_wb: Pose,
         cup: Cup,
+        shares: Shares,
+        jerk: bool,
+    ) -> Result<Self, NotACatcher> {
+        let stays = Arc::new(StayTable::new(&cup));
+        Self::holding(model, x_wb, (cup, stays), shares, jerk)
+    }
+
+    /// Another arm with the same cup and shares of its limits.
+    ///
+    /// # Errors
+    /// As for [`CatchArm::new`].
+    pub fn with_arm(&self, model: RobotModel, x_wb: Pose, jerk: bool) -> Result<Self, NotACatcher> {
+        Self::holding(model, x_wb, (self.cup.clone(), self.stays.clone()), self.shares, jerk)
+    }
+
+    fn holding(
+        model: RobotModel,
+        x_wb: Pose,
+        (cup, stays): (Cup, Arc<StayTable>),
         shares: Shares,
         jerk: bool,
     ) -> Result<Self, NotACatcher> {
@@ -100,11 +111,11 @@ impl CatchArm {
             })
         };
         let (first, correction) = (limits(shares.first), limits(shares.correction));
-        let half = 0.5 * cup.length_m;
+        let half = 0.5 * cup.length_m();
         let shell = (
             CUP_BODY.to_owned(),
             Pose::translation(0.0, 0.0, cup.mouth_m - half),
-            Vector3::new(cup.outer_radius_m, cup.outer_radius_m, half),
+            Vector3::new(cup.outer_radius_m(), cup.outer_radius_m(), half),
         );
         let model = model.with_hand(&cup.replaces, [shell]);
         Ok(Self {
@@ -112,6 +123,7 @@ impl CatchArm {
             x_wb,
             tool,
             cup,
+            stays,
             law: CatchLaw::new(jerk),
             shares,
             first,
@@ -125,6 +137,12 @@ impl CatchArm {
         let x_bw = self.x_wb.inverse();
         let placed = boxes.iter().map(|b| ("other arm".to_owned(), Obb::new(x_bw * b.pose, b.half_m)));
         self.scene.obstacles = placed.collect();
+    }
+
+    /// What the arm keeps clear of beside itself and the floor, in its base frame.
+    #[must_use]
+    pub fn scene(&self) -> &Scene {
+        &self.scene
     }
 
     /// Boxes of this arm in the world.
@@ -155,6 +173,11 @@ impl CatchArm {
             }
             _ => 0.0,
         }
+    }
+
+    /// What gravity presses a ball in a cup at rest with: upwards, m/s².
+    pub(super) fn gravity_m_s2(&self) -> Vector3<f64> {
+        Vector3::z() * self.model.world().gravity_m_s2
     }
 
     /// Middle of the shoulder in the world, m.
@@ -192,11 +215,29 @@ impl CatchArm {
     /// Middle of the mouth (m), tool axis, and velocity of the mouth (m/s) in the world.
     #[must_use]
     pub fn mouth(&self, q: &Joints, qd: &Joints) -> (Vector3<f64>, Vector3<f64>, Vector3<f64>) {
+        let now = self.cup_at(q, qd);
+        (now.mouth_m, now.axis, now.v_m_s)
+    }
+
+    /// The cup in the world.
+    pub(super) fn cup_at(&self, q: &Joints, qd: &Joints) -> CupNow {
         let frames = self.model.fk(q);
         let x_be = self.model.ee(&frames);
         let axis = x_be.rot.column(2).into_owned();
         let p = x_be.pos + axis * self.cup.mouth_m;
-        let v: Vector3<f64> = (0..6).map(|i| frames.axis(i).cross(&(p - frames.origin(i))) * qd[i]).sum();
-        (self.x_wb.transform_point(&p), self.x_wb.rot * axis, self.x_wb.rot * v)
+        let (mut v, mut w) = (Vector3::zeros(), Vector3::zeros());
+        for i in 0..6 {
+            let rate = frames.axis(i) * qd[i];
+            v += rate.cross(&(p - frames.origin(i)));
+            w += rate;
+        }
+        let rot = &self.x_wb.rot;
+        CupNow { mouth_m: self.x_wb.transform_point(&p), axis: rot * axis, v_m_s: rot * v, w_rad_s: rot * w }
+    }
+
+    /// The same arm for a cup with another restitution, 0 to 1.
+    pub fn set_restitution(&mut self, restitution: f64) {
+        self.cup.contact.restitution = restitution;
+        self.stays = Arc::new(StayTable::new(&self.cup));
     }
 }

@@ -9,13 +9,16 @@ use super::forecast::{Forecast, Foreseen, across};
 use super::law::{Fit, Limits, Pieces, State, least_peak, stopping_angle};
 use super::motion::looks_down;
 use super::rates::Hand;
-use super::slot::{Slot, probability, slot};
+use super::slot::{Slot, enters, slot};
 use super::task::{Allowed, Count, Mode, Settings, Start};
 
 /// Candidates that are kept.
 const SHORTLIST: usize = 24;
-/// What a matched catch is worth against one with the hand at rest, as a factor on the probability of the latter.
-const HOLD_WORTH: f64 = 0.9;
+/// Of catches that are as likely the gentler one: what 1 m/s of relative speed costs, as a probability. Nobody knows a restitution as well as
+/// a flight.
+const GENTLE_S_M: f64 = 0.01;
+/// The stop of the hand presses the ball to the bottom: its mean over this time, about that of the first bounce, counts, s.
+const FIRST_BOUNCE_S: f64 = 0.06;
 /// Steps of time (s) and of the cup's direction (rad) about a posture that is missed by little.
 const NEARBY: [(f64, f64); 3] = [(0.01, 0.15), (0.005, 0.07), (0.0025, 0.035)];
 const NEARBY_DIRECTIONS: u32 = 8;
@@ -33,7 +36,12 @@ pub(super) struct Candidate {
     pub(super) qd: Joints,
     pub(super) fits: [Fit; 6],
     pub(super) used: f64,
-    pub(super) probability: f64,
+    /// Probability that the ball enters the cup.
+    pub(super) enters: f64,
+    /// Chance that it stays there then, by the table.
+    pub(super) stays: f64,
+    /// Standard deviation of the ball beside the axis at the catch, m.
+    pub(super) sigma_m: f64,
     pub(super) relative_m_s: f64,
     pub(super) score: f64,
 }
@@ -53,8 +61,14 @@ struct Place<'a> {
     axis: Vector3<f64>,
     branch: Branch,
     mode: Mode,
-    worth: f64,
     q: Joints,
+}
+
+/// The hand at a catch: joint rates, speed of the ball against it, chance that the ball stays.
+struct Meeting {
+    qd: Joints,
+    relative_m_s: f64,
+    stays: f64,
 }
 
 /// Unit vectors about (0, 0, 1): one in the middle, three rings.
@@ -87,18 +101,17 @@ fn about(slot: &Slot<'_>, axis: &Vector3<f64>, step_rad: f64, cone_rad: f64) -> 
         .collect()
 }
 
-/// The mode in which the hand catches, and what it is worth; `None` if the settings do not allow it.
-fn allowed_mode(settings: &Settings, slot: &Slot<'_>, mode: Mode) -> Option<(Mode, f64)> {
+/// Whether the settings allow a mode for a ball of this speed.
+fn allows(settings: &Settings, slot: &Slot<'_>, mode: Mode) -> bool {
     // A ball slower than the relative speed allowed needs no hand that moves.
     if slot.speed <= settings.relative_m_s {
-        return Some((Mode::Hold, 1.0));
+        return mode == Mode::Hold;
     }
-    let allowed = match settings.allowed {
+    match settings.allowed {
         Allowed::Either => true,
         Allowed::Matched => mode == Mode::Matched,
         Allowed::Hold => mode == Mode::Hold,
-    };
-    allowed.then_some((mode, if mode == Mode::Matched { 1.0 } else { HOLD_WORTH }))
+    }
 }
 
 /// Largest share of an acceleration limit that no motion to this state can go below.
@@ -183,14 +196,23 @@ impl<'a> Search<'a> {
             .map(|(_, axis, _)| *axis)
             .filter(|axis| -axis.dot(&slot.u) >= settings.cone_rad.cos());
         let axes = directions.iter().map(|[x, y, z]| a * *x + b * *y - slot.u * *z).chain(kept);
+        let gravity_m_s2 = arm.gravity_m_s2();
+        let hold = allows(settings, slot, Mode::Hold);
+        let matched = allows(settings, slot, Mode::Matched);
         for axis in axes {
+            let stays = if hold { arm.stays.chance(&slot.ball.v_m_s, &axis, &gravity_m_s2) } else { 0.0 };
             let p_b = arm.x_wb.inverse_transform_point(&slot.ball.p_m);
             let axis_b = arm.x_wb.rot.tr_mul(&axis);
             self.count.judged += Branch::COUNT;
             arm.model.ik_axis(&arm.tool, &p_b, &axis_b, (&slot.low, &slot.high), |branch, q| {
                 self.count.posture += 1;
-                for mode in [Mode::Matched, Mode::Hold] {
-                    self.judge(slot, (&axis, branch, mode), q);
+                let place = |mode| Place { slot, axis, branch, mode, q };
+                if matched {
+                    self.judge_matched(&place(Mode::Matched));
+                }
+                if hold {
+                    let meeting = Meeting { qd: Joints::zeros(6), relative_m_s: slot.speed, stays };
+                    self.judge(&place(Mode::Hold), &meeting);
                 }
             });
         }
@@ -224,31 +246,35 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Judges a posture `q` of one time, cup direction and branch in one mode.
-    fn judge(&mut self, slot: &Slot<'_>, (axis, branch, mode): (&Vector3<f64>, Branch, Mode), q: Joints) {
-        let Some((mode, worth)) = allowed_mode(self.settings, slot, mode) else { return };
-        let place = Place { slot, axis: *axis, branch, mode, worth, q };
-        if mode == Mode::Hold {
-            self.judge_rates(&place, Joints::zeros(6), slot.speed);
-            return;
-        }
-        let relative_m_s = self.settings.relative_m_s;
-        let hand = Hand::at(self.arm, slot.limits, &q);
+    /// Judges a posture with a hand that moves with the ball.
+    fn judge_matched(&mut self, place: &Place<'_>) {
+        let (arm, relative_m_s) = (self.arm, self.settings.relative_m_s);
+        let Place { slot, axis, q, .. } = place;
+        let hand = Hand::at(arm, slot.limits, q);
         // Least speed of the hand: straight with the ball. Else the ball comes straight along the cup's axis.
         for hand_m_s in [slot.u * (slot.speed - relative_m_s), slot.ball.v_m_s + axis * relative_m_s] {
-            match hand.rates(&hand_m_s) {
-                Some(qd) if self.judge_rates(&place, qd, relative_m_s) => return,
-                Some(_) => {}
-                None => self.count.fast += 1,
+            let Some(qd) = hand.rates(&hand_m_s) else {
+                self.count.fast += 1;
+                continue;
+            };
+            let pressing_m_s2 = arm.gravity_m_s2() + hand.stop_m_s2(&qd, FIRST_BOUNCE_S);
+            let stays = arm.stays.chance(&(slot.ball.v_m_s - hand_m_s), axis, &pressing_m_s2);
+            if self.judge(place, &Meeting { qd, relative_m_s, stays }) {
+                return;
             }
         }
     }
 
     /// Judges a posture with joint rates; false if no motion leads there.
-    fn judge_rates(&mut self, place: &Place<'_>, qd: Joints, relative_m_s: f64) -> bool {
+    fn judge(&mut self, place: &Place<'_>, meeting: &Meeting) -> bool {
         let Self { arm, settings, start, .. } = *self;
-        let Place { slot, axis, branch, mode, worth, q } = *place;
-        let bound = if self.best.len() < SHORTLIST { 0.0 } else { self.best[self.best.len() - 1].score };
+        let Place { slot, axis, branch, mode, q } = *place;
+        let Meeting { qd, relative_m_s, stays } = *meeting;
+        let bound = if self.best.len() < SHORTLIST {
+            f64::NEG_INFINITY
+        } else {
+            self.best[self.best.len() - 1].score
+        };
         let least = match least_share(arm, start, slot, &q, &qd, &mut self.count) {
             Ok(least) => least,
             Err(by) => {
@@ -261,8 +287,8 @@ impl<'a> Search<'a> {
             if same { settings.hysteresis } else { 0.0 }
         });
         let score = |used: f64| {
-            let probability = probability(arm, slot, used);
-            (probability, worth * probability + kept + 0.01 * (1.0 - used))
+            let enters = enters(arm, slot, used);
+            (enters, enters * stays + kept + 0.01 * (1.0 - used) - GENTLE_S_M * relative_m_s)
         };
         if score(least).1 <= bound {
             return true;
@@ -273,7 +299,7 @@ impl<'a> Search<'a> {
             return false;
         };
         self.count.motion += 1;
-        let (probability, score) = score(used);
+        let (enters, score) = score(used);
         if score <= bound {
             return true;
         }
@@ -294,9 +320,22 @@ impl<'a> Search<'a> {
         let at = self.best.partition_point(|other| other.score >= score);
         self.best.truncate(SHORTLIST - 1);
         let at = at.min(self.best.len());
-        let ball = slot.ball;
-        let found =
-            Candidate { ball, axis, branch, mode, q, qd, fits, used, probability, relative_m_s, score };
+        let (ball, sigma_m) = (slot.ball, slot.sigma_end_m);
+        let found = Candidate {
+            ball,
+            axis,
+            branch,
+            mode,
+            q,
+            qd,
+            fits,
+            used,
+            enters,
+            stays,
+            sigma_m,
+            relative_m_s,
+            score,
+        };
         self.best.insert(at, found);
         true
     }

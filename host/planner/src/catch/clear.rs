@@ -89,7 +89,7 @@ pub(crate) fn move_clear(
 fn passing(arm: &CatchArm, from_s: f64, forecast: &Forecast) -> Vec<Foreseen> {
     let shoulder = arm.shoulder_m();
     let floor_m = arm.x_wb.pos.z + arm.model.world().floor_z_m;
-    let near_m = arm.reach_m() + arm.cup.outer_radius_m + ROOM_M + VAGUE_MAX_M;
+    let near_m = arm.reach_m() + arm.cup.outer_radius_m() + ROOM_M + VAGUE_MAX_M;
     let points = forecast.points.iter().step_by(STRIDE).filter(|ball| ball.t_s >= from_s);
     points
         .filter(|ball| ball.p_m.z > floor_m && (ball.p_m - shoulder).norm() < near_m)

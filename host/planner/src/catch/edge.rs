@@ -14,6 +14,8 @@ const RINGS: [f64; 2] = [0.758_528, 1.665_109];
 const PER_RING: u32 = 6;
 /// A flight that is out of reach at the time of the candidate may be in reach this much earlier or later, s.
 const SHIFTS_S: [f64; 7] = [0.0, -0.03, 0.03, -0.06, 0.06, -0.1, 0.1];
+/// A catch with less of the candidate's chance that the ball stays is no catch of the same kind.
+const ALIKE: f64 = 0.5;
 /// Below this standard deviation of what is still to be told, nearly all flights are in reach where the candidate is, m.
 const SIGMA_MIN_M: f64 = 0.003;
 
@@ -32,6 +34,7 @@ pub(super) fn share_in_reach(
         return 1.0;
     }
     let limits = arm.limits(true);
+    let stays = ALIKE * candidate.stays;
     let slots: Vec<Slot<'_>> = SHIFTS_S
         .iter()
         .filter_map(|shift_s| forecast.at(candidate.ball.t_s + shift_s))
@@ -46,18 +49,25 @@ pub(super) fn share_in_reach(
             let same = [candidate.axis.dot(&a), candidate.axis.dot(&b), -candidate.axis.dot(&slot.u)];
             let mut search = Search::new(arm, settings, start);
             search.look(&slot, &[same]);
-            if search.best.is_empty() {
+            let caught = |search: &Search<'_>| search.best.first().is_some_and(|best| best.stays >= stays);
+            if !caught(&search) {
                 search.look(&slot, directions);
             }
-            !search.best.is_empty()
+            caught(&search)
         })
     };
-    let points = RINGS.iter().flat_map(|radius| {
+    around().filter(|off| caught(*off)).count() as f64 / AROUND as f64
+}
+
+/// Number of points of [`around`].
+pub(super) const AROUND: usize = RINGS.len() * PER_RING as usize;
+
+/// Points about the mean of a normal distribution in a plane, each as likely as the others, in standard deviations.
+pub(super) fn around() -> impl Iterator<Item = (f64, f64)> {
+    RINGS.iter().flat_map(|radius| {
         (0..PER_RING).map(move |k| {
             let (y, x) = (TAU * f64::from(k) / f64::from(PER_RING)).sin_cos();
             (radius * x, radius * y)
         })
-    });
-    let hits = points.filter(|off| caught(*off)).count();
-    hits as f64 / (RINGS.len() as f64 * f64::from(PER_RING))
+    })
 }

@@ -8,11 +8,13 @@
 //! |---|---|
 //! | [`law`] | motion of a joint between two states in a given time, under speed, acceleration and jerk limits |
 //! | [`forecast`] | the flight to come, with its covariance |
+//! | [`cup`] | the cup, and what it does to a ball that touches it |
 //! | [`arm`] | the arm with its cup, where it stands, its limits |
 //! | [`motion`] | motion of all joints; the check of a whole motion |
 //! | [`task`] | what counts as a catch, why there is none, where a search starts |
 //! | `slot` | the times of a search: ball, reach of the joints, probability |
 //! | `candidates` | postures at these times, judged |
+//! | `bounce` | whether a ball that enters the cup stays in it |
 //! | `edge` | how many of the flights that a ball may take are in reach |
 //! | [`rates`] | joint rates that move the hand with the ball |
 //! | [`search`] | the best candidate, or why there is none |
@@ -23,8 +25,10 @@
 //! World frame: that of the two arms' common floor plan; SI units, radians.
 
 pub mod arm;
+mod bounce;
 mod candidates;
 pub mod clear;
+pub mod cup;
 pub mod draw;
 mod edge;
 pub mod forecast;

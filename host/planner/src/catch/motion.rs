@@ -156,9 +156,9 @@ fn meets_cup_early(arm: &CatchArm, motion: &CatchMotion, forecast: &Forecast, ca
             let x_be = arm.model.ee(&frames);
             let p_e = x_be.inverse_transform_point(&arm.x_wb.inverse_transform_point(&ball.p_m));
             let at_mouth = p_e - Vector3::z() * arm.cup.mouth_m;
-            let inner_m = arm.cup.miss_max_m + arm.ball_radius_m();
+            let inner_m = arm.cup.inner_radius_m;
             let inside = at_mouth.z < -EARLY_MAX_M
-                && at_mouth.z > -arm.cup.length_m
+                && at_mouth.z > -arm.cup.length_m()
                 && at_mouth.x.hypot(at_mouth.y) < inner_m;
             if inside || wall_distance_m(arm, &at_mouth) < arm.ball_radius_m() + BALL_ROOM_M {
                 return true;
@@ -172,10 +172,10 @@ fn meets_cup_early(arm: &CatchArm, motion: &CatchMotion, forecast: &Forecast, ca
 /// Distance of a point from the wall and the bottom of the cup, m; the point is given from the middle of the mouth, z along the
 /// cup's axis.
 fn wall_distance_m(arm: &CatchArm, at_mouth: &Vector3<f64>) -> f64 {
-    let (inner_m, outer_m) = (arm.cup.miss_max_m + arm.ball_radius_m(), arm.cup.outer_radius_m);
+    let (inner_m, outer_m) = (arm.cup.inner_radius_m, arm.cup.outer_radius_m());
     let r = at_mouth.x.hypot(at_mouth.y);
-    if at_mouth.z < -arm.cup.length_m {
-        return (r - outer_m).max(0.0).hypot(at_mouth.z + arm.cup.length_m);
+    if at_mouth.z < -arm.cup.length_m() {
+        return (r - outer_m).max(0.0).hypot(at_mouth.z + arm.cup.length_m());
     }
     (inner_m - r).max(r - outer_m).max(0.0).hypot(at_mouth.z.max(0.0))
 }

@@ -172,11 +172,12 @@ impl<'a> Catcher<'a> {
         self.before = Some((motion, choice));
     }
 
-    /// Probability of the catch under way if nothing changes any more.
+    /// Probability of the catch under way if nothing changes any more, with the chance to stay of its plan.
     fn kept_probability(&self, forecast: &Forecast, off_m: f64) -> f64 {
         let Some(choice) = &self.choice else { return 0.0 };
         let sigma_m = forecast.at(choice.t_s).map_or(f64::INFINITY, |ball| ball.lateral_sigma_m());
-        passes_rim(self.arm.cup().miss_max_m, off_m, sigma_m.hypot(self.settings.tracking_sigma_m))
+        let sigma_m = sigma_m.hypot(self.settings.tracking_sigma_m);
+        choice.stays * passes_rim(self.arm.cup().miss_max_m(), off_m, sigma_m)
     }
 
     fn judge_again(&mut self, forecast: &Forecast, off_m: f64) {
@@ -219,6 +220,7 @@ impl<'a> Catcher<'a> {
 
     /// Why there is no catch; `None` if there is one, or nothing was foreseen yet.
     ///
+    /// A ball that would bounce out is too late in the end, too: the first of both counts.
     /// A ball that has passed is out of reach, of whatever kind it was, and no posture points at it: the last reason counts that a
     /// search with postures to judge gave; without one, the last that is neither of these two; then the last that is not
     /// [`Decline::OutOfReach`].
@@ -239,6 +241,11 @@ impl<'a> Catcher<'a> {
         let with_postures = reasons().find(|(_, postures)| *postures);
         let before = || reasons().find(|(why, _)| !passed.contains(why));
         let in_reach = || reasons().find(|(why, _)| *why != Decline::OutOfReach);
+        let bounces = || reasons().find(|(why, _)| *why == Decline::BouncesOut);
+        let with_postures = with_postures.map(|last| match last.0 {
+            Decline::TooLate => bounces().unwrap_or(last),
+            _ => last,
+        });
         with_postures.or_else(before).or_else(in_reach).or_else(|| reasons().next()).map(|(why, _)| why)
     }
 }

@@ -53,6 +53,13 @@ impl<'a> Hand<'a> {
         }
     }
 
+    /// Acceleration of the middle of the mouth while joints with these rates stop, mean over `over_s`, in the world, m/s².
+    pub(super) fn stop_m_s2(&self, qd: &Joints, over_s: f64) -> Vector3<f64> {
+        let slower = |i: usize| -qd[i].signum() * qd[i].abs().min(self.limits[i].a_rad_s2 * over_s);
+        let change: Vector3<f64> = (0..6).map(|i| self.columns[i] * slower(i)).sum();
+        self.r_wb * change / over_s
+    }
+
     /// Joint rates that move the middle of the mouth with `v_m_s` (world) and use the speed limits least: min sum (qd_j / v_j)². All of
     /// them keep the speed limits and leave room to stop inside the ranges: a joint that would pass a bound is set to it, the worst one
     /// first, and the others take over what it leaves. `None` if no rates are found this way, or near a singularity.

@@ -11,6 +11,7 @@
 //!   -> way inside the joint ranges                                            exact extremes
 //!   -> cup looks up where the hand stops                                      closed form
 //! best 24, in order: whole motion against limits, contacts, currents, ball     at most 6
+//! chance that the ball stays in the cup of that hand: it bounces 12 times       one whose ball is sure to stay ends the search
 //! of a first decision: share of the flights that it can still catch             12 flights about the mean
 //! ```
 
@@ -20,6 +21,7 @@ use robot_model::collision::CollisionChecker;
 
 use super::Joints;
 use super::arm::CatchArm;
+use super::bounce::{CupPath, chance_to_stay};
 use super::candidates::{Candidate, Search, directions};
 use super::edge::share_in_reach;
 use super::forecast::{Forecast, Foreseen, across};
@@ -30,6 +32,8 @@ use super::task::{Count, Decline, Mode, Settings, Start};
 
 /// Whole motions that are checked for one decision: bounds its time.
 const CHECKS_MAX: usize = 6;
+/// A catch whose ball stays with this chance ends a search; below it the other candidates that may be checked are, too.
+const SURE_TO_STAY: f64 = 0.95;
 /// Candidates that are this near in time fail alike, s.
 const ALIKE_S: f64 = 0.05;
 /// A chosen catch.
@@ -51,8 +55,10 @@ pub struct Choice {
     pub qd: Joints,
     /// Largest share of an acceleration or jerk limit that the motion uses.
     pub used: f64,
-    /// Predicted probability of the catch.
+    /// Predicted probability of the catch: that the ball enters the cup and stays.
     pub probability: f64,
+    /// Chance that a ball that enters the cup stays in it.
+    pub stays: f64,
     /// Ball against hand at the catch, m/s.
     pub relative_m_s: f64,
     /// The motion, with its stop.
@@ -84,11 +90,14 @@ pub fn search(
     if best.is_empty() {
         return (Err(why_none(arm, &rings, forecast, &count)), count);
     }
-    if best[0].probability < settings.probability_min {
-        return (Err(Decline::TooUncertain), count);
+    let most = |chance: &dyn Fn(&Candidate) -> f64| best.iter().map(chance).fold(0.0, f64::max);
+    if most(&|c| c.enters * c.stays) < settings.probability_min {
+        let enters = most(&|c| c.enters) >= settings.probability_min;
+        return (Err(if enters { Decline::BouncesOut } else { Decline::TooUncertain }), count);
     }
     let mut checker = CollisionChecker::new(&arm.model, &arm.scene);
     let mut fault = None;
+    let mut chosen: Option<(f64, &Candidate, CatchMotion)> = None;
     let mut tried: Vec<(Branch, Mode, i64)> = Vec::with_capacity(best.len());
     // Different postures and times first: neighbours of one that fails fail as well.
     let (fresh, rest): (Vec<_>, Vec<_>) = best.iter().partition(|c| {
@@ -102,17 +111,31 @@ pub fn search(
         let motion = motion_of(arm, limits, start, candidate);
         match check(arm, &mut checker, &motion, Some((forecast, candidate.ball.t_s))) {
             Ok(()) => {
-                let mut choice = choice_of(candidate, motion);
-                if start.under_way.is_none() {
-                    choice.probability *= share_in_reach(arm, settings, start, forecast, candidate, &rings);
+                let stays = stays(arm, &motion, candidate);
+                if chosen
+                    .as_ref()
+                    .is_none_or(|(most, other, _)| candidate.enters * stays > other.enters * most)
+                {
+                    chosen = Some((stays, candidate, motion));
                 }
-                if choice.probability < settings.probability_min {
-                    return (Err(Decline::TooUncertain), count);
+                if stays >= SURE_TO_STAY {
+                    break;
                 }
-                return (Ok(choice), count);
             }
             Err(why) => fault = fault.or(Some(why)),
         }
+    }
+    if let Some((stays, candidate, motion)) = chosen {
+        let mut enters = candidate.enters;
+        if start.under_way.is_none() {
+            enters *= share_in_reach(arm, settings, start, forecast, candidate, &rings);
+        }
+        let why = match (enters >= settings.probability_min, enters * stays >= settings.probability_min) {
+            (_, true) => return (Ok(choice_of(candidate, motion, enters, stays)), count),
+            (true, false) => Decline::BouncesOut,
+            (false, false) => Decline::TooUncertain,
+        };
+        return (Err(why), count);
     }
     let why = match fault {
         Some(Fault::Range) => Decline::NoStop,
@@ -175,7 +198,13 @@ fn motion_of(arm: &CatchArm, limits: &[Limits; 6], start: &Start<'_>, candidate:
     CatchMotion { start_s: start.at_s, joints }
 }
 
-fn choice_of(candidate: &Candidate, motion: CatchMotion) -> Choice {
+/// Chance that a ball that enters the cup stays in it, with the motion of the hand.
+fn stays(arm: &CatchArm, motion: &CatchMotion, candidate: &Candidate) -> f64 {
+    let path = CupPath::of(arm, motion, candidate.ball.t_s);
+    chance_to_stay(&arm.cup, &path, &candidate.ball.v_m_s, candidate.sigma_m)
+}
+
+fn choice_of(candidate: &Candidate, motion: CatchMotion, enters: f64, stays: f64) -> Choice {
     Choice {
         t_s: candidate.ball.t_s,
         p_m: candidate.ball.p_m,
@@ -185,7 +214,8 @@ fn choice_of(candidate: &Candidate, motion: CatchMotion) -> Choice {
         q: candidate.q,
         qd: candidate.qd,
         used: candidate.used,
-        probability: candidate.probability,
+        probability: enters * stays,
+        stays,
         relative_m_s: candidate.relative_m_s,
         motion,
     }

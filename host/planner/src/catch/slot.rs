@@ -117,10 +117,11 @@ fn corrections(
 }
 
 /// Each correction still to come is within what is left of the accelerations then, and the ball passes the rim in the end.
-pub(super) fn probability(arm: &CatchArm, slot: &Slot<'_>, used: f64) -> f64 {
+pub(super) fn enters(arm: &CatchArm, slot: &Slot<'_>, used: f64) -> f64 {
     let spare_rad_s2 = arm.limits(true)[1].a_rad_s2 - used * slot.limits[1].a_rad_s2;
-    let within =
-        |c: &Correction| passes_rim(c.authority_m * spare_rad_s2 + 0.5 * arm.cup.miss_max_m, 0.0, c.sigma_m);
+    let within = |c: &Correction| {
+        passes_rim(c.authority_m * spare_rad_s2 + 0.5 * arm.cup.miss_max_m(), 0.0, c.sigma_m)
+    };
     let correctable: f64 = slot.corrections.iter().map(within).product();
-    correctable * passes_rim(arm.cup.miss_max_m, 0.0, slot.sigma_end_m)
+    correctable * passes_rim(arm.cup.miss_max_m(), 0.0, slot.sigma_end_m)
 }

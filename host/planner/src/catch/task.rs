@@ -20,7 +20,7 @@ pub enum Allowed {
     Matched,
     /// Only those with the hand at rest.
     Hold,
-    /// Both; a matched one is worth more.
+    /// Both: the one that is more likely to keep the ball.
     Either,
 }
 
@@ -92,6 +92,9 @@ pub enum Decline {
     BallFirst,
     #[error("every motion asks for more current than the drives or supplies give")]
     Current,
+    /// A motion leads to the ball, but whatever the hand does, the ball would leave the cup again.
+    #[error("the ball would bounce out of the cup")]
+    BouncesOut,
     /// Where the ball comes is known too badly.
     #[error("the flight is not known well enough for a catch to be likely")]
     TooUncertain,

@@ -4,7 +4,8 @@ use std::fmt;
 
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use planner::catch::Joints;
-use planner::catch::arm::{CatchArm, Cup, Shares};
+use planner::catch::arm::{CatchArm, Shares};
+use planner::catch::cup::{Ball, Contact, Cup};
 use planner::catch::draw::{Window, draw};
 use planner::catch::forecast::{Forecast, Foreseen, Watch, across};
 use planner::catch::law::{Fit, Limits, Pieces, State, least_peak, stopping_angle};
@@ -32,10 +33,12 @@ fn base() -> Pose {
 pub(crate) fn arm(jerk: bool) -> CatchArm {
     let cup = Cup {
         mouth_m: 0.05,
-        outer_radius_m: 0.076,
-        length_m: 0.106,
-        miss_max_m: 0.04,
+        inner_radius_m: 0.07,
+        depth_m: 0.1,
+        wall_m: 0.006,
         replaces: vec!["fingers".to_owned()],
+        ball: Ball { radius_m: 0.03, inertia: 0.4 },
+        contact: Contact { restitution: 0.15, friction: 0.5, rolling: 0.1, rest_m_s: 0.1 },
     };
     CatchArm::new(model(), base(), cup, Shares::default(), jerk).unwrap()
 }

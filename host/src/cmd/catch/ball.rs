@@ -41,11 +41,7 @@ pub(super) fn run(args: &Args, ball: &[f64; 6]) -> Result<(), ExpectedError> {
 pub(super) fn trial(args: &Args, ball: &[f64; 6]) -> Result<Trial, ExpectedError> {
     let mut options = args.catching.trial();
     options.cooperative = args.cooperative;
-    let mut court = args.catching.court()?;
-    if args.catching.court.is_none() {
-        court = court.without_thrower();
-    }
-    place_robot(&mut court, args.robot.as_deref().unwrap_or("powercube6"))?;
+    let court = court_of(args)?;
     let [x, y, z, vx, vy, vz] = *ball;
     let (p, v) = (Vector3::new(x, y, z), Vector3::new(vx, vy, vz));
     if p.norm() > BALL_MAX.0 || v.norm() > BALL_MAX.1 {
@@ -62,6 +58,16 @@ pub(super) fn trial(args: &Args, ball: &[f64; 6]) -> Result<Trial, ExpectedError
     let aimed = pair.ball(x_wb.transform_point(&p), x_wb.rot * v);
     let outcome = pair.run(&aimed, &options, args.catching.seed);
     Ok(Trial { pair, outcome })
+}
+
+/// The court with the robot as its catcher; without another arm if no court was given.
+pub(super) fn court_of(args: &Args) -> Result<CourtOptions, ExpectedError> {
+    let mut court = args.catching.court()?;
+    if args.catching.court.is_none() {
+        court = court.without_thrower();
+    }
+    place_robot(&mut court, args.robot.as_deref().unwrap_or("powercube6"))?;
+    Ok(court)
 }
 
 /// The catcher of the court becomes this robot.

@@ -22,6 +22,9 @@ pub struct Catching {
     /// Keep the jerk limits as well.
     #[arg(long)]
     pub jerk: bool,
+    /// Restitution of ball and cup that the catcher counts on; otherwise that of the court, with which the ball bounces.
+    #[arg(long, value_name = "SHARE", value_parser = share)]
+    pub restitution: Option<f64>,
     /// Something that goes wrong; may be given several times.
     #[arg(long, value_name = "KIND[:VALUE]", value_parser = trouble,
         help = "Something that goes wrong; may be given several times: tracker-dead:S, frames-lost:SHARE, bias:MM, false-markers:N, drive-lost:S, thrower-stops:S, not-released (times in s after the release, thrower-stops before it)")]
@@ -40,6 +43,11 @@ pub enum Hand {
     Hold,
     /// Both; matched is preferred.
     Either,
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    let share = text.parse().ok().filter(|share| (0.0..=1.0).contains(share));
+    share.ok_or_else(|| format!("'{text}' is no number from 0 to 1"))
 }
 
 fn trouble(text: &str) -> Result<Trouble, String> {
@@ -74,6 +82,7 @@ impl Catching {
         TrialOptions {
             settings: Settings { allowed, ..Settings::default() },
             jerk: self.jerk,
+            restitution: self.restitution,
             wait: Joints::from(wait.map(f64::to_radians)),
             trouble: self.trouble.clone(),
             ..TrialOptions::default()

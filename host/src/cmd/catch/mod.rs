@@ -4,8 +4,10 @@ mod ball;
 pub mod catching;
 mod disc;
 pub mod for_programs;
+pub mod on_bus;
 mod on_controller;
 pub mod outcome;
+mod over_bus;
 mod witness_words;
 
 use std::path::PathBuf;
@@ -14,17 +16,18 @@ use self::catching::Catching;
 use crate::error::ExpectedError;
 
 pub use disc::DiscName;
+pub use over_bus::OverBus;
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl catch --robot pincher4 --disc flat --report catch.html\n  cubectl catch --disc oblique --no-limits                            # only the rule of the paper\n  cubectl catch --start 0.5,-2.2,0.7 --velocity 0,3.8,1.5 --air --wind 0.5,0,0\n  cubectl catch --disc flat --on-controller\n  cubectl catch --robot powercube6 --ball 2.2,0.1,0.4,-2.6,-0.1,3.0 --report ball.html\n\nThe rule of the paper knows no joint limits: it shows where its steps end, what the gripper has there, and which joint\nspeeds it demands. The plan keeps the limits of the robot file. Both are judged by the geometry of disc and gripper.\n\nA ball is seen by a simulated tracker (120 Hz, 2 mm, 15 ms) and caught with a cup by an arm with the lag of its drives, in virtual\ntime. Whether it is caught is decided by the simulated contact of ball and cup."
+    after_help = "Examples:\n  cubectl catch --robot pincher4 --disc flat --report catch.html\n  cubectl catch --disc oblique --no-limits                            # only the rule of the paper\n  cubectl catch --start 0.5,-2.2,0.7 --velocity 0,3.8,1.5 --air --wind 0.5,0,0\n  cubectl catch --disc flat --on-controller\n  cubectl catch --robot powercube6 --ball 2.2,0.1,0.4,-2.6,-0.1,3.0 --report ball.html\n  cubectl catch --bus can0 --tracker 0.0.0.0:5000 --calibration room.toml      # a ball that somebody throws\n\nThe rule of the paper knows no joint limits: it shows where its steps end, what the gripper has there, and which joint\nspeeds it demands. The plan keeps the limits of the robot file. Both are judged by the geometry of disc and gripper.\n\nA ball is seen by a simulated tracker (120 Hz, 2 mm, 15 ms) and caught with a cup by an arm with the lag of its drives, in virtual\ntime. Whether it is caught is decided by the simulated contact of ball and cup.\n\nWith --bus an arm catches a ball that somebody throws, or declines: what is reported is what its tracker shows. The arm homes\nif it was not, and goes to its waiting pose free of contact with itself, the floor and what the court has."
 )]
 pub struct Args {
     /// Robot, by name or file: four axes for a disc (pincher4), six for a ball (powercube6).
     #[arg(long)]
     pub robot: Option<String>,
     /// A throw of the paper.
-    #[arg(long, required_unless_present_any = ["start", "ball"])]
+    #[arg(long, required_unless_present_any = ["start", "ball", "bus"])]
     pub disc: Option<DiscName>,
     /// Centre of the disc at time 0, m; instead of the one of `--disc`.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = crate::cmd::values::numbers::<3>)]
@@ -69,6 +72,9 @@ pub struct Args {
     /// The catcher knows beforehand where the ball starts and how fast.
     #[arg(long, requires = "ball", conflicts_with_all = ["disc", "start"])]
     pub cooperative: bool,
+    /// Where an arm is that catches a real ball.
+    #[command(flatten)]
+    pub over_bus: OverBus,
     /// Write a report with paths, joint angles, distances and an animation.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
@@ -82,8 +88,9 @@ pub struct Args {
 /// # Errors
 /// The robot is refused, a value makes no sense, no catch is possible, or the report cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    match args.ball {
-        Some(ball) => ball::run(args, &ball),
-        None => disc::run(args),
+    match (&args.over_bus.bus, &args.over_bus.tracker, &args.ball) {
+        (Some(bus), Some(tracker), _) => over_bus::run(args, bus, tracker),
+        (.., Some(ball)) => ball::run(args, ball),
+        _ => disc::run(args),
     }
 }

@@ -3,7 +3,7 @@
 use hil_sim::court::CourtEvent;
 use operator::ball_catch::trial::{CatchOutcome, Moment, Outcome};
 use planner::catch::online::Decision;
-use planner::catch::task::Mode;
+use planner::catch::task::{Decline, Mode};
 use serde_json::{Map, Value, json};
 
 use crate::error::ExpectedError;
@@ -30,6 +30,11 @@ pub fn ended(outcome: &Outcome) -> Result<(), ExpectedError> {
 pub fn why_not_caught(reported: CatchOutcome) -> ExpectedError {
     let (code, what, next) = match reported {
         CatchOutcome::Caught => (exit::MISSED, "the ball was not caught, although the catcher reports a catch".to_owned(), "`--report` shows where it passed"),
+        CatchOutcome::Declined(why @ Decline::BouncesOut) => (
+            exit::NO_THROW,
+            format!("declined: {why}"),
+            "throw slower, allow `--hand either`, or line the cup with softer material (`restitution` of the court file)",
+        ),
         CatchOutcome::Declined(why) => (exit::NO_THROW, format!("declined: {why}"), "throw slower, higher or nearer to the arm"),
         CatchOutcome::Missed => (exit::MISSED, "the ball was not caught".to_owned(), "`--report` shows where it passed"),
         CatchOutcome::Unknown => (
@@ -59,7 +64,7 @@ pub fn reported_text(reported: CatchOutcome) -> String {
     }
 }
 
-fn mode_word(mode: Mode) -> &'static str {
+pub(super) fn mode_word(mode: Mode) -> &'static str {
     match mode {
         Mode::Matched => "matched",
         Mode::Hold => "hold",
@@ -154,6 +159,7 @@ fn event_json(after_release_s: f64, event: &CourtEvent) -> Value {
         CourtEvent::HitFloor => ("hit the floor", None, None),
         CourtEvent::Rests { arm } => ("rests in the cup", Some(arm), None),
         CourtEvent::FellOut { arm } => ("fell out of the cup", Some(arm), None),
+        CourtEvent::Gripped { arm } => ("gripped", Some(arm), None),
     };
     let mut result = Map::new();
     result.insert("after_release_s".to_owned(), json!(after_release_s));
