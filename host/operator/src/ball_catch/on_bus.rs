@@ -156,7 +156,7 @@ pub fn catch_ball(
     let here = arm.pose()?;
     let mut options = TrialOptions { cooperative: false, ..options.clone() };
     options.settings.actuation_s = actuation_s(on_bus.period_us);
-    let catcher = pair.catcher(options.jerk);
+    let catcher = &pair.catcher_with(&options);
     let find = || way(catcher.model(), catcher.scene(), &Travel::default(), &here, &options.wait);
     if let Some(way) = meanwhile(arm.parts().0, in_step, find)?? {
         arm.go(&way)?;

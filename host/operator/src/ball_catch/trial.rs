@@ -249,13 +249,20 @@ impl Pair {
         &self.catchers[usize::from(jerk)]
     }
 
-    /// The catcher for one throw, with the restitution that it counts on: whoever knows the plan keeps clear of the way that the thrower takes, not of all its reach.
+    /// The catcher with the restitution that it counts on.
     #[must_use]
-    pub fn catcher_for(&self, aimed: &Aimed, options: &TrialOptions) -> CatchArm {
+    pub fn catcher_with(&self, options: &TrialOptions) -> CatchArm {
         let mut arm = self.catcher(options.jerk).clone();
         if let Some(restitution) = options.restitution {
             arm.set_restitution(restitution);
         }
+        arm
+    }
+
+    /// The catcher for one throw, with the restitution that it counts on: whoever knows the plan keeps clear of the way that the thrower takes, not of all its reach.
+    #[must_use]
+    pub fn catcher_for(&self, aimed: &Aimed, options: &TrialOptions) -> CatchArm {
+        let mut arm = self.catcher_with(options);
         if options.cooperative && !self.court.alone {
             let boxes = within_reach(&arm, swept(&self.court.arms[0], &aimed.throw));
             arm.set_obstacles(&boxes);
