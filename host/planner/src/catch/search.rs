@@ -96,7 +96,7 @@ pub fn search(
         return (Err(if enters { Decline::BouncesOut } else { Decline::TooUncertain }), count);
     }
     let mut checker = CollisionChecker::new(&arm.model, &arm.scene);
-    let mut fault = None;
+    let mut faults: Vec<Fault> = Vec::with_capacity(CHECKS_MAX);
     let mut chosen: Option<(f64, &Candidate, CatchMotion)> = None;
     let mut tried: Vec<(Branch, Mode, i64)> = Vec::with_capacity(best.len());
     // Different postures and times first: neighbours of one that fails fail as well.
@@ -122,7 +122,7 @@ pub fn search(
                     break;
                 }
             }
-            Err(why) => fault = fault.or(Some(why)),
+            Err(why) => faults.push(why),
         }
     }
     if let Some((stays, candidate, motion)) = chosen {
@@ -137,7 +137,9 @@ pub fn search(
         };
         return (Err(why), count);
     }
-    let why = match fault {
+    // What is wrong with most of them.
+    let often = |why: &Fault| faults.iter().filter(|fault| *fault == why).count();
+    let why = match faults.iter().rev().max_by_key(|why| often(why)) {
         Some(Fault::Range) => Decline::NoStop,
         Some(Fault::Limit) => Decline::TooLate,
         Some(Fault::CupDown) => Decline::CupDown,
