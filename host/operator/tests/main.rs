@@ -3,14 +3,13 @@
 mod analysis;
 mod bus_operator;
 mod bus_session;
-mod canopen_arm;
 mod common;
 mod disc;
 mod live;
 mod mit_arm;
-mod odrive_arm;
 mod online;
 mod operators;
+mod position_drives;
 mod rsi_common;
 mod rsi_faults;
 mod rsi_files;
