@@ -1,10 +1,11 @@
 //! `cubelab rally`
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use hil_sim::court::CourtOptions;
 use host::cmd::catch::catching::Catching;
 use host::cmd::catch::outcome::{as_json, ended, reported_text};
+use host::cmd::catch::record;
 use host::cmd::print_json;
 use host::cmd::progress::while_working;
 use host::error::ExpectedError;
@@ -20,7 +21,8 @@ use crate::rally::study::{self, Row, Share, StudyOptions};
 use crate::report;
 
 /// Options that change nothing in a study.
-const NOT_OF_A_STUDY: [&str; 7] = ["throws", "eyes_only", "hand", "jerk", "restitution", "trouble", "report"];
+const NOT_OF_A_STUDY: [&str; 8] =
+    ["throws", "eyes_only", "hand", "jerk", "restitution", "trouble", "record", "report"];
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -79,6 +81,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         let page = report::rally(&rally, partners.pair(last.thrower), last, options.jerk);
         std::fs::write(file, page).map_err(|e| ExpectedError::output(file, &e))?;
     }
+    if let Some(folder) = &args.wire.record {
+        record_all(folder, &partners, &rally)?;
+    }
     if args.json {
         print_json(&rally_json(&rally));
     } else {
@@ -92,6 +97,18 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         (None, Some(last)) if rally.end == RallyEnd::NotCaught => ended(&last.outcome),
         (None, _) => Ok(()),
     }
+}
+
+/// Two files for each throw: what the thrower and what the catcher did, both with the ball.
+fn record_all(folder: &Path, partners: &Partners, rally: &Rally) -> Result<(), ExpectedError> {
+    std::fs::create_dir_all(folder).map_err(|e| ExpectedError::output(folder, &e))?;
+    for (k, exchange) in (1..).zip(&rally.exchanges) {
+        let pair = partners.pair(exchange.thrower);
+        for (arm, name) in ["thrower", "catcher"].into_iter().enumerate() {
+            record::simulated(&folder.join(format!("throw-{k}-{name}.mcap")), pair, arm, &exchange.outcome)?;
+        }
+    }
+    Ok(())
 }
 
 /// A rally over two buses.
