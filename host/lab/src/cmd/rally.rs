@@ -199,6 +199,9 @@ fn study_of(args: &Args, court: &CourtOptions, throws: u32) -> Result<(), Expect
 fn row_text(row: &Row) -> String {
     let Row { name, caught_without_place, declined, safe, silent, limit_passed, not_clear, .. } = row;
     let Row { declined_at_base, refusals, judged, wait_deg, .. } = row;
+    let in_time = row.in_time.map_or_else(String::new, |reached| {
+        format!("; {reached} of {} could be reached if the flight were known 50 ms after the release", row.caught.of)
+    });
     let share = |share: &Share| {
         let (low, high) = share.wilson();
         format!("{:.1} % [{:.1}, {:.1}] of {}", share.value() * 100.0, low * 100.0, high * 100.0, share.of)
@@ -214,7 +217,7 @@ fn row_text(row: &Row) -> String {
         bins.collect::<Vec<_>>().join(", ")
     };
     format!(
-        "{name}\n  caught {}, of those begun {} (predicted {:.1} %); of those with a place {} (without one {caught_without_place}); by the rule {:.1} %; by flight time {}; with a place {}\n  miss {:.1} mm (50 %), {:.1} mm (95 %); declined {declined}; not caught and reported {safe}; reported wrongly {silent:?}; limit passed {limit_passed:?}; touched although declined {not_clear:?} (and column or turntable {declined_at_base}); refused {refusals}\n  largest speed and acceleration: thrower {}, catcher {}\n  decision {:.0} / {:.0} us (50 / 99 %), {judged:.0} candidates; waits at {wait_deg:.0?} deg\n  first decision, predicted: caught of all {}; Brier score {:.3}\n  last decision, of those begun {}; Brier score {:.3}\n",
+        "{name}\n  caught {}, of those begun {} (predicted {:.1} %); of those with a place {} (without one {caught_without_place}){in_time}; by the rule {:.1} %; by flight time {}; with a place {}\n  miss {:.1} mm (50 %), {:.1} mm (95 %); declined {declined}; not caught and reported {safe}; reported wrongly {silent:?}; limit passed {limit_passed:?}; touched although declined {not_clear:?} (and column or turntable {declined_at_base}); refused {refusals}\n  largest speed and acceleration: thrower {}, catcher {}\n  decision {:.0} / {:.0} us (50 / 99 %), {judged:.0} candidates; waits at {wait_deg:.0?} deg\n  first decision, predicted: caught of all {}; Brier score {:.3}\n  last decision, of those begun {}; Brier score {:.3}\n",
         share(&row.caught),
         share(&row.begun),
         row.predicted * 100.0,
