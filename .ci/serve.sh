@@ -1,10 +1,10 @@
 # Sourced by stages whose clients need the simulated cell at free places:
-#   serve LOG BUS…       starts `hil-sim serve --json` as $server, its lines into LOG; returns when all its doors are open
+#   serve LOG BUS…       starts `hil-sim serve --json` as $server, its lines into LOG; returns when all its endpoints are open
 #                          by the clock of "${clock[@]}", if that is set (.ci/slow.sh)
-#   place LOG PREFIX     where the door is whose name begins so: the program says which port or pseudo-terminal it got
+#   place LOG PREFIX     where the endpoint is whose name begins so: the program says which port or pseudo-terminal it got
 . .ci/wait.sh
 clock=()
-serves() { [ "$(grep -c '"event":"serving"' "$1")" -ge "$2" ]; } # log, doors
+serves() { [ "$(grep -c '"event":"serving"' "$1")" -ge "$2" ]; } # log, endpoints
 serve() {
     local log=$1 buses=()
     shift
@@ -14,7 +14,7 @@ serve() {
     "${clock[@]}" target/release/hil-sim serve "${buses[@]}" --json >"$log" </dev/null &
     server=$!
     wait_for "$server" serves "$log" $# && return 0
-    echo "the simulated cell does not open its doors:" >&2
+    echo "the simulated cell does not open its endpoints:" >&2
     cat "$log" >&2
     kill "$server" 2>/dev/null || true
     return 1

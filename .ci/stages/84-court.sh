@@ -1,4 +1,4 @@
-# Rallies through the public doors: `hil-sim serve-court` plays two arms on two buses, ball and tracker, `cubelab rally` throws and
+# Rallies through the public interfaces: `hil-sim serve-court` plays two arms on two buses, ball and tracker, `cubelab rally` throws and
 # catches. What is reported must be what happened; the simulated court is the judge. One throw is with a tracker that loses one frame in ten.
 #
 # First in lock step: buses, tracker and programs have one virtual time, so each ball is caught, and a second run, at the same time as the

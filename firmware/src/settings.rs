@@ -92,7 +92,7 @@ pub struct Settings {
     /// drives makes every cycle late.
     pub cycle_late_max: u32,
     /// Read one drive's current or state word in each control cycle, in turn.
-    pub cycle_guest: bool,
+    pub cycle_monitoring: bool,
     /// A motion stops when the host's heartbeat is older than this, µs.
     pub host_timeout_us: u32,
     /// A reply that takes longer counts as missed, µs.
@@ -227,7 +227,7 @@ impl Settings {
             cycle_period_us: 3_000,
             monitor_period_us: 10_000,
             cycle_late_max: 5,
-            cycle_guest: true,
+            cycle_monitoring: true,
             host_timeout_us: 100_000,
             reply_deadline_us: 2_000,
             reply_missed_max: 2,

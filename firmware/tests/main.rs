@@ -7,7 +7,7 @@ mod causes;
 
 mod deadlines;
 mod families_hostile;
-mod fault_door;
+mod fault_clearing;
 mod fault_table;
 mod faults;
 mod gripper_lost;

@@ -1,4 +1,4 @@
-//! Doors (ports) of a world in real time, with links in memory and a clock that the test moves; one with sockets.
+//! Endpoints (ports) of a world in real time, with links in memory and a clock that the test moves; one with sockets.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
@@ -9,7 +9,7 @@ use can_link::{
 use hil_sim::Observer;
 use hil_sim::bus::BusConfig;
 use hil_sim::participants::Solo;
-use hil_sim::realtime::{Door, Gateway, Realtime, RealtimeError};
+use hil_sim::realtime::{Endpoint, Gateway, Realtime, RealtimeError};
 use protocol::{Duration, Frame, Instant, StandardId};
 
 /// The far end of a link in memory.
@@ -24,8 +24,8 @@ struct Wire {
 struct Memory(Arc<Mutex<Wire>>);
 
 impl Memory {
-    fn door(&self) -> Door {
-        Door::Member(Box::new(self.clone()))
+    fn endpoint(&self) -> Endpoint {
+        Endpoint::Member(Box::new(self.clone()))
     }
 
     fn heard(&self) -> Vec<u32> {
@@ -59,10 +59,10 @@ impl CanLink for Memory {
     }
 }
 
-fn world(doors: &[Memory], bit_rate_bit_s: u32) -> Realtime<Vec<Solo<Gateway>>> {
+fn world(endpoints: &[Memory], bit_rate_bit_s: u32) -> Realtime<Vec<Solo<Gateway>>> {
     let config = BusConfig { bit_rate_bit_s, ..BusConfig::default() };
-    let doors = doors.iter().map(Memory::door).collect();
-    Realtime::new(Vec::new(), config, 0, Vec::new(), doors, Clock::manual()).unwrap()
+    let endpoints = endpoints.iter().map(Memory::endpoint).collect();
+    Realtime::new(Vec::new(), config, 0, Vec::new(), endpoints, Clock::manual()).unwrap()
 }
 
 fn burst(base: u16) -> Vec<Frame> {
@@ -79,7 +79,7 @@ fn run(realtime: &mut Realtime<Vec<Solo<Gateway>>>, done: impl Fn() -> bool) {
 }
 
 #[test]
-fn doors_arbitrate_against_each_other_by_identifier() {
+fn endpoints_arbitrate_against_each_other_by_identifier() {
     let (weak, strong, ear) = (Memory::default(), Memory::default(), Memory::default());
     weak.0.lock().unwrap().to_world.extend(burst(0x700));
     // 11 ms a frame: the first weak one has started when the strong ones come.
@@ -94,7 +94,7 @@ fn doors_arbitrate_against_each_other_by_identifier() {
 }
 
 #[test]
-fn more_frames_than_the_backlog_wait_at_the_door_and_no_frame_is_lost() {
+fn more_frames_than_the_backlog_wait_at_the_endpoint_and_no_frame_is_lost() {
     let (sender, ear) = (Memory::default(), Memory::default());
     let flood = burst(0x200).into_iter().cycle().take(3_000);
     sender.0.lock().unwrap().to_world.extend(flood.clone());
@@ -195,8 +195,8 @@ impl CanLink for Crowd {
     }
 }
 
-fn flooded(doors: Vec<Door>) -> Realtime<Vec<Solo<Gateway>>> {
-    Realtime::new(Vec::new(), BusConfig::default(), 0, Vec::new(), doors, Clock::manual()).unwrap()
+fn flooded(endpoints: Vec<Endpoint>) -> Realtime<Vec<Solo<Gateway>>> {
+    Realtime::new(Vec::new(), BusConfig::default(), 0, Vec::new(), endpoints, Clock::manual()).unwrap()
 }
 
 #[test]
@@ -205,8 +205,8 @@ fn a_client_that_floods_at_a_lower_priority_costs_another_one_frame_at_the_start
     let quiet: VecDeque<Frame> = burst(0x400).into();
     let crowd = Crowd { given: vec![VecDeque::new(), quiet], next: 0, looks };
     // A node must acknowledge.
-    let doors = vec![Door::Server(Box::new(crowd)), Memory::default().door()];
-    let mut realtime = flooded(doors);
+    let endpoints = vec![Endpoint::Server(Box::new(crowd)), Memory::default().endpoint()];
+    let mut realtime = flooded(endpoints);
     let (mut count, end) = (Count::default(), Instant::from_micros(100_000));
     while realtime.world().now() < end {
         realtime.turn(end, &mut count).unwrap();
@@ -228,8 +228,8 @@ fn turns_of_a_flooded_world_are_at_most_two_for_each_frame() {
     let crowd = Crowd { given: vec![VecDeque::new()], next: 0, looks: Arc::clone(&looks) };
     let member = Memory::default();
     member.0.lock().unwrap().to_world.extend(burst(0x500).into_iter().cycle().take(100_000));
-    let doors = vec![Door::Server(Box::new(crowd)), member.door()];
-    let mut realtime = flooded(doors);
+    let endpoints = vec![Endpoint::Server(Box::new(crowd)), member.endpoint()];
+    let mut realtime = flooded(endpoints);
     let (mut count, end) = (Count::default(), Instant::from_micros(1_000_000));
     let mut turns = 0;
     while realtime.world().now() < end {

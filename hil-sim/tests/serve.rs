@@ -1,4 +1,4 @@
-//! `hil-sim serve` with several doors to one bus, and clients that come, go and misbehave.
+//! `hil-sim serve` with several endpoints to one bus, and clients that come, go and misbehave.
 
 use std::io::Write;
 use std::net::TcpStream;
@@ -14,10 +14,10 @@ const SLCAN_TCP: &str = "slcan://127.0.0.1:0";
 const SLCAN_PTY: &str = "slcan:/dev/ptmx";
 
 #[test]
-fn clients_of_all_doors_share_one_bus_with_the_drives() {
+fn clients_of_all_endpoints_share_one_bus_with_the_drives() {
     let server = Server::start(PROGRAM, &[SOCKETCAND, SLCAN_TCP, SLCAN_PTY]);
-    let mut clients: Vec<Client> = (0..3).map(|door| server.client(door)).collect();
-    // A neighbour behind the first door.
+    let mut clients: Vec<Client> = (0..3).map(|endpoint| server.client(endpoint)).collect();
+    // A neighbour behind the first endpoint.
     clients.push(server.client(0));
     // All clients listen before the first frame counts: a drive answers each of them.
     for client in &mut clients {
@@ -56,8 +56,9 @@ fn clients_that_vanish_or_send_nonsense_do_not_disturb_others() {
     let server = Server::start(PROGRAM, &[SOCKETCAND, SLCAN_TCP]);
     let mut steady = server.client(0);
     assert!(steady.asks_version(1));
-    let address = |door: &str| door.split("//").nth(1).unwrap().split(['/', '?']).next().unwrap().to_owned();
-    let (socketcand, slcan) = (address(&server.doors[0]), address(&server.doors[1]));
+    let address =
+        |endpoint: &str| endpoint.split("//").nth(1).unwrap().split(['/', '?']).next().unwrap().to_owned();
+    let (socketcand, slcan) = (address(&server.endpoints[0]), address(&server.endpoints[1]));
     for round in 0..10 {
         // Half a frame, then gone; data unread, so that the connection is reset.
         let mut rude = TcpStream::connect(&socketcand).unwrap();
@@ -79,7 +80,7 @@ fn clients_that_vanish_or_send_nonsense_do_not_disturb_others() {
 #[test]
 fn client_that_floods_neither_starves_others_nor_keeps_the_server_awake() {
     let server = Server::start(PROGRAM, &[SOCKETCAND]);
-    let address = server.doors[0].split('/').nth(2).unwrap().to_owned();
+    let address = server.endpoints[0].split('/').nth(2).unwrap().to_owned();
     let mut flood = TcpStream::connect(address).unwrap();
     flood.write_all(b"< open can0 >< rawmode >").unwrap();
     // The answers of the drives are read, as by a client that is in a hurry.

@@ -132,7 +132,7 @@ fn a_second_controller_does_not_start_with_the_paper_settings_either() {
     let served = crate::bus_common::Served::new(|| {
         let robot = robot_model::RobotModel::load("powercube6").unwrap();
         let cell = hil_sim::Cell::new(&robot, &hil_sim::CellOptions::default(), 1).unwrap();
-        (cell, operator::bus::sim::soft_controller_guest())
+        (cell, operator::bus::sim::soft_controller_node())
     });
     let second = cubectl(&["controller", "run", "--paper", "--bus", &served.spec, "--for", "1"]);
     assert_eq!(code(&second), 7, "{}{}", out(&second), err(&second));

@@ -212,7 +212,7 @@ impl Lab {
             let mut options = CellOptions::default();
             options.drive.starts_homed = true;
             options.start_q_rad = Some(((arm.q_min() + arm.q_max()) * 0.5).to_vec());
-            (Cell::new(&robot, &options, 1).unwrap(), operator::bus::sim::soft_controller_guest())
+            (Cell::new(&robot, &options, 1).unwrap(), operator::bus::sim::soft_controller_node())
         });
         let mut watch = BusArgs { bus: served.spec.parse().unwrap(), ..BusArgs::default() }.open().unwrap();
         watch.host_node().listen_only();

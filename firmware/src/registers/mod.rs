@@ -275,7 +275,7 @@ registers! {
         "cycle.period_us" cycle_period_us: u32, 1_000.0, 40_000.0, AtRest, No, FREE, "control period";
         "cycle.monitor_us" monitor_period_us: u32, 4_000.0, 40_000.0, AtRest, No, FREE, "period of looking at the drives while nothing moves";
         "cycle.late_max" cycle_late_max: u32, 1.0, 100.0, AtRest, More, FREE, "late cycles in a row that stop the group";
-        "cycle.guest" cycle_guest: bool, 0.0, 1.0, AtRest, No, FREE, "read one drive's current or state word per cycle, in turn";
+        "cycle.monitoring" cycle_monitoring: bool, 0.0, 1.0, AtRest, No, FREE, "read one drive's current or state word per cycle, in turn";
         "host.timeout_us" host_timeout_us: u32, 20_000.0, 500_000.0, AtRest, More, FREE, "age of the host's last sign of life at which a motion stops; a host sends uavcan.node.Heartbeat at least three times in this time, not once a second, while anything is armed or moves";
         "reply.deadline_us" reply_deadline_us: u32, 500.0, 20_000.0, AtRest, More, FREE, "a reply that takes longer is missed";
         "reply.missed_max" reply_missed_max: u32, 1.0, 10.0, AtRest, More, FREE, "missed replies in a row that stop the group";

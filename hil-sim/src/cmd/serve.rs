@@ -7,7 +7,7 @@ use can_link::{BusSpec, Role, Urgent};
 use console::{Fetched, TypedInput};
 use hil_sim::cell::Cell;
 use hil_sim::participants::Solo;
-use hil_sim::realtime::{Door, Realtime, RealtimeError, Visit, shared_time};
+use hil_sim::realtime::{Endpoint, Realtime, RealtimeError, Visit, shared_time};
 use hil_sim::report::{DriveRow, ThrowRow};
 use hil_sim::scenario::{Scenario, ScriptedHost, fault_from_line};
 use protocol::{Duration, Instant};
@@ -68,16 +68,16 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let host = Solo::new("script", ScriptedHost::new(&scenario.actions));
     let (clock, in_step) =
         shared_time(&args.bus).map_err(|error| Failure::new(Code::BadFile, &error).next(error.next()))?;
-    let doors: Vec<Door> = args
+    let endpoints: Vec<Endpoint> = args
         .bus
         .iter()
         .map(|spec| {
-            Door::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error).next(error.next()))
+            Endpoint::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error).next(error.next()))
         })
         .collect::<Result<_, _>>()?;
     let end = args.duration_s.map(|s| Instant::ZERO + Duration::from_secs_f64(s));
     let faults = scenario.faults.clone();
-    let mut realtime = Realtime::new((cell, host), scenario.bus, scenario.seed, faults, doors, clock)
+    let mut realtime = Realtime::new((cell, host), scenario.bus, scenario.seed, faults, endpoints, clock)
         .map_err(|error| Failure::new(Code::BadFile, &error))?;
     if let Some(end) = end {
         realtime = realtime.ending_at(end);
@@ -87,8 +87,12 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
     let interrupt = Interrupt::listen();
     let mut commands = console::typed_lines();
-    for door in realtime.doors() {
-        say(args, "serving", &format!("{} (robot {}, seed {})", door.name(), scenario.robot, scenario.seed));
+    for endpoint in realtime.endpoints() {
+        say(
+            args,
+            "serving",
+            &format!("{} (robot {}, seed {})", endpoint.name(), scenario.robot, scenario.seed),
+        );
     }
     let urgent = Urgent::request(Role::Plant);
     say(args, "real time", &urgent.granted().to_string());
@@ -174,7 +178,7 @@ fn status(args: &Args, realtime: &Realtime<Cells>) {
     console::note_text!(
         "\r\x1b[K{} s, {} clients, {} frames, bus {:.1} %, behind by {}{faults}",
         world.now().as_micros() / 1_000_000,
-        realtime.doors().map(Door::clients).sum::<usize>(),
+        realtime.endpoints().map(Endpoint::clients).sum::<usize>(),
         world.stats().frames,
         100.0 * world.bus().busy_ns() as f64 / world.bus().now_ns().max(1) as f64,
         realtime.lag(),

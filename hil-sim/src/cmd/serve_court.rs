@@ -28,7 +28,7 @@ use hil_sim::cell::{Cell, CellOptions};
 use hil_sim::court::in_step::{STEP, Trackers};
 use hil_sim::court::{ArmPlace, Court, CourtEvent, CourtOptions, Crossing, JointsNow};
 use hil_sim::mechanics::LooseBall;
-use hil_sim::realtime::{Door, Realtime, shared_time};
+use hil_sim::realtime::{Endpoint, Realtime, shared_time};
 use nalgebra::Vector3;
 use protocol::{Duration, Instant};
 use robot_model::JointVec;
@@ -115,8 +115,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let over = Arc::new(AtomicBool::new(false));
     let mut arms = Vec::new();
     for (k, spec) in served(args) {
-        let door = open_door(args, k, spec, clock)?;
-        arms.push(arm_bus(&court.arms[k], args.homed, court.seed + k as u64, door, clock, &over));
+        let endpoint = open_endpoint(args, k, spec, clock)?;
+        arms.push(arm_bus(&court.arms[k], args.homed, court.seed + k as u64, endpoint, clock, &over));
     }
     say(args.json, "serving", &format!("tracker data to {data}"));
     let urgent = Urgent::request(Role::Plant);
@@ -143,10 +143,11 @@ fn served(args: &Args) -> impl Iterator<Item = (usize, &BusSpec)> {
     both.skip(usize::from(args.ball.is_some()))
 }
 
-fn open_door(args: &Args, arm: usize, spec: &BusSpec, clock: Clock) -> Result<Door, Failure> {
-    let door = Door::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error).next(error.next()))?;
-    say(args.json, "serving", &format!("{} (arm {})", door.name(), arm + 1));
-    Ok(door)
+fn open_endpoint(args: &Args, arm: usize, spec: &BusSpec, clock: Clock) -> Result<Endpoint, Failure> {
+    let endpoint =
+        Endpoint::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error).next(error.next()))?;
+    say(args.json, "serving", &format!("{} (arm {})", endpoint.name(), arm + 1));
+    Ok(endpoint)
 }
 
 /// Both buses, ball and tracker in one virtual time, until all clients have left.
@@ -157,9 +158,9 @@ fn run_in_step(args: &Args, court: CourtOptions, data: SocketAddr) -> Result<(),
     for (k, spec) in served(args) {
         let BusSpec::Lockstep { clients, .. } = spec else { continue };
         let clock = Clock::manual();
-        let door = open_door(args, k, spec, clock)?;
+        let endpoint = open_endpoint(args, k, spec, clock)?;
         let seed = court.seed + k as u64;
-        let realtime = realtime_of(&court.arms[k], args.homed, seed, door, clock).map_err(failed)?;
+        let realtime = realtime_of(&court.arms[k], args.homed, seed, endpoint, clock).map_err(failed)?;
         arms.push((realtime.in_lock_step(*clients), 0, VecDeque::new()));
     }
     say(args.json, "lock step", &format!("tracker data at {data}"));
@@ -195,7 +196,7 @@ fn realtime_of(
     place: &ArmPlace,
     homed: bool,
     seed: u64,
-    door: Door,
+    endpoint: Endpoint,
     clock: Clock,
 ) -> Result<Realtime<Cell>, String> {
     let mut options = CellOptions {
@@ -205,7 +206,7 @@ fn realtime_of(
     options.drive.starts_homed = homed;
     let mut cell = Cell::new(&place.model, &options, seed).map_err(|error| error.to_string())?;
     cell.record_trace();
-    Realtime::new(cell, BusConfig::default(), seed, Vec::new(), vec![door], clock)
+    Realtime::new(cell, BusConfig::default(), seed, Vec::new(), vec![endpoint], clock)
         .map_err(|error| error.to_string())
 }
 
@@ -241,14 +242,14 @@ fn arm_bus(
     place: &ArmPlace,
     homed: bool,
     seed: u64,
-    door: Door,
+    endpoint: Endpoint,
     clock: Clock,
     over: &Arc<AtomicBool>,
 ) -> ArmBus {
     let (sender, samples) = mpsc::channel();
     let (place, over) = (place.clone(), Arc::clone(over));
     let thread = std::thread::spawn(move || {
-        let realtime = realtime_of(&place, homed, seed, door, clock)?;
+        let realtime = realtime_of(&place, homed, seed, endpoint, clock)?;
         let _urgent = Urgent::request(Role::Plant);
         serve(realtime, &sender, &over)
     });

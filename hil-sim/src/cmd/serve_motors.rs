@@ -5,7 +5,7 @@ use hil_sim::drive::bench::Bench;
 use hil_sim::drive::cia402::{CanopenServo, ServoOptions};
 use hil_sim::drive::mit::{MitMotor, MitOptions};
 use hil_sim::drive::odrive::{OdriveAxis, OdriveOptions};
-use hil_sim::realtime::{Door, Realtime, RealtimeError, shared_time};
+use hil_sim::realtime::{Endpoint, Realtime, RealtimeError, shared_time};
 use mit_protocol::MotorId;
 use odrive_protocol::{NodeId, Version};
 use protocol::{Duration, Instant, StandardId};
@@ -96,10 +96,10 @@ fn inertia(text: &str) -> Result<f64, String> {
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let (clock, in_step) =
         shared_time(&args.bus).map_err(|error| Failure::new(Code::BadFile, &error).next(error.next()))?;
-    let doors = args.bus.iter().map(|spec| {
-        Door::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error).next(error.next()))
+    let endpoints = args.bus.iter().map(|spec| {
+        Endpoint::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error).next(error.next()))
     });
-    let doors: Vec<Door> = doors.collect::<Result<_, _>>()?;
+    let endpoints: Vec<Endpoint> = endpoints.collect::<Result<_, _>>()?;
     let watchdog = args.odrive_watchdog_ms.map(Duration::from_millis);
     let damiao = args.damiao.iter().map(|options| MitMotor::new(*options, options.zero_rad)).collect();
     let odrives = args
@@ -111,8 +111,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let inertia_kg_m2 = args.inertia_kg_m2;
     let bench = (Bench::new(damiao, inertia_kg_m2), Bench::new(odrives, inertia_kg_m2));
     let bench = (bench, Bench::new(servos, inertia_kg_m2));
-    let mut realtime = Realtime::new(bench, hil_sim::bus::BusConfig::default(), 1, Vec::new(), doors, clock)
-        .map_err(|error| Failure::new(Code::BadFile, &error))?;
+    let mut realtime =
+        Realtime::new(bench, hil_sim::bus::BusConfig::default(), 1, Vec::new(), endpoints, clock)
+            .map_err(|error| Failure::new(Code::BadFile, &error))?;
     let end = args.duration_s.map(|s| Instant::ZERO + Duration::from_secs_f64(s));
     if let Some(end) = end {
         realtime = realtime.ending_at(end);
@@ -121,8 +122,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         realtime = realtime.in_lock_step(clients);
     }
     let interrupt = Interrupt::listen();
-    for door in realtime.doors() {
-        say(args.json, "serving", door.name());
+    for endpoint in realtime.endpoints() {
+        say(args.json, "serving", endpoint.name());
     }
     say(args.json, "real time", &Urgent::request(Role::Plant).granted().to_string());
     while !interrupt.came() && end.is_none_or(|end| realtime.world().now() < end) {

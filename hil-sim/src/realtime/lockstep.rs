@@ -15,7 +15,7 @@
 use can_link::{BusSpec, CanLink, ClientId, Clock, ServerEvent};
 use protocol::{Duration, Frame, Instant};
 
-use super::door::{Door, Visit};
+use super::endpoint::{Endpoint, Visit};
 use super::{NAP_MAX, Realtime, RealtimeError};
 use crate::participants::Participants;
 use crate::world::Observer;
@@ -147,7 +147,7 @@ impl<A: Participants> Realtime<A> {
                 self.world.run_until(quiet, &mut (&mut self.seen, &mut *observer))?;
                 self.clock.set(quiet);
             } else if step.waits_for_clients() {
-                let links: Vec<&dyn CanLink> = self.ports.iter().map(|port| port.door.link()).collect();
+                let links: Vec<&dyn CanLink> = self.ports.iter().map(|port| port.endpoint.link()).collect();
                 can_link::wait(&links, &real, Some(end))?;
             } else {
                 self.send_said(step)?;
@@ -178,7 +178,7 @@ impl<A: Participants> Realtime<A> {
     fn hear(&mut self, step: &mut LockStep) {
         let now = self.world.now();
         for (index, port) in self.ports.iter_mut().enumerate() {
-            let Door::Server(server) = &mut port.door else { continue };
+            let Endpoint::Server(server) = &mut port.endpoint else { continue };
             while let Some(event) = server.next_event() {
                 match event {
                     ServerEvent::Joined { client, peer } => {
@@ -237,7 +237,7 @@ impl<A: Participants> Realtime<A> {
 
     /// The member gets its frames, and may send.
     fn give_turn(&mut self, member: &mut Member, now: Instant) {
-        if let Door::Server(server) = &mut self.ports[member.port].door {
+        if let Endpoint::Server(server) = &mut self.ports[member.port].endpoint {
             for (at, frame) in member.unheard.drain(..) {
                 server.send_to(member.client, at, &frame);
             }
@@ -251,7 +251,7 @@ impl<A: Participants> Realtime<A> {
     fn hand_to(&mut self, step: &mut LockStep) -> Result<(), RealtimeError> {
         let own = &mut self.seen.own;
         let ports = self.ports.len();
-        // For each door: time, frame, and the client that sent it.
+        // For each endpoint: time, frame, and the client that sent it.
         let heard = self.world.with_participants(|participants, _| {
             let mut heard = vec![Vec::new(); ports];
             for (port, at, frame) in own.drain(..) {
@@ -271,7 +271,7 @@ impl<A: Participants> Realtime<A> {
                         member.unheard.push((at, frame));
                     }
                 }
-                let Door::Server(server) = &mut self.ports[index].door else { continue };
+                let Endpoint::Server(server) = &mut self.ports[index].endpoint else { continue };
                 for (_, client) in step.others.iter().filter(|(port, _)| *port == index) {
                     if sender != Some(*client) {
                         server.send_to(*client, at, &frame);

@@ -1,19 +1,19 @@
 //! The same world in real time, with links of the operating system as further nodes.
 //!
 //! ```text
-//!   clients ── door ──▶ Gateway ──▶ simulated bus ──▶ drives, gateways of the other doors
-//!           ◀── door ── Gateway ◀── (bit times, arbitration, faults) ◀──
+//!   clients ── endpoint ──▶ Gateway ──▶ simulated bus ──▶ drives, gateways of the other endpoints
+//!           ◀── endpoint ── Gateway ◀── (bit times, arbitration, faults) ◀──
 //! ```
 //!
 //! The world's clock follows the machine's: each turn runs it up to the present. A frame of a client is queued at
 //! the simulated bus when it arrives, wins its arbitration, takes its bits, and is then seen by the drives and by
-//! all other clients; answers come back the same way, after the drive's processing time. Every door (the port of a
-//! link) is a node of its own, as an adapter on a real bus is. Doors arbitrate against each other, and so do the
-//! clients of one door. Each can have 64 frames queued, so a client that floods delays frames of higher priority by
+//! all other clients; answers come back the same way, after the drive's processing time. Every endpoint (the port of a
+//! link) is a node of its own, as an adapter on a real bus is. Endpoints arbitrate against each other, and so do the
+//! clients of one endpoint. Each can have 64 frames queued, so a client that floods delays frames of higher priority by
 //! one frame at most. Two delays of the machine are measured: how late frames leave ([`Realtime::lateness`]), and
 //! how long clients wait for answers.
 
-mod door;
+mod endpoint;
 mod lockstep;
 
 use std::io;
@@ -21,14 +21,14 @@ use std::io;
 use can_link::{Clock, Lateness, LinkError};
 use protocol::{Duration, Frame, Instant};
 
-pub use door::{Door, Gateway, Visit};
+pub use endpoint::{Endpoint, Gateway, Visit};
 pub use lockstep::{MixedTime, shared_time};
 
 use crate::bus::{BusConfig, ErrorKind};
 use crate::fault::Fault;
 use crate::participants::{Participants, Solo};
 use crate::world::{BuildError, Observer, RunError, World};
-use door::{AT_BUS_MAX, Port, Room};
+use endpoint::{AT_BUS_MAX, Port, Room};
 
 /// Longest sleep, so that the owner can do its own work in between.
 const NAP_MAX: Duration = Duration::from_millis(50);
@@ -64,7 +64,7 @@ impl RealtimeError {
     }
 }
 
-/// Data for the doors: frames of gateways, for the other clients of the same door; errors, for all.
+/// Data for the endpoints: frames of gateways, for the other clients of the same endpoint; errors, for all.
 #[derive(Debug, Default)]
 struct Seen {
     /// Node of the first gateway; all further ones follow.
@@ -143,7 +143,7 @@ impl std::fmt::Display for Lag {
 }
 
 impl<A: Participants> Realtime<A> {
-    /// Connects `participants` to a bus whose time 0 is that of `clock`, with a gateway behind each of `doors`.
+    /// Connects `participants` to a bus whose time 0 is that of `clock`, with a gateway behind each of `endpoints`.
     /// `seed` feeds the faults' random streams.
     ///
     /// # Errors
@@ -154,18 +154,19 @@ impl<A: Participants> Realtime<A> {
         config: BusConfig,
         seed: u64,
         plan: Vec<Fault>,
-        doors: Vec<Door>,
+        endpoints: Vec<Endpoint>,
         clock: Clock,
     ) -> Result<Self, BuildError> {
         let first_gateway = participants.len();
-        let gateways = doors.iter().map(|door| Solo::new(door.name(), Gateway::default())).collect();
+        let gateways =
+            endpoints.iter().map(|endpoint| Solo::new(endpoint.name(), Gateway::default())).collect();
         let mut world = World::new((participants, gateways), config, seed, plan)?;
-        for port in 0..doors.len() {
+        for port in 0..endpoints.len() {
             world.keep_queue_short(first_gateway + port, AT_BUS_MAX);
         }
         Ok(Self {
             world,
-            ports: doors.into_iter().map(Port::new).collect(),
+            ports: endpoints.into_iter().map(Port::new).collect(),
             clock,
             seen: Seen { first_gateway, ..Seen::default() },
             latency: Lateness::default(),
@@ -201,12 +202,12 @@ impl<A: Participants> Realtime<A> {
         &mut self.world
     }
 
-    /// The doors, as given.
-    pub fn doors(&self) -> impl Iterator<Item = &Door> {
-        self.ports.iter().map(|port| &port.door)
+    /// The endpoints, as given.
+    pub fn endpoints(&self) -> impl Iterator<Item = &Endpoint> {
+        self.ports.iter().map(|port| &port.endpoint)
     }
 
-    /// Time from a client's request until the answer leaves through its door. If two doors send a request to the
+    /// Time from a client's request until the answer leaves through its endpoint. If two endpoints send a request to the
     /// same module at once, each may count the other's answer.
     pub fn latency(&self) -> &Lateness {
         &self.latency
@@ -237,7 +238,7 @@ impl<A: Participants> Realtime<A> {
         self.ports.iter().map(|port| port.lost).sum()
     }
 
-    /// Clients that joined and left since the last call, door by door.
+    /// Clients that joined and left since the last call, endpoint by endpoint.
     pub fn visits(&mut self) -> Vec<Visit> {
         self.ports.iter_mut().flat_map(|port| std::mem::take(&mut port.visits)).collect()
     }
@@ -282,7 +283,7 @@ impl<A: Participants> Realtime<A> {
         Ok(now)
     }
 
-    /// Takes the frames that the clients of a door have sent, as far as each has room in the gateway.
+    /// Takes the frames that the clients of an endpoint have sent, as far as each has room in the gateway.
     fn take_in(&mut self, index: usize, observer: &mut impl Observer) -> Result<(), RealtimeError> {
         let gateway = |participants: &(A, Vec<Solo<Gateway>>)| participants.1[index].node.waiting();
         let mut room = Room::beside(gateway(self.world.participants()));

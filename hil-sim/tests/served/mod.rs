@@ -1,4 +1,4 @@
-//! `hil-sim serve` as a process, and clients of its doors; for suites that need both.
+//! `hil-sim serve` as a process, and clients of its endpoints; for suites that need both.
 
 use std::io::{BufRead, BufReader, Lines, Write};
 use std::process::{Child, ChildStdout, Command, Stdio};
@@ -13,12 +13,12 @@ pub(crate) const PATIENCE: Duration = Duration::from_secs(120);
 pub(crate) struct Server {
     child: Child,
     lines: Lines<BufReader<ChildStdout>>,
-    /// Names of the doors, in the order of the command line; specs for clients.
-    pub(crate) doors: Vec<String>,
+    /// Names of the endpoints, in the order of the command line; specs for clients.
+    pub(crate) endpoints: Vec<String>,
 }
 
 impl Server {
-    /// Starts `program` and waits until all its doors are open.
+    /// Starts `program` and waits until all its endpoints are open.
     pub(crate) fn start(program: &str, buses: &[&str]) -> Self {
         let mut command = Command::new(program);
         command.args(["serve", "--json", "--duration-s", "600"]);
@@ -27,7 +27,7 @@ impl Server {
         }
         let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
         let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
-        let doors = buses
+        let endpoints = buses
             .iter()
             .map(|_| {
                 let line = lines.next().unwrap().unwrap();
@@ -36,11 +36,11 @@ impl Server {
                 event["text"].as_str().unwrap().split(' ').next().unwrap().to_owned()
             })
             .collect();
-        Self { child, lines, doors }
+        Self { child, lines, endpoints }
     }
 
-    pub(crate) fn client(&self, door: usize) -> Client {
-        let spec: BusSpec = self.doors[door].parse().unwrap();
+    pub(crate) fn client(&self, endpoint: usize) -> Client {
+        let spec: BusSpec = self.endpoints[endpoint].parse().unwrap();
         let clock = Clock::start();
         Client { link: open(&spec, clock).unwrap(), clock }
     }
@@ -76,7 +76,7 @@ impl Drop for Server {
     }
 }
 
-/// One participant behind a door.
+/// One participant behind an endpoint.
 pub(crate) struct Client {
     pub(crate) link: Box<dyn CanLink + Send>,
     clock: Clock,

@@ -26,7 +26,7 @@ use operator::ball_catch::controller_arm::ControllerArm;
 use operator::ball_catch::executor::Executor;
 use operator::ball_catch::trial::{CatchOutcome, Pair, TrialOptions};
 use operator::bus::BusArgs;
-use operator::bus::sim::Guest;
+use operator::bus::sim::SwitchedNode;
 use planner::catch::draw::Window;
 use protocol::{Frame, Instant, Node};
 use record::record;
@@ -92,10 +92,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     let node = ControllerNode::new(Instant::ZERO, storage, &settings, identity, Seed::FORESEEABLE);
     let records = Rc::new(RefCell::new(Records::default()));
     let controller = Recorded { node, records: Rc::clone(&records) };
-    let guest = Guest::new(Box::new(controller), Rc::new(Cell::new(false)));
+    let node = SwitchedNode::new(Box::new(controller), Rc::new(Cell::new(false)));
     let args = BusArgs::default();
-    let session =
-        args.open_with_guests(&args.cell.load()?, Box::new(vec![Solo::new("controller", guest)]))?;
+    let session = args.open_with_nodes(&args.cell.load()?, Box::new(vec![Solo::new("controller", node)]))?;
 
     let pair = Pair::new(CourtOptions::two_arms()?)?;
     let mut options = TrialOptions::default();

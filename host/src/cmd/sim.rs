@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use can_link::{BusSpec, Role, Urgent};
 use hil_sim::participants::Solo;
-use hil_sim::realtime::{Door, Realtime, RealtimeError, Visit, shared_time};
+use hil_sim::realtime::{Endpoint, Realtime, RealtimeError, Visit, shared_time};
 use hil_sim::scenario::{Scenario, ScriptedHost};
 use protocol::{Duration, Instant};
 use robot_model::RobotModel;
@@ -15,7 +15,7 @@ use crate::exit;
 use operator::bus::BusFailure;
 use operator::bus::can_drives::CanDrives;
 use operator::bus::period::settings_with_gains;
-use operator::bus::sim::{controller_guest, no_guests};
+use operator::bus::sim::{controller_node, no_other_nodes};
 use operator::interrupt::interrupt;
 
 /// Time between two looks at how late the machine was, and the lag that is printed at once: a controller with a cycle
@@ -82,33 +82,33 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     scenario.seed = args.seed.unwrap_or(scenario.seed);
     let cell = scenario.cell().map_err(|error| ExpectedError::bad_input(&error))?;
-    let guests = if args.controller {
+    let others = if args.controller {
         let robot = RobotModel::load(&scenario.robot).map_err(|error| ExpectedError::bad_input(&error))?;
         let settings = settings_with_gains(&robot).map_err(|error| ExpectedError::bad_input(&error))?;
         let drives = CanDrives::of(&robot).map_err(|error| ExpectedError::bad_input(&error))?;
-        controller_guest(&settings, drives, std::rc::Rc::default())
+        controller_node(&settings, drives, std::rc::Rc::default())
     } else {
-        no_guests()
+        no_other_nodes()
     };
     let script = Solo::new("script", ScriptedHost::new(&scenario.actions));
     let (clock, in_step) = shared_time(&args.bus).map_err(|error| ExpectedError::bad_input(&error))?;
-    let doors: Vec<Door> = args
+    let endpoints: Vec<Endpoint> = args
         .bus
         .iter()
-        .map(|spec| Door::open(spec, clock).map_err(BusFailure::from))
+        .map(|spec| Endpoint::open(spec, clock).map_err(BusFailure::from))
         .collect::<Result<_, _>>()?;
-    let participants = ((cell, script), guests);
+    let participants = ((cell, script), others);
     let faults = scenario.faults.clone();
-    let mut realtime = Realtime::new(participants, scenario.bus, scenario.seed, faults, doors, clock)
+    let mut realtime = Realtime::new(participants, scenario.bus, scenario.seed, faults, endpoints, clock)
         .map_err(|error| ExpectedError::bad_input(&error))?;
     if let Some(clients) = in_step {
         realtime = realtime.in_lock_step(clients);
     }
     let stop = interrupt();
-    for door in realtime.doors() {
+    for endpoint in realtime.endpoints() {
         console::line!(
             "serving {} (robot {}, seed {}); Ctrl-C ends",
-            door.name(),
+            endpoint.name(),
             scenario.robot,
             scenario.seed
         );

@@ -11,7 +11,7 @@ use can_link::BusSpec;
 use hil_sim::bus::BusConfig;
 use hil_sim::fault::Fault;
 use hil_sim::participants::Participants;
-use hil_sim::realtime::{Door, Realtime, shared_time};
+use hil_sim::realtime::{Endpoint, Realtime, shared_time};
 use hil_sim::{Cell, CellOptions};
 use protocol::Instant;
 use robot_model::RobotModel;
@@ -38,12 +38,13 @@ impl Served {
     ) -> Self {
         let spec: BusSpec = "lockstep://127.0.0.1:0/can0".parse().unwrap();
         let (clock, clients_min) = shared_time(std::slice::from_ref(&spec)).unwrap();
-        let door = Door::open(&spec, clock).unwrap();
-        let spec = door.name().to_owned();
+        let endpoint = Endpoint::open(&spec, clock).unwrap();
+        let spec = endpoint.name().to_owned();
         let stop = Arc::new(AtomicBool::new(false));
         let flag = Arc::clone(&stop);
         let thread = std::thread::spawn(move || {
-            let world = Realtime::new(make(), BusConfig::default(), 1, faults, vec![door], clock).unwrap();
+            let world =
+                Realtime::new(make(), BusConfig::default(), 1, faults, vec![endpoint], clock).unwrap();
             let mut world = world.in_lock_step(clients_min.unwrap());
             while !flag.load(Ordering::Relaxed) {
                 world.turn(Instant::FAR_FUTURE, &mut ()).unwrap();
@@ -70,7 +71,7 @@ impl Served {
             let mut options = CellOptions::default();
             options.drive.starts_homed = true;
             let cell = Cell::new(&RobotModel::load("powercube6").unwrap(), &options, 1).unwrap();
-            (cell, operator::bus::sim::soft_controller_guest())
+            (cell, operator::bus::sim::soft_controller_node())
         };
         Self::with_faults(make, faults)
     }

@@ -98,7 +98,7 @@ pub fn settings() -> Settings {
     settings.cycle_period_us = PERIOD_US;
     settings.gains_period_us = PERIOD_US;
     (settings.gains_delay_min_us, settings.gains_delay_max_us) = (30_600, PERIOD_US);
-    settings.cycle_guest = false;
+    settings.cycle_monitoring = false;
     settings.reply_age_us = 1_500;
     // One at a time: several replies would wait for each other on the line, and look older than they are.
     settings.in_flight_max = 1;

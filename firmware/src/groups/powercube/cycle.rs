@@ -123,7 +123,7 @@ pub(super) struct Cycle {
 #[derive(Clone, Copy, Debug)]
 struct Extra {
     /// Whose turn it is to be read, or to have its speed raised ahead of need.
-    guest: Option<JointIndex>,
+    monitored: Option<JointIndex>,
     /// A drive has got two writes.
     second_write: bool,
     /// The period began late: the time is for catching up.
@@ -195,7 +195,7 @@ impl PowerCubes {
             return;
         }
         match self.mode {
-            Mode::Tracking => self.read_guest(settings),
+            Mode::Tracking => self.read_for_monitoring(settings),
             Mode::Parking | Mode::Braking { .. } | Mode::Halted => {
                 for joint in settings.joints() {
                     self.watch(joint);
@@ -234,10 +234,10 @@ impl PowerCubes {
 
     fn begin_set_points(&mut self, now: Instant, settings: &Settings, overrun: bool) {
         self.timing.begin_cycle(now);
-        self.schedule.begin_cycle(self.cycle.at, self.slots.first(), self.slots.guests());
+        self.schedule.begin_cycle(self.cycle.at, self.slots.first(), self.slots.monitoring());
         let joints = settings.joints.max(1);
-        let guest = JointIndex::new((self.cycle.number % joints) as usize).ok();
-        self.cycle.extra = Some(Extra { guest, second_write: false, overrun });
+        let monitored = JointIndex::new((self.cycle.number % joints) as usize).ok();
+        self.cycle.extra = Some(Extra { monitored, second_write: false, overrun });
         (self.cycle.answered, self.cycle.missed) = (0, 0);
     }
 
@@ -258,7 +258,7 @@ impl PowerCubes {
         if let Some(extra) = &mut self.cycle.extra {
             let both = command.velocity_rad_s.is_some() && command.acceleration_rad_s2.is_some();
             // A low speed is raised ahead of need, one joint per cycle, when the bus has room.
-            if command.velocity_stale && !both && !extra.second_write && extra.guest == Some(joint) {
+            if command.velocity_stale && !both && !extra.second_write && extra.monitored == Some(joint) {
                 command.velocity_rad_s = Some(limits.v_max_rad_s);
             }
             extra.second_write |= command.velocity_rad_s.is_some() && command.acceleration_rad_s2.is_some();
@@ -270,11 +270,11 @@ impl PowerCubes {
     }
 
     /// One drive is read in what is left of the period.
-    fn read_guest(&mut self, settings: &Settings) {
-        let Some(Extra { guest, second_write: false, overrun: false }) = self.cycle.extra.take() else {
+    fn read_for_monitoring(&mut self, settings: &Settings) {
+        let Some(Extra { monitored, second_write: false, overrun: false }) = self.cycle.extra.take() else {
             return;
         };
-        if let Some(joint) = guest.filter(|_| settings.cycle_guest) {
+        if let Some(joint) = monitored.filter(|_| settings.cycle_monitoring) {
             let turn = self.cycle.number / settings.joints.max(1);
             let parameter =
                 if turn.is_multiple_of(2) { Self::slow_look(turn / 2) } else { Parameter::CubeState };

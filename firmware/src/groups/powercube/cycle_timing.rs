@@ -12,7 +12,7 @@
 //! ```
 //!
 //! Four in flight at 1 Mbit/s hold the first line up to D = 0.55 ms. What is left of the period is for the watchdog's sign of
-//! life and Cyphal; they wait, a joint never waits for them. The guest read has its place in the cycle, and is left out after
+//! life and Cyphal; they wait, a joint never waits for them. The read for monitoring has its place in the cycle, and is left out after
 //! a late one.
 //!
 //! # Rehearsal
@@ -28,8 +28,8 @@ use protocol::Instant;
 
 /// Bits by which a joint's writes, acknowledge and motion exceed the reads of a rehearsal (40), with stuff bits, µs at 1 Mbit/s.
 const MORE_PER_JOINT_US: u32 = 44;
-/// The guest read of a cycle: request and answer, 158 bits and stuff bits, µs at 1 Mbit/s.
-pub(crate) const GUEST_US: u32 = 175;
+/// The read for monitoring of a cycle: request and answer, 158 bits and stuff bits, µs at 1 Mbit/s.
+pub(crate) const MONITORING_US: u32 = 175;
 /// CycleTimer looked back at.
 const WINDOW: usize = 32;
 /// The longest of each four is ignored, and two more, because there may be few at first.
@@ -119,14 +119,16 @@ impl CycleTimer {
         *self = Self::default();
     }
 
-    /// How long a control cycle of this many joints takes, with a guest read or without, µs; `None` before the first
+    /// How long a control cycle of this many joints takes, with a read for monitoring or without, µs; `None` before the first
     /// rehearsal.
-    pub fn cycle_us(&self, joints: u32, guest: bool) -> Option<u32> {
+    pub fn cycle_us(&self, joints: u32, monitored: bool) -> Option<u32> {
         let last_us = self.last_us.get(..self.rehearsed.min(WINDOW)).unwrap_or(&self.last_us);
         let outliers = (last_us.len() / SHARE + 2).min(last_us.len().saturating_sub(1));
         let as_long = |us: u32| last_us.iter().filter(|other| **other >= us).count();
         let longest_us = last_us.iter().copied().filter(|us| as_long(*us) > outliers).max()?;
-        Some(longest_us.saturating_add(joints * MORE_PER_JOINT_US + if guest { GUEST_US } else { 0 }))
+        Some(
+            longest_us.saturating_add(joints * MORE_PER_JOINT_US + if monitored { MONITORING_US } else { 0 }),
+        )
     }
 
     /// Cycles of the last run.
@@ -149,7 +151,7 @@ mod tests {
         let mut timing = CycleTimer::default();
         assert_eq!(timing.cycle_us(6, true), None);
         rehearse(&mut timing, 2_500);
-        assert_eq!(timing.cycle_us(6, true), Some(2_500 + 6 * MORE_PER_JOINT_US + GUEST_US));
+        assert_eq!(timing.cycle_us(6, true), Some(2_500 + 6 * MORE_PER_JOINT_US + MONITORING_US));
         for us in [9_000, 2_100, 2_000, 2_600, 2_050, 2_200, 2_300] {
             rehearse(&mut timing, us);
         }

@@ -225,7 +225,7 @@ impl PowerCubes {
     /// Durations of the control cycles of the last run; and how long one takes by the last rehearsals, µs ([`cycle_timing`]), `None`
     /// before the first.
     pub fn cycle_times(&self, settings: &Settings) -> (CycleTimes, Option<u32>) {
-        (self.timing.times(), self.timing.cycle_us(settings.joints, settings.cycle_guest))
+        (self.timing.times(), self.timing.cycle_us(settings.joints, settings.cycle_monitoring))
     }
 
     fn push(&mut self, event: GroupEvent) {

@@ -14,7 +14,7 @@
 //! last joint; in this order it idles for one. A drive that needs two writes gets both in this first part.
 //!
 //! Each motion has a slot ([`crate::groups::powercube::slots`]) and never leaves before it, so that the commands of a drive come
-//! one period apart. Reads for monitoring ("guests") wait until the last motion is on the bus.
+//! one period apart. Reads for monitoring wait until the last motion is on the bus.
 //!
 //! [`Settings::in_flight_max`]: crate::settings::Settings::in_flight_max
 
@@ -25,7 +25,7 @@ use crate::groups::powercube::drives::{DriveRecord, Key, Lane};
 use crate::groups::powercube::order::Order;
 use crate::joints::PerJoint;
 
-/// Requests of one drive in one cycle: speed, acceleration, motion, guest.
+/// Requests of one drive in one cycle: speed, acceleration, motion, read for monitoring.
 pub const AGENDA_MAX: usize = 4;
 
 /// Longest request with all stuff bits, µs at 1 Mbit/s.
@@ -146,8 +146,8 @@ pub struct Schedule {
     cycle_at: Instant,
     /// Before this no slot of the cycle is near, µs.
     first_us: u32,
-    /// Guests wait until then, µs.
-    guests_us: u32,
+    /// Reads for monitoring wait until then, µs.
+    monitoring_us: u32,
 }
 
 impl Default for Schedule {
@@ -157,7 +157,7 @@ impl Default for Schedule {
             order: Order::BASE_FIRST,
             cycle_at: Instant::ZERO,
             first_us: 0,
-            guests_us: 0,
+            monitoring_us: 0,
         }
     }
 }
@@ -200,11 +200,11 @@ impl Schedule {
         self.agenda.at_mut(joint).push(request)
     }
 
-    /// Begins a cycle at `cycle_at`: its first slot comes `first` later, and guests wait for `guests`.
-    pub fn begin_cycle(&mut self, cycle_at: Instant, first: Duration, guests: Duration) {
+    /// Begins a cycle at `cycle_at`: its first slot comes `first` later, and reads for monitoring wait for `monitoring`.
+    pub fn begin_cycle(&mut self, cycle_at: Instant, first: Duration, monitoring: Duration) {
         self.cycle_at = cycle_at;
         self.first_us = micros(first).saturating_sub(GUARD_US);
-        self.guests_us = micros(guests);
+        self.monitoring_us = micros(monitoring);
     }
 
     /// Gives the motion on a drive's agenda its slot in the cycle, µs from its start.
@@ -220,7 +220,7 @@ impl Schedule {
     /// When the next request of a drive may go out, µs from the start of the cycle.
     fn opens_us(&self, agenda: &Agenda) -> u32 {
         match agenda.head() {
-            Some(Request::Get(_)) => self.guests_us,
+            Some(Request::Get(_)) => self.monitoring_us,
             _ => agenda.slot_us().unwrap_or(0),
         }
     }
@@ -292,8 +292,8 @@ impl Schedule {
                     let waits = match agenda.slot_us() {
                         Some(slot_us) => since_us < slot_us,
                         None => {
-                            let is_guest = matches!(wanted, Request::Get(_));
-                            round.clear_for_motion || (is_guest && since_us < self.guests_us)
+                            let is_monitoring = matches!(wanted, Request::Get(_));
+                            round.clear_for_motion || (is_monitoring && since_us < self.monitoring_us)
                         }
                     };
                     if waits {
@@ -452,7 +452,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_but_a_motion_goes_out_just_before_a_slot_and_guests_wait_for_theirs() {
+    fn nothing_but_a_motion_goes_out_just_before_a_slot_and_reads_for_monitoring_wait_for_theirs() {
         let (mut schedule, mut drives) = (Schedule::default(), PerJoint::<DriveRecord>::default());
         let [first, second] = [0, 1].map(|joint| JointIndex::new(joint).unwrap());
         schedule.begin_cycle(Instant::ZERO, Duration::from_micros(1_000), Duration::from_micros(2_000));
@@ -462,10 +462,10 @@ mod tests {
         assert_eq!(ask(&mut schedule, &mut drives, 900), []);
         assert_eq!(ask(&mut schedule, &mut drives, 1_000), [(0, motion()), (1, set_a())]);
         let third = JointIndex::new(2).unwrap();
-        let guest = Request::Get(Parameter::Cur);
-        schedule.push(third, guest);
+        let monitored = Request::Get(Parameter::Cur);
+        schedule.push(third, monitored);
         assert_eq!(ask(&mut schedule, &mut drives, 1_999), []);
-        assert_eq!(ask(&mut schedule, &mut drives, 2_000), [(2, guest)]);
+        assert_eq!(ask(&mut schedule, &mut drives, 2_000), [(2, monitored)]);
     }
 
     #[test]

@@ -18,7 +18,7 @@
 //! * `reply`: from handing out a request to its answer, at the load of the cycle.
 //!
 //! `reply` follows from the rehearsed duration C of a cycle ([`crate::groups::powercube::cycle_timing`]) of n drives, W in flight. If the bus is the
-//! bottleneck, the bus carries n - 1 other drives and the guest in the same time: C less their bits. If the drives
+//! bottleneck, the bus carries n - 1 other drives and the read for monitoring in the same time: C less their bits. If the drives
 //! are the bottleneck, 2n requests take C in W lanes: C·W/2n. Each is an upper bound; the smaller one counts.
 //!
 //! # What is left
@@ -54,12 +54,16 @@ pub struct Slots {
 }
 
 impl Slots {
-    /// Slots in this order for drives and bus with which a cycle, guest included, takes `cycle_us`.
+    /// Slots in this order for drives and bus with which a cycle, read for monitoring included, takes `cycle_us`.
     pub fn plan(settings: &Settings, cycle_us: u32, order: &Order) -> Self {
         let n = settings.joints.max(1);
         let lanes = settings.in_flight_max.clamp(1, n);
         let others_us = (n - 1) * DRIVE_US
-            + if settings.cycle_guest { crate::groups::powercube::cycle_timing::GUEST_US } else { 0 };
+            + if settings.cycle_monitoring {
+                crate::groups::powercube::cycle_timing::MONITORING_US
+            } else {
+                0
+            };
         let by_bus_us = cycle_us.saturating_sub(others_us).max(DRIVE_US);
         let by_drives_us = cycle_us.saturating_mul(lanes).checked_div(2 * n).unwrap_or(0);
         let reply_us = by_bus_us.min(by_drives_us.max(DRIVE_US));
@@ -104,7 +108,7 @@ impl Slots {
     }
 
     /// From when on what is no command may be asked: the last motion is on the bus.
-    pub fn guests(&self) -> Duration {
+    pub fn monitoring(&self) -> Duration {
         let last_us = self.first_us + self.joints.saturating_sub(1) * self.spacing_us;
         Duration::from_micros((last_us + FRAME_US).into())
     }

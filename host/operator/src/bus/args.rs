@@ -17,7 +17,7 @@ use super::can_drives::CanDrives;
 use super::failure::BusFailure;
 use super::live::LiveBus;
 use super::session::{Medium, Session};
-use super::sim::{Guests, SimBus, SimSetup, controller_guest, no_guests};
+use super::sim::{OtherNodes, SimBus, SimSetup, controller_node, no_other_nodes};
 use crate::bus::period::settings_with_gains;
 use crate::interrupt::interrupt;
 use crate::log::Recorder;
@@ -170,14 +170,14 @@ impl BusArgs {
         let off = Rc::default();
         let medium = match &self.bus {
             BusSpec::Sim => {
-                let guests = match settings {
+                let others = match settings {
                     Some(settings) => {
                         let drives = CanDrives::of(&cell.robot)?;
-                        controller_guest(settings, drives, Rc::clone(&off))
+                        controller_node(settings, drives, Rc::clone(&off))
                     }
-                    None => no_guests(),
+                    None => no_other_nodes(),
                 };
-                Medium::Sim(Box::new(SimBus::new(&cell.robot, &cell.setup, cell.seed, guests)?))
+                Medium::Sim(Box::new(SimBus::new(&cell.robot, &cell.setup, cell.seed, others)?))
             }
             spec => {
                 let real = match spec {
@@ -198,12 +198,12 @@ impl BusArgs {
         self.session_on(medium, cell, stop, off)
     }
 
-    /// Opens a session in virtual time with `cell` and the nodes `guests` on its bus, independent of the bus of these options.
+    /// Opens a session in virtual time with `cell` and the nodes `others` on its bus, independent of the bus of these options.
     ///
     /// # Errors
     /// As [`BusArgs::open`].
-    pub fn open_with_guests(&self, cell: &Cell, guests: Guests) -> Result<Session, BusFailure> {
-        let bus = SimBus::new(&cell.robot, &cell.setup, cell.seed, guests)?;
+    pub fn open_with_nodes(&self, cell: &Cell, others: OtherNodes) -> Result<Session, BusFailure> {
+        let bus = SimBus::new(&cell.robot, &cell.setup, cell.seed, others)?;
         let medium = Medium::Sim(Box::new(bus));
         Self { bus: BusSpec::Sim, ..self.clone() }.session_on(medium, cell, interrupt(), Rc::default())
     }

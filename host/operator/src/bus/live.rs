@@ -62,8 +62,8 @@ impl LiveBus {
             let (soft, _) = SoftController::start(wire, clock, settings, drives)?;
             return Ok(Self { soft: Some(soft), ..self });
         }
-        let (soft, door) = SoftController::start(self.link, self.clock, settings, drives)?;
-        Ok(Self { link: Box::new(door), soft: Some(soft), ..self })
+        let (soft, session_link) = SoftController::start(self.link, self.clock, settings, drives)?;
+        Ok(Self { link: Box::new(session_link), soft: Some(soft), ..self })
     }
 
     /// Measures what the machine and the bus can keep, with requests to `modules`; the host node gets no frames meanwhile.

@@ -36,22 +36,22 @@ const CLASS_ACK: u32 = 0x20;
 const CLASS_BUS_OFF: u32 = 0x40;
 
 /// Anything that sits on the bus beside cell and host node: a soft controller, a second cell.
-pub type Guests = Box<dyn Participants>;
+pub type OtherNodes = Box<dyn Participants>;
 
 /// A further node on the bus that can be switched off from outside.
-pub struct Guest {
+pub struct SwitchedNode {
     node: Box<dyn Node>,
     off: Rc<Cell<bool>>,
 }
 
-impl Guest {
+impl SwitchedNode {
     /// A node that takes part until `off` is set.
     pub fn new(node: Box<dyn Node>, off: Rc<Cell<bool>>) -> Self {
         Self { node, off }
     }
 }
 
-impl Node for Guest {
+impl Node for SwitchedNode {
     fn handle_frame(&mut self, now: Instant, frame: &Frame) {
         if !self.off.get() {
             self.node.handle_frame(now, frame);
@@ -71,8 +71,8 @@ impl Node for Guest {
 }
 
 /// No nodes except cell and host node.
-pub fn no_guests() -> Guests {
-    Box::new(Vec::<Solo<Guest>>::new())
+pub fn no_other_nodes() -> OtherNodes {
+    Box::new(Vec::<Solo<SwitchedNode>>::new())
 }
 
 /// The controller of the firmware, as a program on this machine: starts at time 0, without permanent storage.
@@ -86,13 +86,16 @@ pub fn soft_controller(
 }
 
 /// The soft controller with its built-in settings as a further node.
-pub fn soft_controller_guest() -> Guests {
-    controller_guest(&Settings::powercube6(), CanDrives::default(), Rc::default())
+pub fn soft_controller_node() -> OtherNodes {
+    controller_node(&Settings::powercube6(), CanDrives::default(), Rc::default())
 }
 
 /// The soft controller with `settings` for `drives` as a further node, on the bus until `off` is set.
-pub fn controller_guest(settings: &Settings, drives: CanDrives, off: Rc<Cell<bool>>) -> Guests {
-    Box::new(vec![Solo::new("controller", Guest::new(Box::new(soft_controller(settings, drives)), off))])
+pub fn controller_node(settings: &Settings, drives: CanDrives, off: Rc<Cell<bool>>) -> OtherNodes {
+    Box::new(vec![Solo::new(
+        "controller",
+        SwitchedNode::new(Box::new(soft_controller(settings, drives)), off),
+    )])
 }
 
 /// Options of a simulated cell except robot and seed; by default the nominal cell on a good bus.
@@ -131,7 +134,7 @@ impl SimSetup {
 }
 
 /// Nodes on the simulated bus: the cell, a scripted host, further nodes, and the host node last.
-pub type SimParticipants = (((SimCell, Solo<ScriptedHost>), Guests), Solo<HostNode>);
+pub type SimParticipants = (((SimCell, Solo<ScriptedHost>), OtherNodes), Solo<HostNode>);
 
 pub struct SimBus {
     world: World<SimParticipants>,
@@ -139,20 +142,20 @@ pub struct SimBus {
     /// longer than a request.
     aside: Box<HostNode>,
     is_lent: bool,
-    desk_port: usize,
+    host_port: usize,
     /// In real time: an instant of the clock, and the virtual time then.
     paced: Option<(WallTime, Instant)>,
 }
 
 struct Tapped<'a, 'b> {
     seen: &'a mut Seen<'b>,
-    desk_port: usize,
+    host_port: usize,
 }
 
 impl Observer for Tapped<'_, '_> {
     fn on_frame(&mut self, at: Instant, from: Option<usize>, frame: &Frame) {
         // Further nodes run in this program too, as a soft controller does on a real bus.
-        let way = if from == Some(self.desk_port) { Way::Sent } else { Way::Received };
+        let way = if from == Some(self.host_port) { Way::Sent } else { Way::Received };
         self.seen.frame(at, way, frame);
     }
 
@@ -169,19 +172,24 @@ impl Observer for Tapped<'_, '_> {
 }
 
 impl SimBus {
-    /// The cell of `robot` with the options `setup`, random numbers from `seed` and `guests` on its bus.
+    /// The cell of `robot` with the options `setup`, random numbers from `seed` and `others` on its bus.
     ///
     /// # Errors
     /// The robot has no drives, or there are more nodes than a bus has ports.
-    pub fn new(robot: &RobotModel, setup: &SimSetup, seed: u64, guests: Guests) -> Result<Self, BusFailure> {
+    pub fn new(
+        robot: &RobotModel,
+        setup: &SimSetup,
+        seed: u64,
+        others: OtherNodes,
+    ) -> Result<Self, BusFailure> {
         let cell = SimCell::new(robot, &setup.cell, seed)?;
         let script = Solo::new("script", ScriptedHost::new(&setup.actions));
-        let desk_port = cell.len() + script.len() + guests.len();
-        let participants = (((cell, script), guests), Solo::new("cubectl", HostNode::default()));
+        let host_port = cell.len() + script.len() + others.len();
+        let participants = (((cell, script), others), Solo::new("cubectl", HostNode::default()));
         let mut world = World::new(participants, setup.bus, seed, setup.faults.clone())?;
         // A piece of a file is 40 frames: frames without a place in the queue of the adapter wait in the host node.
-        world.keep_queue_short(desk_port, setup.bus.queue_depth);
-        Ok(Self { world, aside: Box::default(), is_lent: false, desk_port, paced: None })
+        world.keep_queue_short(host_port, setup.bus.queue_depth);
+        Ok(Self { world, aside: Box::default(), is_lent: false, host_port, paced: None })
     }
 
     /// Virtual time.
@@ -219,14 +227,14 @@ impl SimBus {
     pub(super) fn host_node(&mut self) -> &mut HostNode {
         let now = self.world.now();
         if !self.is_lent {
-            // Only a node that floods makes this fail, after the desks have changed places.
-            let _ = self.swap_desks();
+            // Only a node that floods makes this fail, after the swap.
+            let _ = self.swap_host_node();
         }
         self.aside.advance_to(now);
         &mut self.aside
     }
 
-    fn swap_desks(&mut self) -> Result<(), BusFailure> {
+    fn swap_host_node(&mut self) -> Result<(), BusFailure> {
         self.is_lent = !self.is_lent;
         let aside = &mut *self.aside;
         self.world.with_participants(|participants, _| std::mem::swap(&mut participants.1.node, aside))?;
@@ -235,11 +243,11 @@ impl SimBus {
 
     pub(super) fn step(&mut self, until: Instant, seen: &mut Seen<'_>) -> Result<(), BusFailure> {
         if self.is_lent {
-            self.swap_desks()?;
+            self.swap_host_node()?;
         }
         let to = (self.world.now() + SLICE).min(until);
-        let desk_port = self.desk_port;
-        self.world.run_until(to, &mut Tapped { seen, desk_port })?;
+        let host_port = self.host_port;
+        self.world.run_until(to, &mut Tapped { seen, host_port })?;
         self.wait_for_clock();
         Ok(())
     }

@@ -5,7 +5,7 @@
 //!                     ▲
 //!                     │ queues, one bell each way
 //!                     ▼
-//!                   Door ◀── session ──▶ host node          the program's own thread
+//!                   SessionLink ◀── session ──▶ host node          the program's own thread
 //! ```
 //!
 //! The thread owns the wire, so one opened adapter serves both; a frame that one of the two sends is a frame of the
@@ -103,7 +103,7 @@ impl Bell {
 type Ending = Arc<Mutex<Option<LinkError>>>;
 
 /// The session's end.
-pub(super) struct Door {
+pub(super) struct SessionLink {
     name: String,
     events: Consumer<LinkEvent>,
     frames: Producer<Frame>,
@@ -112,14 +112,14 @@ pub(super) struct Door {
     stats: LinkStats,
 }
 
-impl Door {
+impl SessionLink {
     fn gone(&self) -> LinkError {
         let ending = self.ending.lock().ok().and_then(|ending| ending.clone());
         ending.unwrap_or(LinkError::Closed { link: self.name.clone() })
     }
 }
 
-impl CanLink for Door {
+impl CanLink for SessionLink {
     fn name(&self) -> &str {
         &self.name
     }
@@ -171,7 +171,7 @@ impl CanLink for Door {
 struct Shared {
     wire: Box<dyn CanLink + Send>,
     clock: Clock,
-    /// The session has a connection of its own, and does not use the door.
+    /// The session has a connection of its own, and does not use this link.
     apart: bool,
     frames: Consumer<Frame>,
     events: Producer<LinkEvent>,
@@ -249,8 +249,8 @@ pub(super) struct SoftController {
 }
 
 impl SoftController {
-    /// Starts the controller on `wire`; the returned door is the session's link from now on. In lock step the
-    /// thread has its own turns, and the session a connection of its own: the door is then unused.
+    /// Starts the controller on `wire`; the returned link is the session's from now on. In lock step the
+    /// thread has its own turns, and the session a connection of its own: the returned link is then unused.
     ///
     /// # Errors
     /// The operating system gives no thread, no pipe or no random bytes.
@@ -259,14 +259,14 @@ impl SoftController {
         clock: Clock,
         settings: Settings,
         drives: CanDrives,
-    ) -> Result<(Self, Door), BusFailure> {
+    ) -> Result<(Self, SessionLink), BusFailure> {
         let seed = entropy::seed(clock)?;
         let (ours, theirs) = Bell::pair().map_err(BusFailure::Wait)?;
         let (to_session, events) = RingBuffer::new(TO_SESSION_MAX);
         let (to_bus, frames) = RingBuffer::new(TO_BUS_MAX);
         let ending: Ending = Arc::default();
         let name = wire.name().to_owned();
-        let door = Door {
+        let session_link = SessionLink {
             name: name.clone(),
             events,
             frames: to_bus,
@@ -298,7 +298,7 @@ impl SoftController {
         };
         let thread = std::thread::Builder::new().name("controller".to_owned()).spawn(work);
         this.thread = Some(thread.map_err(BusFailure::Wait)?);
-        Ok((this, door))
+        Ok((this, session_link))
     }
 
     /// Takes the controller off the bus; the link stays. Drives that move are stopped by their watchdogs.

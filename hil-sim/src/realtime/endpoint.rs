@@ -16,7 +16,7 @@ pub(super) const CLIENT_BACKLOG_MAX: usize = 64;
 /// chosen when it has been sent, and follows without a gap.
 pub(super) const AT_BUS_MAX: usize = 1;
 
-/// The node for all clients of one door (the port of a link).
+/// The node for all clients of one endpoint (the port of a link).
 ///
 /// Each client has a queue of its own, as with an adapter of its own: the first frames of all queues arbitrate, and
 /// those of one id are sent in rotation. A client that floods delays frames of higher priority by at most the frame
@@ -94,14 +94,14 @@ impl Node for Gateway {
 }
 
 /// Where the clients are.
-pub enum Door {
+pub enum Endpoint {
     /// We are the bus: clients come and go.
     Server(Box<dyn BusServer + Send>),
     /// We join a bus that exists.
     Member(Box<dyn CanLink + Send>),
 }
 
-impl Door {
+impl Endpoint {
     /// Joins the interface that `spec` names; serves everything else.
     ///
     /// # Errors
@@ -138,7 +138,7 @@ impl Door {
     }
 }
 
-/// Input of a door.
+/// Input of an endpoint.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Visit {
     /// A client came.
@@ -170,16 +170,16 @@ impl Room {
     }
 }
 
-/// A door (the port of a link) with its frames in progress.
+/// An endpoint (the port of a link) with its frames in progress.
 pub(super) struct Port {
-    pub(super) door: Door,
-    /// Frames of this door's clients that were on the bus, for its other clients.
+    pub(super) endpoint: Endpoint,
+    /// Frames of this endpoint's clients that were on the bus, for its other clients.
     pub(super) own: Vec<(Instant, Option<ClientId>, Frame)>,
     /// What clients beside lock step sent.
     pub(super) unasked: Vec<(ClientId, Frame)>,
     /// A bus that was joined brings more than the simulated one carries.
     pub(super) is_full: bool,
-    /// When each module got its requests through this door, by address.
+    /// When each module got its requests through this endpoint, by address.
     requests: Vec<VecDeque<Instant>>,
     pub(super) visits: Vec<Visit>,
     /// Frames that the link did not take.
@@ -187,9 +187,9 @@ pub(super) struct Port {
 }
 
 impl Port {
-    pub(super) fn new(door: Door) -> Self {
+    pub(super) fn new(endpoint: Endpoint) -> Self {
         Self {
-            door,
+            endpoint,
             own: Vec::new(),
             unasked: Vec::new(),
             is_full: false,
@@ -202,8 +202,9 @@ impl Port {
     /// Next frame of a client that has room for it in the gateway; joins and leaves are kept as visits.
     pub(super) fn next_frame(&mut self, room: &Room) -> Result<Option<(Option<ClientId>, Frame)>, LinkError> {
         loop {
-            match &mut self.door {
-                Door::Server(server) => match server.next_event_from(&mut |client| room.is_for(Some(client)))
+            match &mut self.endpoint {
+                Endpoint::Server(server) => match server
+                    .next_event_from(&mut |client| room.is_for(Some(client)))
                 {
                     None => return Ok(None),
                     Some(ServerEvent::Joined { peer, .. }) => self.visits.push(Visit::Joined(peer)),
@@ -212,8 +213,8 @@ impl Port {
                     // Refused in real time.
                     Some(ServerEvent::InStep { .. } | ServerEvent::Waits { .. }) => {}
                 },
-                Door::Member(_) if !room.is_for(None) => return Ok(None),
-                Door::Member(link) => match link.receive()? {
+                Endpoint::Member(_) if !room.is_for(None) => return Ok(None),
+                Endpoint::Member(link) => match link.receive()? {
                     None => return Ok(None),
                     Some(LinkEvent::BusError { .. }) => {}
                     Some(LinkEvent::Frame { frame, .. }) => return Ok(Some((None, frame))),
@@ -225,9 +226,9 @@ impl Port {
     /// The link, if something that arrives there now can be accepted: waiting for other input would only end the
     /// sleep again and again. A server separates its clients by itself.
     pub(super) fn waits_for(&self) -> Option<&dyn CanLink> {
-        match &self.door {
-            Door::Member(_) if self.is_full => None,
-            door => Some(door.link()),
+        match &self.endpoint {
+            Endpoint::Member(_) if self.is_full => None,
+            endpoint => Some(endpoint.link()),
         }
     }
 
@@ -242,7 +243,7 @@ impl Port {
         }
     }
 
-    /// When the request that `frame` answers was queued, if it came through this door.
+    /// When the request that `frame` answers was queued, if it came through this endpoint.
     pub(super) fn asked_at(&mut self, frame: &Frame) -> Option<Instant> {
         match Address::of(frame.id()) {
             Some(Address::Module(Channel::Ack, module)) => {
@@ -254,22 +255,22 @@ impl Port {
 
     /// A frame of another node was on the bus at `at`.
     pub(super) fn put(&mut self, at: Instant, frame: &Frame) {
-        match &mut self.door {
-            Door::Server(server) => server.broadcast(at, frame, None),
-            Door::Member(link) => self.lost += u64::from(link.send(frame).is_err()),
+        match &mut self.endpoint {
+            Endpoint::Server(server) => server.broadcast(at, frame, None),
+            Endpoint::Member(link) => self.lost += u64::from(link.send(frame).is_err()),
         }
     }
 
-    /// A client's frame has been on the bus: the other clients of this door see it now.
+    /// A client's frame has been on the bus: the other clients of this endpoint see it now.
     pub(super) fn put_own(&mut self, at: Instant, client: Option<ClientId>, frame: &Frame) {
-        if let Door::Server(server) = &mut self.door {
+        if let Endpoint::Server(server) = &mut self.endpoint {
             server.broadcast(at, frame, client);
         }
     }
 
     /// An error of the bus, by its class of Linux `can/error.h`.
     pub(super) fn put_error(&mut self, at: Instant, class: u32) {
-        if let Door::Server(server) = &mut self.door {
+        if let Endpoint::Server(server) = &mut self.endpoint {
             server.broadcast_bus_error(at, class);
         }
     }
