@@ -103,18 +103,18 @@ pub enum Decline {
     Range,
     /// Too fast to follow, or it does not fit between the fingers on its way in.
     #[error(
-        "no catch is found; at the best place looked at the hand would need {0:.2} times its joint speeds to keep the disc between the \
+        "at the best place looked at the hand would need {0:.2} times its joint speeds to keep the disc between the \
          fingers while it comes in and they close"
     )]
     TooFast(f64),
     /// It cannot be followed at any speed.
     #[error("no motion is found that keeps the disc between the fingers while it comes in and they close")]
     NoWayIn,
-    #[error("no catch is found; the arm comes {:.0} ms too late for the best place looked at", .0 * 1e3)]
+    #[error("the arm comes {:.0} ms too late for the best place looked at", .0 * 1e3)]
     TooLate(f64),
     /// Limits on the way.
     #[error(
-        "no catch is found; the way to the best place looked at takes {0:.2} times the acceleration allowed, or leaves the joint ranges"
+        "the way to the best place looked at takes {0:.2} times the acceleration allowed, or leaves the joint ranges"
     )]
     Limits(f64),
     /// The way in.
