@@ -100,7 +100,7 @@ impl<'a> Search<'a> {
             .map(|k| settings.now_s + WAY_STEP_S * f64::from(k))
             .filter(|t_s| (path.at(*t_s).p_m - shoulder).norm() < farthest);
         let first = near.next()?;
-        let times_s = (first, near.last().unwrap_or(first));
+        let times_s = (first, near.next_back().unwrap_or(first));
         Some(Self { arm, path, now, settings, limits: limits(arm, settings), range, times_s })
     }
 
