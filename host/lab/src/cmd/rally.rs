@@ -200,7 +200,10 @@ fn row_text(row: &Row) -> String {
     let Row { name, caught_without_place, declined, safe, silent, limit_passed, not_clear, .. } = row;
     let Row { declined_at_base, refusals, judged, wait_deg, .. } = row;
     let in_time = row.in_time.map_or_else(String::new, |reached| {
-        format!("; {reached} of {} could be reached if the flight were known 50 ms after the release", row.caught.of)
+        format!(
+            "; {reached} of {} could be reached if the flight were known 50 ms after the release",
+            row.caught.of
+        )
     });
     let share = |share: &Share| {
         let (low, high) = share.wilson();

@@ -73,7 +73,7 @@ pub struct Row {
     pub of_possible: Share,
     /// Caught, though the search found no place: how much that search misses.
     pub caught_without_place: usize,
-    /// Of an arm with eyes only: throws for which the search finds a catch if the arm knows the flight exactly [`SEEN_S`] after the
+    /// Of an arm with eyes only: throws for which the search finds a catch if the arm knows the flight exactly 50 ms after the
     /// release.
     pub in_time: Option<usize>,
     /// By flight time, from 0.4 s in steps of 0.1 s: all throws.
