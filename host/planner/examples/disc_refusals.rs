@@ -1,7 +1,7 @@
-//! Refusals of discs compared with a slow search: random discs; the refused ones are searched with many more starts and
-//! changes.
+//! Refusals of discs compared with a slow search: random discs; the refused ones are searched with more
+//! populations and generations, from another seed.
 //!
-//!     cargo run -p planner --release --example disc_refusals -- [DISCS] [SEED] [STARTS CHANGES]
+//!     cargo run -p planner --release --example disc_refusals -- [DISCS] [SEED] [POPULATIONS GENERATIONS]
 //!
 //! A refusal is wrong if the slow search finds a catch that the observer of disc and gripper accepts within the joint limits.
 
@@ -49,10 +49,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arm = DiscArm::new(RobotModel::load("pincher4")?)?;
     let ready = READY_RAD.map(|q| At { q, ..At::default() });
     let number = |word: Option<String>, or: usize| word.map_or(Ok(or), |word| word.parse());
-    let starts = number(words.next(), Effort::PLAN.starts)?;
-    let changes = number(words.next(), Effort::PLAN.changes)?;
-    let settings = Settings { between: Effort { starts, changes, seed: 1 }, ..Settings::default() };
-    let slow = Settings { between: Effort { starts: 720, changes: 600, seed: !seed }, ..settings };
+    let populations = number(words.next(), Effort::PLAN.populations)?;
+    let generations = number(words.next(), Effort::PLAN.generations)?;
+    let settings = Settings { between: Effort { populations, generations, seed: 1 }, ..Settings::default() };
+    let slow = Settings {
+        between: Effort { populations: 2 * populations, generations: 2 * generations, seed: !seed },
+        ..settings
+    };
     let mut rng = SplitMix64::new(seed);
     let throws: Vec<Throw> = (0..discs).map(|_| throw(&mut rng)).collect();
     // Time of a plan (ms); caught and accepted, if it is not refused; the refusal is wrong, if it is.
@@ -65,9 +68,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             let took_ms = clock.elapsed().as_secs_f64() * 1e3;
             let outcome = plan.map(|plan| accepted(&arm, &path, &plan)).map_err(|why| {
                 let slow = search(&arm, &path, &ready, &slow).ok().filter(|plan| accepted(&arm, &path, plan));
-                if let Some(plan) = &slow {
-                    println!("wrong: {throw:?} {why}: {:?}", plan.choice);
-                }
+                println!("{throw:?} refused, {why}: {:?}", slow.as_ref().map(|plan| plan.choice));
                 slow.is_some()
             });
             (took_ms, outcome)

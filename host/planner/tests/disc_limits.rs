@@ -92,15 +92,19 @@ fn flat_disc_is_caught_within_the_servo_limits() {
 }
 
 #[test]
-fn oblique_disc_is_declined_because_the_hand_cannot_follow_it() {
-    let Err(Decline::TooFast(times)) = caught(Throw::oblique(), &Settings::default()) else { panic!() };
-    assert!((1.05..1.6).contains(&times), "{times}");
-    // The named limit is necessary, if not sufficient: with a little less the refusal is the same.
-    let path = Path::parabola(&Throw::oblique(), 1.5);
-    let settings = Settings { limit_scale: 0.97 * times, ..Settings::default() };
-    assert!(matches!(intercept::plan(&ARM, &path, &ready(), &settings), Err(Decline::TooFast(_))));
-    let settings = Settings { limit_scale: 1.03 * times, ..Settings::default() };
-    assert!(!matches!(intercept::plan(&ARM, &path, &ready(), &settings), Err(Decline::TooFast(_))));
+fn oblique_disc_is_caught_within_the_servo_limits() {
+    let (plan, verdict) = must_catch(Throw::oblique());
+    let at = verdict.caught.unwrap().1;
+    // The paper's catch is at 0.42 s.
+    assert!((0.35..0.50).contains(&at.t_s), "{at:?}");
+    assert!(plan.used.0 <= 0.951 && plan.used.1 <= 0.951, "{:?}", plan.used);
+}
+
+#[test]
+fn a_disc_that_the_hand_cannot_follow_is_declined_with_the_speed_that_is_missing() {
+    let fast = Throw { start_m: Vector3::new(0.5, -2.6, 0.7), velocity_m_s: Vector3::new(0.0, 12.0, 1.0) };
+    let Err(Decline::TooFast(times)) = caught(fast, &Settings::default()) else { panic!() };
+    assert!((1.0..4.0).contains(&times), "{times}");
 }
 
 #[test]
@@ -206,11 +210,31 @@ impl Draw {
     }
 }
 
-/// Refused by a grid of places and speeds: 89 ms too late, 69 ms too late, 1.16 times the joint speeds, touches.
+/// A disc that comes down steeply, 5 m/s fast, beside the axis: the arm takes over half of its velocity for 25 ms.
+#[test]
+fn a_steep_disc_beside_the_axis_is_caught() {
+    let start_m = Vector3::new(-0.18017, -2.40935, 0.92981);
+    must_catch(Throw { start_m, velocity_m_s: Vector3::new(0.56205, 3.88428, 2.77526) });
+}
+
+/// The arm reaches over its back, and stops a centimetre above the floor.
+#[test]
+fn a_disc_that_is_caught_just_above_the_floor_is_not_refused() {
+    let start_m = Vector3::new(0.208_714, -1.126_035, 0.624_772);
+    must_catch(Throw { start_m, velocity_m_s: Vector3::new(-1.776_517, 2.756_055, 1.453_417) });
+}
+
+/// By the grid the arm is 89 ms too late.
+#[test]
+fn a_fast_disc_that_the_grid_is_too_late_for_is_caught() {
+    let start_m = Vector3::new(0.53361, -2.45832, 0.58302);
+    must_catch(Throw { start_m, velocity_m_s: Vector3::new(-0.83938, 6.65809, 1.92688) });
+}
+
+/// Refused by a grid of places and speeds: 69 ms too late, 1.16 times the joint speeds, touches.
 #[test]
 fn discs_between_the_places_of_the_grid_are_caught() {
     for (start, velocity) in [
-        ([0.53361, -2.45832, 0.58302], [-0.83938, 6.65809, 1.92688]),
         ([0.94932, 0.53286, 1.03649], [-3.41580, -0.12904, 1.13907]),
         ([-1.22633, -0.80185, 0.11142], [2.04448, 1.17349, 3.96760]),
         ([-2.13548, 0.36969, 0.55264], [3.66971, -0.57854, 2.46912]),

@@ -99,8 +99,8 @@ def test_a_disc_is_caught_as_the_program_does() -> None:
 
 
 def test_a_disc_that_cannot_be_caught_is_a_result_and_wrong_input_is_refused() -> None:
-    oblique = cubecell.catch_disc([0.5, -1.0, 1.05], [-2.0, 4.0, 1.0])
-    assert oblique.plan is None and oblique.declined is not None and oblique.exit_code == 3 and "next:" in oblique.text
+    fast = cubecell.catch_disc([0.5, -2.6, 0.7], [0.0, 12.0, 1.0])
+    assert fast.plan is None and fast.declined is not None and fast.exit_code == 3 and "next:" in fast.text
     alone = cubecell.catch_disc([0.5, -1.0, 1.05], [-2.0, 4.0, 1.0], limits=False)
     assert alone.plan is None and alone.declined is None and alone.rule is not None and alone.rule.captured_step == 42
     air = cubecell.catch_disc([0.5, -2.2, 0.7], [0.0, 3.8, 1.5], air=True, wind_m_s=[0.5, 0.0, 0.0], spin_rad_s=40.0)

@@ -307,9 +307,10 @@ mod tests {
     }
 
     #[test]
-    fn flat_is_caught_and_oblique_is_declined_with_its_own_code() {
+    fn discs_of_the_paper_are_caught_and_a_fast_one_is_declined_with_its_own_code() {
         ended("catch --robot pincher4 --disc flat").unwrap();
-        let error = ended("catch --robot pincher4 --disc oblique").unwrap_err();
+        ended("catch --robot pincher4 --disc oblique").unwrap();
+        let error = ended("catch --robot pincher4 --start 0.5,-2.6,0.7 --velocity 0,12,1").unwrap_err();
         assert_eq!(error.code, exit::NO_THROW);
         assert!(error.what.contains("times its joint speeds") && !error.next.is_empty(), "{error}");
         ended("catch --disc oblique --no-limits").unwrap();
@@ -322,7 +323,7 @@ mod tests {
         assert_eq!(code("catch --disc flat --on-controller --trouble drive-lost:0.2"), exit::STOPPED);
         assert_eq!(code("catch --disc flat --on-controller --trouble bias:2"), exit::USAGE);
         // Declined before anything runs.
-        assert_eq!(code("catch --disc oblique --on-controller"), exit::NO_THROW);
+        assert_eq!(code("catch --start 0.5,-2.6,0.7 --velocity 0,12,1 --on-controller"), exit::NO_THROW);
     }
 
     #[test]

@@ -103,22 +103,24 @@ pub enum Decline {
     Range,
     /// Too fast to follow, or it does not fit between the fingers on its way in.
     #[error(
-        "the hand would need at least {0:.2} times its joint speeds to keep the disc between the fingers while it comes in and \
-         they close"
+        "at the best place looked at the hand would need {0:.2} times its joint speeds to keep the disc between the \
+         fingers while it comes in and they close"
     )]
     TooFast(f64),
     /// It cannot be followed at any speed.
-    #[error("no motion of the hand keeps the disc between the fingers while it comes in and they close")]
+    #[error("no motion is found that keeps the disc between the fingers while it comes in and they close")]
     NoWayIn,
-    #[error("the arm comes at least {:.0} ms too late for every place it reaches", .0 * 1e3)]
+    #[error("the arm comes {:.0} ms too late for the best place looked at", .0 * 1e3)]
     TooLate(f64),
     /// Limits on the way.
     #[error(
-        "the way to every catch takes at least {0:.2} times the acceleration allowed, or leaves the joint ranges"
+        "the way to the best place looked at takes {0:.2} times the acceleration allowed, or leaves the joint ranges"
     )]
     Limits(f64),
     /// The way in.
-    #[error("at every place the disc would touch the arm or a finger before it is between the fingers")]
+    #[error(
+        "at every place looked at the disc would touch the arm or a finger before it is between the fingers"
+    )]
     Touches,
 }
 
@@ -419,7 +421,10 @@ impl Follow {
     }
 
     fn speeds(&self, along: f64, up: f64, across: f64, elevation_rate: f64) -> Joints {
-        let turn = across * self.per_across;
+        self.with_turntable(across * self.per_across, along, up, elevation_rate)
+    }
+
+    fn with_turntable(&self, turn: f64, along: f64, up: f64, elevation_rate: f64) -> Joints {
         let bends = self.bends * (Vector3::new(along, up, elevation_rate) - self.turn * turn);
         Joints::from([turn, bends[0], bends[1], bends[2]])
     }

@@ -63,9 +63,16 @@ pub(super) fn touches_before(
                 return Some(last - t);
             }
         }
-        // Too far from the hand and from the arm to touch anything?
-        let far = chain.iter().all(|p| (p - disc.p_m).norm() > radius + 0.40);
-        if far {
+        // What the disc is too far from to touch.
+        let link = LINK_RADIUS_M + HALF_HEIGHT_M;
+        let near = |i: usize| to_segment(&disc.p_m, &chain[i], &chain[i + 1]) < radius + link;
+        let near_link = [near(0), near(1), near(2)];
+        let near_finger = seen.x < arm.size.touch_m() + settings.margin_m
+            && seen.x > -radius
+            && seen.y.abs() < radius + outer
+            && seen.z.abs() < radius + wide;
+        let near_base = disc.p_m.z < arm.size.base_m + 0.06 + radius && disc.p_m.xy().norm() < 0.12 + radius;
+        if !near_finger && !near_base && !near_link.contains(&true) {
             continue;
         }
         let normal = axes.tr_mul(&disc.normal);
@@ -81,11 +88,12 @@ pub(super) fn touches_before(
                 points += 1;
                 let in_finger = p.x > 0.0 && p.x < arm.size.gripper_m + settings.margin_m && p.z.abs() < wide;
                 let world = chain[3] + axes * p;
-                let link = LINK_RADIUS_M + HALF_HEIGHT_M;
-                let in_hand = p.x < settings.margin_m && to_segment(&world, &chain[2], &chain[3]) < link;
+                let in_hand = near_link[2]
+                    && p.x < settings.margin_m
+                    && to_segment(&world, &chain[2], &chain[3]) < link;
                 let touches = in_finger && p.y.abs() > gap && p.y.abs() < outer
                     || in_hand
-                    || (0..2).any(|i| to_segment(&world, &chain[i], &chain[i + 1]) < link)
+                    || (0..2).any(|i| near_link[i] && to_segment(&world, &chain[i], &chain[i + 1]) < link)
                     || world.z < arm.size.base_m + 0.06 && world.xy().norm() < 0.12;
                 touching += u32::from(touches);
             }
@@ -103,13 +111,22 @@ fn to_segment(p: &Vector3<f64>, a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     (p - a - ab * u).norm()
 }
 
+/// Distance that the arm keeps from itself and from the floor, m.
+const CLEAR_M: f64 = 0.004;
+
 /// Whether the arm keeps clear of itself and of the floor, every 5 ms to the end.
 pub(super) fn stays_clear(arm: &DiscArm, motion: &DiscMotion) -> bool {
+    too_near_m(arm, motion, 0.005) <= 0.0
+}
+
+/// By how much the arm is too near to itself or to the floor, mean of the whole motion, m; 0 if it keeps clear.
+pub(super) fn too_near_m(arm: &DiscArm, motion: &DiscMotion, step_s: f64) -> f64 {
     let scene = Scene::default();
     let mut checker = CollisionChecker::new(&arm.model, &scene);
-    let steps = ((motion.end_s() - motion.from_s) / 0.005).ceil() as u32;
-    (0..=steps).all(|k| {
-        let q = motion.q(motion.from_s + 0.005 * f64::from(k));
-        checker.clearance(&arm.model.fk(&q.into())).distance_m > 0.004
-    })
+    let steps = ((motion.end_s() - motion.from_s) / step_s).ceil() as u32;
+    let sum: f64 = (0..=steps)
+        .map(|k| motion.q(motion.from_s + step_s * f64::from(k)))
+        .map(|q| CLEAR_M - checker.distance_up_to(&arm.model.fk(&q.into()), CLEAR_M))
+        .sum();
+    sum / f64::from(steps + 1)
 }
