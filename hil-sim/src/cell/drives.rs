@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use protocol::powercube::{Address, BaudRate, Channel};
 use protocol::{Duration, Frame, Id, Instant, ModuleId, Node};
-use robot_model::{MitGripper, MitMotor as Described, OdriveAxis as DescribedAxis, RobotModel};
+use robot_model::{FingerTravel, MitMotor as Described, OdriveAxis as DescribedAxis, RobotModel};
 
 use super::{CellError, CellOptions};
 use crate::bus::TxOrder;
@@ -22,28 +22,29 @@ const ODRIVE_WATCHDOG: Duration = Duration::from_millis(50);
 /// The drives of a cell, base first.
 pub(super) enum Drives {
     PowerCubes(Vec<PowerCubeDrive>),
-    Mit(Box<MitArm>),
+    Mit(Box<Arm<MitMotor>>),
     Cia402(Vec<CanopenServo>),
-    Odrive(Vec<OdriveAxis>),
+    Odrive(Box<Arm<OdriveAxis>>),
 }
 
 /// One motor for each joint, and perhaps one for the fingers.
-pub(super) struct MitArm {
-    pub(super) joints: Vec<MitMotor>,
-    fingers: Option<Fingers>,
+pub(super) struct Arm<M> {
+    pub(super) joints: Vec<M>,
+    fingers: Option<Fingers<M>>,
 }
 
-/// Fingers with the inertia of their motor's rotor. The ball is free as soon as they are open by [`MitGripper::FREE_SHARE`].
-struct Fingers {
-    motor: MitMotor,
+/// Fingers with the inertia of their motor's rotor. The ball is free as soon as they are open by [`FingerTravel::FREE_SHARE`].
+struct Fingers<M> {
+    motor: M,
     axis: AxisState,
-    described: MitGripper,
+    rotor_kg_m2: f64,
+    travel: FingerTravel,
     is_open: bool,
     /// When that changed.
     changed: Instant,
 }
 
-impl MitArm {
+impl Arm<MitMotor> {
     /// Motors at rest; the fingers are closed.
     pub(super) fn new(model: &RobotModel, options: &CellOptions, q_rad: &[f64]) -> Result<Self, CellError> {
         let Some(described) = model.mit_motors() else {
@@ -54,20 +55,60 @@ impl MitArm {
             .map(|(joint, (motor, q_rad))| motor_of(motor, options.mounting_of(joint).drive_rad(*q_rad)))
             .collect::<Result<_, _>>()?;
         let fingers = described.gripper.map(|gripper| {
-            Ok(Fingers {
-                motor: motor_of(&gripper.motor, gripper.closed_rad)?,
-                axis: AxisState { q_rad: gripper.closed_rad, ..AxisState::default() },
-                described: gripper,
-                is_open: false,
-                changed: Instant::ZERO,
-            })
+            let motor = motor_of(&gripper.motor, gripper.travel.closed_rad)?;
+            Ok(Fingers::closed(motor, gripper.motor.rotor_kg_m2, gripper.travel))
         });
         Ok(Self { joints, fingers: fingers.transpose()? })
     }
+}
 
+impl Arm<OdriveAxis> {
+    /// Axes at rest, configured as `docs/moving.md` says: their watchdog is on, estimates come when they are asked for. The fingers are closed.
+    pub(super) fn new(model: &RobotModel, options: &CellOptions, q_rad: &[f64]) -> Self {
+        let described = model.odrive_axes().unwrap_or_default().iter().zip(q_rad).enumerate();
+        let joints = described
+            .map(|(joint, (axis, q_rad))| axis_of(axis, options.mounting_of(joint).drive_rad(*q_rad)));
+        let fingers = model.odrive_gripper().map(|gripper| {
+            let motor = axis_of(&gripper.axis, gripper.travel.closed_rad);
+            Fingers::closed(motor, gripper.axis.rotor_kg_m2, gripper.travel)
+        });
+        Self { joints: joints.collect(), fingers }
+    }
+}
+
+impl<M: ShaftMotor> Arm<M> {
     /// The motors, the one of the fingers last.
-    pub(super) fn motors_mut(&mut self) -> impl Iterator<Item = &mut MitMotor> {
+    pub(super) fn motors_mut(&mut self) -> impl Iterator<Item = &mut M> {
         self.joints.iter_mut().chain(self.fingers.as_mut().map(|fingers| &mut fingers.motor))
+    }
+
+    fn len(&self) -> usize {
+        self.joints.len() + usize::from(self.fingers.is_some())
+    }
+
+    fn node(&mut self, index: usize) -> &mut dyn Node {
+        match &mut self.fingers {
+            Some(fingers) if index == self.joints.len() => &mut fingers.motor,
+            _ => &mut self.joints[index],
+        }
+    }
+
+    fn name(&self, index: usize) -> String {
+        match &self.fingers {
+            Some(fingers) if index == self.joints.len() => format!("gripper ({})", fingers.motor.name()),
+            _ => format!("joint {} ({})", index + 1, self.joints[index].name()),
+        }
+    }
+
+    fn step_fingers(&mut self, dt_s: f64, end: Instant) {
+        if let Some(fingers) = &mut self.fingers {
+            fingers.step(dt_s, end);
+        }
+    }
+
+    /// Whether the fingers are open, and since when.
+    fn is_open(&self) -> Option<(bool, Instant)> {
+        self.fingers.as_ref().map(|fingers| (fingers.is_open, fingers.changed))
     }
 }
 
@@ -78,11 +119,16 @@ fn motor_of(described: &Described, q_rad: f64) -> Result<MitMotor, CellError> {
     Ok(MitMotor::new(MitOptions { rotor_kg_m2: described.rotor_kg_m2, ..options }, q_rad))
 }
 
-impl Fingers {
+impl<M: ShaftMotor> Fingers<M> {
+    fn closed(motor: M, rotor_kg_m2: f64, travel: FingerTravel) -> Self {
+        let axis = AxisState { q_rad: travel.closed_rad, ..AxisState::default() };
+        Self { motor, axis, rotor_kg_m2, travel, is_open: false, changed: Instant::ZERO }
+    }
+
     fn step(&mut self, dt_s: f64, end: Instant) {
-        turn(&mut self.axis, &self.motor.input(), self.described.motor.rotor_kg_m2, dt_s);
+        turn(&mut self.axis, &self.motor.input(), self.rotor_kg_m2, dt_s);
         self.motor.tick(self.axis, dt_s);
-        let is_open = self.described.open_share(self.axis.q_rad) >= MitGripper::FREE_SHARE;
+        let is_open = self.travel.open_share(self.axis.q_rad) >= FingerTravel::FREE_SHARE;
         if is_open != self.is_open {
             (self.is_open, self.changed) = (is_open, end);
         }
@@ -115,6 +161,7 @@ pub(super) fn servos(
             stiffness_nm_rad: tuned[joint] * wn_rad_s * wn_rad_s,
             damping_nms_rad: 2.0 * damping * wn_rad_s * tuned[joint],
             is_absolute: described.is_absolute,
+            gripper_bit: model.cia402_output().filter(|own| own.joint == joint).map(|own| own.bit),
             ..ServoOptions::of(described.node)
         };
         CanopenServo::new(options_of, options.mounting_of(joint).drive_rad(q_rad[joint]))
@@ -122,23 +169,18 @@ pub(super) fn servos(
     Ok((0..described.len()).map(servo).collect())
 }
 
-/// The axes of `[joint.odrive]`, configured as `docs/moving.md` says: their watchdog is on, estimates come when they are asked for.
-pub(super) fn axes(model: &RobotModel, options: &CellOptions, q_rad: &[f64]) -> Vec<OdriveAxis> {
-    let described = model.odrive_axes().unwrap_or_default();
-    let axis = |(joint, described): (usize, &DescribedAxis)| {
-        let options_of = OdriveOptions {
-            gear: described.gear_ratio,
-            counted: described.counted(),
-            torque_nm_a: described.torque_nm_a,
-            current_max_a: described.current_max_a,
-            brakes: described.brake,
-            watchdog: Some(ODRIVE_WATCHDOG),
-            estimates: None,
-            ..OdriveOptions::new(described.node, described.version)
-        };
-        OdriveAxis::new(options_of, options.mounting_of(joint).drive_rad(q_rad[joint]))
+fn axis_of(described: &DescribedAxis, q_rad: f64) -> OdriveAxis {
+    let options = OdriveOptions {
+        gear: described.gear_ratio,
+        counted: described.counted(),
+        torque_nm_a: described.torque_nm_a,
+        current_max_a: described.current_max_a,
+        brakes: described.brake,
+        watchdog: Some(ODRIVE_WATCHDOG),
+        estimates: None,
+        ..OdriveOptions::new(described.node, described.version)
     };
-    described.iter().enumerate().map(axis).collect()
+    OdriveAxis::new(options, q_rad)
 }
 
 impl Drives {
@@ -160,9 +202,9 @@ impl Drives {
     pub(super) fn len(&self) -> usize {
         match self {
             Self::PowerCubes(drives) => drives.len(),
-            Self::Mit(arm) => arm.joints.len() + usize::from(arm.fingers.is_some()),
+            Self::Mit(arm) => arm.len(),
             Self::Cia402(servos) => servos.len(),
-            Self::Odrive(axes) => axes.len(),
+            Self::Odrive(arm) => arm.len(),
         }
     }
 
@@ -172,19 +214,16 @@ impl Drives {
             Self::PowerCubes(drives) => drives.len(),
             Self::Mit(arm) => arm.joints.len(),
             Self::Cia402(servos) => servos.len(),
-            Self::Odrive(axes) => axes.len(),
+            Self::Odrive(arm) => arm.joints.len(),
         }
     }
 
     pub(super) fn node(&mut self, index: usize) -> &mut dyn Node {
         match self {
             Self::PowerCubes(drives) => &mut drives[index],
-            Self::Mit(arm) => match &mut arm.fingers {
-                Some(fingers) if index == arm.joints.len() => &mut fingers.motor,
-                _ => &mut arm.joints[index],
-            },
+            Self::Mit(arm) => arm.node(index),
             Self::Cia402(servos) => &mut servos[index],
-            Self::Odrive(axes) => &mut axes[index],
+            Self::Odrive(arm) => arm.node(index),
         }
     }
 
@@ -194,12 +233,9 @@ impl Drives {
                 let plate = drives[index].nameplate();
                 format!("drive {} ({})", plate.address, plate.module)
             }
-            Self::Mit(arm) => match &arm.fingers {
-                Some(fingers) if index == arm.joints.len() => format!("gripper ({})", fingers.motor.name()),
-                _ => format!("motor {} ({})", index + 1, arm.joints[index].name()),
-            },
+            Self::Mit(arm) => arm.name(index),
             Self::Cia402(servos) => format!("joint {} ({})", index + 1, servos[index].name()),
-            Self::Odrive(axes) => format!("joint {} ({})", index + 1, axes[index].name()),
+            Self::Odrive(arm) => arm.name(index),
         })
     }
 
@@ -235,16 +271,16 @@ impl Drives {
             Self::PowerCubes(drives) => drives[joint].input(middle),
             Self::Mit(arm) => arm.joints[joint].input(),
             Self::Cia402(servos) => servos[joint].input_at(middle),
-            Self::Odrive(axes) => axes[joint].input(),
+            Self::Odrive(arm) => arm.joints[joint].input(),
         }
     }
 
     /// Moves the fingers on to `end`, if a motor moves them.
     pub(super) fn step_fingers(&mut self, dt_s: f64, end: Instant) {
-        if let Self::Mit(arm) = self
-            && let Some(fingers) = &mut arm.fingers
-        {
-            fingers.step(dt_s, end);
+        match self {
+            Self::Mit(arm) => arm.step_fingers(dt_s, end),
+            Self::Odrive(arm) => arm.step_fingers(dt_s, end),
+            Self::PowerCubes(_) | Self::Cia402(_) => {}
         }
     }
 
@@ -268,9 +304,9 @@ impl Drives {
                 let drive = axis.map_or(drives.last(), |axis| drives.get(axis))?;
                 Some((drive.outputs() >> line & 1 != 0, drive.outputs_changed()))
             }
-            Self::Mit(arm) => arm.fingers.as_ref().map(|fingers| (fingers.is_open, fingers.changed)),
-            // Nothing opens the hand.
-            Self::Cia402(_) | Self::Odrive(_) => None,
+            Self::Mit(arm) => arm.is_open(),
+            Self::Odrive(arm) => arm.is_open(),
+            Self::Cia402(servos) => servos.iter().find_map(CanopenServo::gripper),
         }
     }
 }

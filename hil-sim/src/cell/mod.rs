@@ -88,9 +88,10 @@ impl Cell {
         if let Drives::Cia402(servos) = &mut self.drives { servos } else { &mut [] }
     }
 
-    /// The axes of ODrives, in joint order; none in an arm of other drives.
-    pub fn odrives_mut(&mut self) -> &mut [OdriveAxis] {
-        if let Drives::Odrive(axes) = &mut self.drives { axes } else { &mut [] }
+    /// The axes of ODrives, in joint order, the one of the gripper last; empty for an arm with other drives.
+    pub fn odrives_mut(&mut self) -> impl Iterator<Item = &mut OdriveAxis> {
+        let arm = if let Drives::Odrive(arm) = &mut self.drives { Some(arm) } else { None };
+        arm.into_iter().flat_map(|arm| arm.motors_mut())
     }
 
     pub fn plant(&self) -> &dyn Plant {
@@ -171,8 +172,8 @@ impl Cell {
                     motor.tick(self.mounting[index].axis(self.plant.axis(index)), dt_s);
                 }
             }
-            Drives::Odrive(axes) => {
-                for (index, axis) in axes.iter_mut().enumerate() {
+            Drives::Odrive(arm) => {
+                for (index, axis) in arm.joints.iter_mut().enumerate() {
                     axis.tick(self.mounting[index].axis(self.plant.axis(index)), dt_s);
                 }
             }

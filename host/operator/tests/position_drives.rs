@@ -114,7 +114,7 @@ fn a_drive_without_power_is_a_fault_of_its_joint_and_brakes_hold_the_arm() {
         world
             .with_participants(|all, now| match arm {
                 Arm::Cia402 => all.0.0.0.servos_mut()[1].set_power(now, false),
-                Arm::Odrive => all.0.0.0.odrives_mut()[1].set_power(now, false),
+                Arm::Odrive => all.0.0.0.odrives_mut().nth(1).unwrap().set_power(now, false),
             })
             .unwrap();
         let until = session.now() + Duration::from_secs(1);

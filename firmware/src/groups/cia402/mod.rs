@@ -16,6 +16,11 @@
 //! servo that answers has taken its halt, and goes on being held. If the controller dies, its heartbeat stays away. A servo whose
 //! link is lost goes to fault by itself: its own ramp, then its brake. That is proven before the first motion.
 //!
+//! # Gripper
+//!
+//! An output of a servo opens the hand ([`GripperOutput`]). It stays as it is until the first order, which leaves at once and then again in
+//! each period. The servo takes it when it comes, not with the next SYNC.
+//!
 //! # Answers
 //!
 //! Process data hold no number of their SYNC. They count if they come after the SYNC can have been on the bus, once per SYNC and before
@@ -44,7 +49,7 @@ use protocol::{Duration, Frame, Id, Instant, JointIndex};
 use self::drive::Drive;
 pub use self::finding::{Found, Mismatch};
 use self::finding::{HEARTBEAT, Step};
-pub use self::options::{Home, Options, OptionsError, Servo};
+pub use self::options::{GripperOutput, Home, Options, OptionsError, Servo};
 use super::answers::Worth;
 use super::leading::{Leader, Mode, check_drive};
 use crate::fault::{Cause, Fault, Refusal};
@@ -75,6 +80,8 @@ pub struct Cia402 {
     leader: Leader,
     /// Its zero is looked for until then.
     homing: Option<(JointIndex, Instant)>,
+    /// Last order to the gripper.
+    gripper_open: Option<bool>,
     events: Deque<GroupEvent, 32>,
     out: Deque<Frame, 40>,
     due: Instant,
@@ -111,6 +118,7 @@ impl Cia402 {
             drives: PerJoint(core::array::from_fn(|_| Drive::default())),
             leader: Leader::new(Mode::Finding { reset: false }),
             homing: None,
+            gripper_open: None,
             events: Deque::new(),
             out: Deque::new(),
             due: Instant::ZERO,
@@ -397,6 +405,10 @@ impl DriveGroup for Cia402 {
             }
             self.send(frame);
         }
+        // Again in each period: a frame may be lost.
+        if let Some(frame) = self.data_to_gripper() {
+            self.send(frame);
+        }
     }
 
     fn poll_packet(&mut self) -> Option<Frame> {
@@ -447,6 +459,17 @@ impl DriveGroup for Cia402 {
     fn acts_at(&self, _: JointIndex) -> Instant {
         // With the next SYNC.
         self.due + SYNC_FRAME
+    }
+
+    fn set_gripper(&mut self, settings: &Settings, open: bool) -> bool {
+        if self.options.gripper().is_none_or(|gripper| !settings.joints().any(|own| own == gripper.joint)) {
+            return false;
+        }
+        self.gripper_open = Some(open);
+        if let Some(frame) = self.data_to_gripper() {
+            self.send(frame);
+        }
+        true
     }
 
     fn profile(&self, settings: &Settings) -> Profile {
