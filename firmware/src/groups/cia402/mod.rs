@@ -303,6 +303,10 @@ impl Cia402 {
         }
     }
 
+    fn have_answered(&self, settings: &Settings) -> bool {
+        settings.joints().all(|joint| !self.drives.at(joint).answers.awaited)
+    }
+
     fn is_own(&self, frame: &Frame) -> bool {
         let Id::Standard(id) = frame.id() else { return false };
         self.options.ids().any(|own| own == id)
@@ -376,7 +380,7 @@ impl DriveGroup for Cia402 {
             return;
         }
         let late = now.saturating_since(self.due);
-        let overrun = !self.is_cycle_done(settings) || late >= half;
+        let overrun = !self.have_answered(settings) || late >= half;
         // A SYNC that is due already waits until the set points of this step are sent.
         let next = self.sync_due + period;
         (self.is_half, self.due) = (false, if next > now { next } else { now + half });
@@ -521,10 +525,12 @@ impl DriveGroup for Cia402 {
     }
 
     fn is_keeping_time(&self) -> bool {
-        self.leader.mode == Mode::Tracking
+        // Also at rest: a servo that is held takes a set point in each period.
+        !self.leader.is_finding() && self.options.joints().all(|joint| self.drives.at(joint).is_held())
     }
 
     fn is_cycle_done(&self, settings: &Settings) -> bool {
-        settings.joints().all(|joint| !self.drives.at(joint).answers.awaited)
+        // From the control step on the set points come, then the SYNC: what is queued before them delays it.
+        self.is_half && self.have_answered(settings)
     }
 }

@@ -177,6 +177,11 @@ impl Options {
         self.servos.get(joint.get()).copied()
     }
 
+    /// Joints that have a servo.
+    pub(super) fn joints(&self) -> impl Iterator<Item = JointIndex> + use<> {
+        JointIndex::first(self.servos.len())
+    }
+
     /// Joint of a node.
     pub(super) fn joint_of(&self, node: NodeId) -> Option<JointIndex> {
         let index = self.servos.iter().position(|servo| servo.node == node)?;

@@ -430,10 +430,11 @@ impl DriveGroup for Mit {
     }
 
     fn is_keeping_time(&self) -> bool {
-        self.leader.mode == Mode::Tracking
+        // Also at rest: a motor that is held takes a command in each period.
+        !self.leader.is_finding() && self.options.places().all(|place| self.drives.at(place).is_held())
     }
 
     fn is_cycle_done(&self, settings: &Settings) -> bool {
-        settings.joints().all(|joint| !self.drives.at(joint).answers.awaited)
+        self.places(settings).all(|place| !self.drives.at(place).answers.awaited)
     }
 }

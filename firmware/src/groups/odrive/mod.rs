@@ -433,7 +433,8 @@ impl DriveGroup for Odrive {
     }
 
     fn is_keeping_time(&self) -> bool {
-        self.leader.mode == Mode::Tracking
+        // Also at rest: an axis that is held takes a set point in each period.
+        !self.leader.is_finding() && self.options.places().all(|place| self.drives.at(place).is_held())
     }
 
     fn is_cycle_done(&self, settings: &Settings) -> bool {
