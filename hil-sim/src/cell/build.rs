@@ -162,7 +162,12 @@ impl Cell {
             world.gravity_m_s2,
             gripper.landing_z_m.unwrap_or(world.floor_z_m),
         );
-        Self::assemble(drives, Box::new(plant), supplies, supply_of, throw, options)
+        let mut cell = Self::assemble(drives, Box::new(plant), supplies, supply_of, throw, options)?;
+        if model.drives().is_none() {
+            let nodes = model.addresses().unwrap_or_default().into_iter();
+            cell.addresses = nodes.filter_map(|node| ModuleId::new(node).ok()).collect();
+        }
+        Ok(cell)
     }
 
     /// A bench with `modules` modules, at most [`robot_model::JOINTS_MAX`], addresses from 1. Each turns a wheel of
@@ -233,6 +238,7 @@ impl Cell {
             loads_a: vec![0.0; supplies.len()],
             mounting: (0..drives.joints()).map(|joint| options.mounting_of(joint)).collect(),
             drives,
+            addresses: Vec::new(),
             plant,
             supplies,
             supply_of,

@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 
+use mit_protocol::Status;
 use protocol::powercube::{Address, BaudRate, Channel};
 use protocol::{Duration, Frame, Id, Instant, ModuleId, Node};
 use robot_model::{FingerTravel, MitMotor as Described, OdriveAxis as DescribedAxis, RobotModel};
@@ -13,11 +14,16 @@ use crate::drive::bench::{ShaftMotor, turn};
 use crate::drive::cia402::{CanopenServo, ServoOptions};
 use crate::drive::mit::{MitMotor, MitOptions};
 use crate::drive::odrive::{OdriveAxis, OdriveOptions};
+use crate::fault::PhysicalFault;
 use crate::mechanics::{AxisInput, AxisState};
 use crate::participants::BusConnection;
 
 /// Time without a frame after which an ODrive gives no torque.
 const ODRIVE_WATCHDOG: Duration = Duration::from_millis(50);
+
+/// Codes of a current that is too high: of an emergency, and of an axis of 0.6.
+const SERVO_OVER_CURRENT: u16 = 0x2310;
+const AXIS_OVER_CURRENT: u32 = 0x1000;
 
 /// The drives of a cell, base first.
 pub(super) enum Drives {
@@ -263,6 +269,56 @@ impl Drives {
 
     pub(super) fn module(&self, index: usize) -> Option<ModuleId> {
         self.powercubes().get(index).map(PowerCubeDrive::address)
+    }
+
+    /// Begins a fault of the drive of a joint; false: such a drive has no such fault.
+    pub(super) fn begin(&mut self, joint: usize, now: Instant, fault: &PhysicalFault) -> bool {
+        match (self, fault) {
+            (Self::PowerCubes(drives), fault) => return drives[joint].begin(now, fault),
+            (Self::Mit(arm), PhysicalFault::Restart) => {
+                arm.joints[joint].set_power(false);
+                arm.joints[joint].set_power(true);
+            }
+            (Self::Mit(arm), PhysicalFault::Frozen) => {
+                arm.joints[joint].faults_mut().answers_are_stale = true
+            }
+            (Self::Mit(arm), PhysicalFault::OverCurrent) => arm.joints[joint].fail(Status::OverCurrent),
+            (Self::Cia402(servos), PhysicalFault::Restart) => {
+                servos[joint].set_power(now, false);
+                servos[joint].set_power(now, true);
+            }
+            (Self::Cia402(servos), PhysicalFault::Frozen) => {
+                servos[joint].faults_mut().answers_are_stale = true
+            }
+            (Self::Cia402(servos), PhysicalFault::OverCurrent) => servos[joint].fail(now, SERVO_OVER_CURRENT),
+            (Self::Odrive(arm), PhysicalFault::Restart) => {
+                arm.joints[joint].set_power(now, false);
+                arm.joints[joint].set_power(now, true);
+            }
+            (Self::Odrive(arm), PhysicalFault::Frozen) => {
+                arm.joints[joint].faults_mut().estimates_are_stale = true;
+            }
+            (Self::Odrive(arm), PhysicalFault::OverCurrent) => arm.joints[joint].fail(AXIS_OVER_CURRENT),
+            _ => return false,
+        }
+        true
+    }
+
+    /// Ends a fault of the drive of a joint; what it latched stays.
+    pub(super) fn end(&mut self, joint: usize, fault: &PhysicalFault) {
+        match (self, fault) {
+            (Self::PowerCubes(drives), fault) => drives[joint].end(fault),
+            (Self::Mit(arm), PhysicalFault::Frozen) => {
+                arm.joints[joint].faults_mut().answers_are_stale = false
+            }
+            (Self::Cia402(servos), PhysicalFault::Frozen) => {
+                servos[joint].faults_mut().answers_are_stale = false
+            }
+            (Self::Odrive(arm), PhysicalFault::Frozen) => {
+                arm.joints[joint].faults_mut().estimates_are_stale = false;
+            }
+            _ => {}
+        }
     }
 
     /// What the power stage of a joint does around `middle`, the middle of a step.

@@ -50,6 +50,8 @@ const LOGIC_SHARE_MIN: f64 = 0.4;
 /// Drives with everything behind them.
 pub struct Cell {
     drives: Drives,
+    /// Of drives other than PowerCubes, which know their own.
+    addresses: Vec<ModuleId>,
     /// On their joints.
     mounting: Vec<Mounting>,
     plant: Box<dyn Plant>,
@@ -154,7 +156,12 @@ impl Cell {
     }
 
     fn index_of(&self, module: ModuleId) -> Option<usize> {
-        self.drives().iter().position(|drive| drive.address() == module)
+        (0..self.drives.joints()).find(|index| self.module_of(*index) == Some(module))
+    }
+
+    /// Address or node of the drive of a joint.
+    fn module_of(&self, index: usize) -> Option<ModuleId> {
+        self.drives.module(index).or(self.addresses.get(index).copied())
     }
 
     fn take_step(&mut self) {
@@ -254,7 +261,7 @@ impl Participants for Cell {
     }
 
     fn module(&self, index: usize) -> Option<ModuleId> {
-        self.drives.module(index)
+        self.module_of(index)
     }
 
     fn physics(&mut self) -> Option<&mut dyn FaultTarget> {
