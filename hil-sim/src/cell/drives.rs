@@ -280,7 +280,7 @@ impl Drives {
                 arm.joints[joint].set_power(true);
             }
             (Self::Mit(arm), PhysicalFault::Frozen) => {
-                arm.joints[joint].faults_mut().answers_are_stale = true
+                arm.joints[joint].faults_mut().answers_are_stale = true;
             }
             (Self::Mit(arm), PhysicalFault::OverCurrent) => arm.joints[joint].fail(Status::OverCurrent),
             (Self::Cia402(servos), PhysicalFault::Restart) => {
@@ -288,7 +288,7 @@ impl Drives {
                 servos[joint].set_power(now, true);
             }
             (Self::Cia402(servos), PhysicalFault::Frozen) => {
-                servos[joint].faults_mut().answers_are_stale = true
+                servos[joint].faults_mut().answers_are_stale = true;
             }
             (Self::Cia402(servos), PhysicalFault::OverCurrent) => servos[joint].fail(now, SERVO_OVER_CURRENT),
             (Self::Odrive(arm), PhysicalFault::Restart) => {
@@ -309,10 +309,10 @@ impl Drives {
         match (self, fault) {
             (Self::PowerCubes(drives), fault) => drives[joint].end(fault),
             (Self::Mit(arm), PhysicalFault::Frozen) => {
-                arm.joints[joint].faults_mut().answers_are_stale = false
+                arm.joints[joint].faults_mut().answers_are_stale = false;
             }
             (Self::Cia402(servos), PhysicalFault::Frozen) => {
-                servos[joint].faults_mut().answers_are_stale = false
+                servos[joint].faults_mut().answers_are_stale = false;
             }
             (Self::Odrive(arm), PhysicalFault::Frozen) => {
                 arm.joints[joint].faults_mut().estimates_are_stale = false;
