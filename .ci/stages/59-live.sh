@@ -1,6 +1,6 @@
 # The live view and a report in a real browser (Debian's Chromium): what the page shows is what the recording holds, its stop
-# button halts; what a report shows under the pointer is what recording and plan hold;
-# its layout on desktop, phone and paper.
+# button halts; what a report shows under the pointer is what recording and plan hold; of each kind of report every text and curve of
+# its data is in the page; its layout on desktop, phone and paper.
 . .ci/venv.sh live tests/interop/live/requirements.txt
 . .ci/debug-build.sh
 if ! command -v chromium >/dev/null; then

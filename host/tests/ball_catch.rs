@@ -170,3 +170,43 @@ fn a_catch_on_a_bus_is_refused_with_the_reason_where_it_makes_no_sense() {
     }
     std::fs::remove_dir_all(folder).unwrap();
 }
+
+/// What viewers show is what `--json` prints: joints of the catcher, and the ball or the disc.
+#[test]
+fn a_recording_of_a_catch_has_the_joints_and_the_ball_or_disc_of_its_json() {
+    let path = std::env::temp_dir().join(format!("recorded-catch-{}", std::process::id()));
+    let file = path.with_extension("mcap");
+    let catches = [
+        ("catch --ball 2.0,0.1,0.2,-2.3,-0.1,3.4", "/ball", "/trace", "ball_m"),
+        ("catch --disc flat --on-controller", "/disc", "/executed/trace", "disc_m"),
+    ];
+    for (words, topic, trace, place) in catches {
+        let ended = cubectl(&format!("{words} --json --record {}", path.display()));
+        assert!(ended.status.success(), "{words}: {ended:?}");
+        let json: serde_json::Value = serde_json::from_slice(&ended.stdout).unwrap();
+        let trace = json.pointer(trace).unwrap();
+        let bytes = std::fs::read(&file).unwrap();
+        let messages: Vec<_> = mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap).collect();
+        let of = |topic: &str| {
+            messages.iter().filter(|message| message.channel.topic == topic).collect::<Vec<_>>()
+        };
+        let (joints, thrown) = (of("/joints"), of(topic));
+        let (q_rad, p_m) = (trace["q_rad"].as_array().unwrap(), trace[place].as_array().unwrap());
+        assert!(q_rad.len() > 100);
+        assert_eq!([joints.len(), thrown.len()], [q_rad.len(), p_m.len()], "{words}");
+        // Numbers are doubles in their eight bytes.
+        let holds = |data: &[u8], value: &serde_json::Value| {
+            let bytes = value.as_f64().unwrap().to_le_bytes();
+            bytes == [0; 8] || data.windows(8).any(|window| window == bytes)
+        };
+        for k in (0..q_rad.len()).step_by(17) {
+            assert!(q_rad[k].as_array().unwrap().iter().all(|q| holds(&joints[k].data, q)), "{words}: {k}");
+            assert!(p_m[k].as_array().unwrap().iter().all(|x| holds(&thrown[k].data, x)), "{words}: {k}");
+        }
+        let again = cubectl(&format!("{words} --record {}", path.display()));
+        assert!(!again.status.success(), "a file that exists is not overwritten");
+        std::fs::remove_file(&file).unwrap();
+    }
+    let ended = cubectl(&format!("catch --disc flat --record {}", path.display()));
+    assert_eq!(ended.status.code(), Some(i32::from(host::exit::USAGE)), "no controller moves a joint");
+}

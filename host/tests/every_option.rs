@@ -28,7 +28,7 @@ const BASE: &[(&str, &str)] = &[
     ("arm monitor", "--for-s 0.5"),
     ("explain", "401"),
     ("robot check", "powercube6"),
-    ("robot show", "powercube6 --out {d}/arm.svg"),
+    ("robot show", "powercube6 --out {d}/arm.html"),
     ("tune", "--joint 1 --period-ms 3 --no-trial"),
 ];
 
@@ -138,7 +138,7 @@ const ROWS: &[Row] = &[
     ("plan export", "step-s", Change, "--step-s 0.1"),
     ("plan export", "out", Change, "--out {d}/motion.csv"),
     ("robot show", "pose-deg", Change, "--pose-deg 1,2,3,4,5,6"),
-    ("robot show", "out", Change, "--out {d}/other.svg"),
+    ("robot show", "out", Change, "--out {d}/other.html"),
     ("robot show,robot import", "force", Elsewhere, "tests/robot_verbs.rs"),
     ("robot import", "*", Elsewhere, "tests/robot_verbs.rs"),
     // Verbs of a bus.

@@ -21,6 +21,7 @@ mod newcomer;
 mod option_walk;
 mod other_arms;
 mod output;
+mod page_data;
 mod pick_and_place;
 mod plan_claims;
 mod plan_follow;

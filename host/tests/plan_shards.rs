@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
+use crate::page_data;
 use crate::program::{cubectl, empty_folder as folder, text};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_cubectl");
@@ -264,7 +265,7 @@ fn a_sweep_is_continued_only_with_what_made_it() {
 #[test]
 fn a_sweep_tells_relaxed_throws_from_others_and_draws_its_reach() {
     let folder = folder("sweep-reach");
-    let (out, picture) = (folder.join("out"), folder.join("reach.svg"));
+    let (out, picture) = (folder.join("out"), folder.join("reach.html"));
     let (out_name, picture_name) = (out.display().to_string(), picture.display().to_string());
     let grid = ["--x=1,5,2", "--y=0.5,0.5,1", "--z=-1,-1,1", "--starts", "8", "--out", &out_name];
     let made = cubectl(&[&["plan", "sweep"], &grid[..]].concat());
@@ -279,6 +280,15 @@ fn a_sweep_tells_relaxed_throws_from_others_and_draws_its_reach() {
     let summary = cubectl(&["plan", "sweep", "--summary", &out_name, "--picture", &picture_name]);
     let told = text(&summary.stdout);
     assert!(told.contains("1 throws with all that was asked for, 1 without some of it, 1 refused"), "{told}");
-    let svg = std::fs::read_to_string(&picture).expect("reads");
-    assert!(svg.contains("Reach of powercube6") && svg.matches("m: no throw</title>").count() == 1, "{svg}");
+    let page = page_data::of(&std::fs::read_to_string(&picture).expect("reads"));
+    let shown: Vec<_> = page_data::all(&page, "cells")[0].as_array().unwrap().iter().collect();
+    // What is out of reach first, then from the dearest to the cheapest.
+    let prices: Vec<Option<f64>> = shown.iter().map(|cell| cell["value"].as_f64()).collect();
+    assert_eq!(
+        (prices.len(), prices[0], &shown[0]["target"]),
+        (3, None, &serde_json::json!([5.0, 0.5, -1.0]))
+    );
+    assert!(prices[1] >= prices[2] && prices[2] > Some(0.0), "{prices:?}");
+    assert!(page["title"].as_str().unwrap().starts_with("Reach of powercube6 "), "{}", page["title"]);
+    assert_eq!(page["answer"]["verdict"], "2 of 3 targets have a throw");
 }

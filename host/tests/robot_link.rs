@@ -102,7 +102,7 @@ fn every_generation_and_transport_throws_at_a_tracked_target_and_the_bottle_is_h
         let out = cubectl(&["log", "report", &results]);
         assert_eq!(out.status.code(), Some(0), "{name}: {}", text(&out.stderr));
         let html = std::fs::read_to_string(Path::new(&results).join("report.html")).expect("written");
-        assert!(html.contains("Commanded against actual") && html.contains("const scene="), "{name}");
+        assert!(html.contains("Commanded against actual") && html.contains("\"scene\":"), "{name}");
     }
 }
 

@@ -7,6 +7,7 @@ use nalgebra::Vector3;
 use robot_model::RobotModel;
 use serde_json::Value;
 
+use crate::page_data;
 use crate::program::{cubectl, folder, text};
 
 const TARGET: [f64; 3] = [2.5, 0.0, 0.6];
@@ -55,32 +56,30 @@ fn landing(motion: &[(f64, [f64; 6])], t_s: f64) -> Vector3<f64> {
 }
 
 /// Names and numbers of points of the curves of the chart with this title.
-fn curves(html: &str, title: &str) -> Vec<(String, usize)> {
-    let label = format!("aria-label=\"{title}\"");
-    assert_eq!(html.matches(&label).count(), 1, "{title}");
-    let chart = html.split(&label).nth(1).and_then(|rest| rest.split("</svg>").next()).expect("a chart");
-    let pieces: Vec<&str> = chart.split("<path class=\"c").skip(1).collect();
-    pieces
-        .chunks(2)
-        .map(|pair| {
-            let d = pair[0].split(" d=\"").nth(1).and_then(|rest| rest.split('"').next()).expect("a path");
-            let name =
-                pair[1].split("<text").nth(1).and_then(|rest| rest.split('>').nth(1)).expect("a legend");
-            (name.trim_end_matches("</text").to_owned(), d.matches(['M', 'L']).count())
-        })
-        .collect()
+fn curves(page: &Value, title: &str) -> Vec<(String, usize)> {
+    let charts = page_data::charts(page);
+    let [chart] = charts.iter().filter(|chart| chart["title"] == title).collect::<Vec<_>>()[..] else {
+        panic!("one chart {title}");
+    };
+    let points = |curve: &Value| {
+        let points = curve["points"].as_array().expect("points");
+        points.iter().filter(|point| point[0].is_number() && point[1].is_number()).count()
+    };
+    let curves = chart["curves"].as_array().expect("curves").iter();
+    curves.map(|curve| (curve["name"].as_str().expect("a name").to_owned(), points(curve))).collect()
 }
 
 /// The report shows what the paper's figures 7 to 9 show: every curve is there, with a point for each step or cycle.
 fn shows_the_figures(folder: &Path) {
     let html = std::fs::read_to_string(folder.join("report.html")).expect("written");
+    let page = page_data::of(&html);
     let plan: Value =
         serde_json::from_str(&std::fs::read_to_string(folder.join("plan.json")).expect("written"))
             .expect("JSON");
     let steps = plan["steps"].as_array().expect("steps").len();
     let followed = plan["followed_points"].as_u64().expect("a number") as usize;
     for title in ["From the side", "From above"] {
-        let shown = curves(&html, title);
+        let shown = curves(&page, title);
         let names: Vec<&str> = shown.iter().map(|(name, _)| name.as_str()).collect();
         assert_eq!(names, ["actual", "flight", "accelerate", "follow the parabola", "decelerate"], "{title}");
         assert!(shown[0].1 >= steps, "{title}: {shown:?}");
@@ -89,7 +88,7 @@ fn shows_the_figures(folder: &Path) {
     }
     for axis in 1..=6 {
         for what in ["angle", "speed", "acceleration"] {
-            let shown = curves(&html, &format!("A{axis}: {what}"));
+            let shown = curves(&page, &format!("A{axis}: {what}"));
             let names: Vec<&str> = shown.iter().map(|(name, _)| name.as_str()).collect();
             assert_eq!(
                 names,
@@ -102,8 +101,10 @@ fn shows_the_figures(folder: &Path) {
             assert!(shown[3].1 >= steps && set.abs_diff(shown[3].1) <= 3, "A{axis}: {what}: {shown:?}");
         }
     }
-    assert_eq!(curves(&html, "Landing error").len(), 2);
-    assert!(html.contains("const scene=") && html.contains("bottle hit"), "the animation and the bottle");
+    assert_eq!(curves(&page, "Landing error").len(), 2);
+    let space = page_data::all(&page, "space");
+    let steps = space[0]["scene"]["steps"].as_array().expect("an animation");
+    assert!(steps.len() > 90 && html.contains("bottle hit"), "the animation and the bottle");
 }
 
 #[test]

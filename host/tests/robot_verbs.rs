@@ -1,6 +1,7 @@
 //! `cubectl robot import | check | show`: files, findings, refusals, exit codes.
 
 use crate::bus_common::{Folder, code, cubectl, err, out};
+use crate::page_data;
 
 const URDF: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/robots/arm.urdf");
 const ARM: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/robots/arm.toml");
@@ -30,10 +31,18 @@ fn an_imported_arm_is_checked_drawn_and_not_overwritten() {
     assert_eq!(code(&again), 10, "{}", err(&again));
     assert!(err(&again).contains("--force"), "{}", err(&again));
     assert!(std::fs::read_to_string(&arm).unwrap().contains("ball_radius_m = 0.02"));
-    let picture = folder.file("arm.svg");
+    let picture = folder.file("arm.html");
     let shown = cubectl(&["robot", "show", &arm, "--pose-deg", "0,-90,90,0,90,0", "--out", &picture]);
     assert_eq!(code(&shown), 0, "{}", err(&shown));
-    assert!(std::fs::read_to_string(&picture).unwrap().ends_with("</svg>\n"));
+    let page = page_data::of(&std::fs::read_to_string(&picture).unwrap());
+    let titles: Vec<_> = page_data::charts(&page).iter().map(|chart| chart["title"].clone()).collect();
+    let names = ["side, at zero", "side, in the pose", "above, at zero", "above, in the pose"];
+    assert!(
+        titles.iter().zip(names).all(|(title, name)| title.as_str().unwrap().ends_with(name)),
+        "{titles:?}"
+    );
+    let limits = page_data::all(&page, "rows")[0].as_array().unwrap();
+    assert_eq!((titles.len(), limits.len(), limits[1][3][0].as_str()), (4, 6, Some("−90")));
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! HTML report of a rally.
 
 use host::report::ball_catch::{answer, body, mode_text, predicted_mm, subtitle};
-use host::report::page::{Answer, Page, Tone, cell};
+use host::report::page::{Answer, Page, Tone, cell, number};
 use operator::ball_catch::trial::Pair;
 
 use crate::rally::exchange::{Exchange, Rally};
@@ -18,50 +18,37 @@ pub(crate) fn rally(rally: &Rally, pair: &Pair, last: &Exchange, jerk: bool) -> 
         }
     };
     let mut page = Page::new("Rally", &subtitle(pair, &last.outcome), &answer);
-    let rows: Vec<Vec<(String, Tone)>> = rally
-        .exchanges
-        .iter()
-        .enumerate()
-        .map(|(k, exchange)| {
-            let outcome = &exchange.outcome;
-            let number = |value: Option<f64>, digits: usize| {
-                value.map_or_else(|| "–".to_owned(), |value| format!("{value:.digits$}"))
-            };
-            vec![
-                cell((k + 1).to_string()),
-                if outcome.caught {
-                    ("caught".to_owned(), Tone::Good)
-                } else {
-                    ("not caught".to_owned(), Tone::Bad)
-                },
-                cell((exchange.thrower + 1).to_string()),
-                cell(format!("{:.2}", exchange.aimed.flight_s)),
-                cell(outcome.choice.as_ref().map_or("–", |c| mode_text(c.mode))),
-                cell(number(outcome.choice.as_ref().map(|c| c.probability), 2)),
-                cell(number(predicted_mm(outcome), 1)),
-                cell(number(outcome.crossing.map(|c| c.miss_m * 1e3), 1)),
-                cell(number(outcome.crossing.map(|c| c.speed_m_s), 2)),
-            ]
-        })
-        .collect();
+    let rows = rally.exchanges.iter().enumerate().map(|(k, exchange)| {
+        let outcome = &exchange.outcome;
+        let word = if outcome.caught { "caught" } else { "not caught" };
+        vec![
+            cell(k + 1),
+            (word.to_owned(), Tone::of(outcome.caught)),
+            cell(exchange.thrower + 1),
+            number(exchange.aimed.flight_s, 2),
+            cell(outcome.choice.as_ref().map_or("–", |c| mode_text(c.mode))),
+            number(outcome.choice.as_ref().map(|c| c.probability), 2),
+            number(predicted_mm(outcome), 1),
+            number(outcome.crossing.map(|c| c.miss_m * 1e3), 1),
+            number(outcome.crossing.map(|c| c.speed_m_s), 2),
+        ]
+    });
     page.section(
         "Exchanges",
         "Predicted and actual miss: distance of the ball's centre from the axis of the cup at its mouth.",
     );
-    page.table(
-        &[
-            "throw",
-            "ball",
-            "arm",
-            "flight s",
-            "hand",
-            "probability",
-            "predicted miss mm",
-            "actual miss mm",
-            "against the hand m/s",
-        ],
-        &rows,
-    );
+    let head = [
+        "throw",
+        "ball",
+        "arm",
+        "flight s",
+        "hand",
+        "probability",
+        "predicted miss mm",
+        "actual miss mm",
+        "against the hand m/s",
+    ];
+    page.table(&head, rows.collect());
     page.section("Last exchange", "");
     body(&mut page, pair, &last.outcome, jerk);
     page.finish()

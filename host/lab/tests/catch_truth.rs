@@ -1,4 +1,4 @@
-//! What a catch tells and what it does, case by case. The witness is the court: places of the ball and contacts, which neither planner
+//! What a catch reports and what it does, case by case. The court observes it: places of the ball and contacts, which neither planner
 //! nor estimator can see.
 
 use hil_sim::court::{CourtEvent, CourtOptions};

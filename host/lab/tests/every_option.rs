@@ -25,7 +25,7 @@ const ROWS: &[Row] = &[
     ("rally", "tracker", Refusal, "--tracker 127.0.0.1:5001"),
     ("rally", "yes", Refusal, "--yes"),
     ("rally", "period", Refusal, "--period 10"),
-    ("rally", "record", Refusal, "--record {d}/rally"),
+    ("rally", "record", Change, "--record {d}/recorded"),
     ("rally", "calibration-thrower", Refusal, "--calibration-thrower {d}/none.toml"),
     ("rally", "calibration-catcher", Refusal, "--calibration-catcher {d}/none.toml"),
     ("rally", "report", Change, "--report {d}/rally.html"),

@@ -1,4 +1,4 @@
-//! One arm throws, the other catches: what the catcher tells against where the simulated ball lies.
+//! One arm throws, the other catches: what the catcher reports against where the simulated ball lies.
 
 use hil_sim::court::CourtOptions;
 use lab::rally::exchange::{Partners, RallyEnd};

@@ -16,7 +16,7 @@ fn wrong_input_is_refused_with_its_code() {
             "rally --bus-thrower can0 --bus-catcher can1 --tracker 127.0.0.1:0 --trouble bias:2",
             host::exit::USAGE,
         ),
-        ("rally --record /tmp/nowhere", host::exit::USAGE),
+        ("rally --study 10 --record /proc/none", host::exit::USAGE),
         ("rally --study 10 --throws 3", host::exit::USAGE),
         ("rally --study 10 --hand hold", host::exit::USAGE),
     ] {

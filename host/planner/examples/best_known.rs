@@ -34,7 +34,7 @@ mod rows;
 use judge::judge;
 use rows::{Row, throw_column};
 
-const HEADER: &str = "index,x_m,y_m,z_m,rung,objective,starts,solved,at_best,throw";
+const HEADER: &str = "index,x_m,y_m,z_m,level,objective,starts,solved,at_best,throw";
 /// Heights of the targets above the floor, in m.
 const HEIGHT_M: [f64; 2] = [0.0, 1.5];
 /// The targets of all files are those of this seed.
@@ -105,11 +105,11 @@ fn fill(arm: &RobotModel, file: &str, asked: &Asked) -> Result<(), Box<dyn Error
 fn better(arm: &RobotModel, old: &str, new: String) -> Result<String, Box<dyn Error>> {
     let before = Row::read(old)?;
     let known =
-        before.known.filter(|(rung, _)| before.throw.is_empty() || judge(arm, &before, *rung).is_ok());
+        before.known.filter(|(level, _)| before.throw.is_empty() || judge(arm, &before, *level).is_ok());
     Ok(match (known, Row::read(&new)?.known) {
         (None, _) => new,
-        (Some((old_rung, old_price)), Some((rung, price)))
-            if rung < old_rung || rung == old_rung && price < old_price * (1.0 - SAME_SHARE) =>
+        (Some((old_level, old_price)), Some((level, price)))
+            if level < old_level || level == old_level && price < old_price * (1.0 - SAME_SHARE) =>
         {
             new
         }
@@ -125,11 +125,11 @@ fn row(arm: &RobotModel, asked: &Asked, table: &Index, index: u64) -> String {
     let none = format!("{head},,,{},0,0,", 3 * budget.starts);
     let request = Request { target, options: &Options::best(), kept: Kept::default(), quick: None, budget };
     let Ok(answer) = request.search(arm, table, &Watch::default()) else { return none };
-    let (rung, best) = (answer.given_up as usize, answer.best);
+    let (level, best) = (answer.given_up as usize, answer.best);
     let (price, hits) = (best.found.objective, best.confidence.at_best);
     let throw = throw_column(&best.found.throw);
-    let line = format!("{head},{rung},{price},{},{},{hits},{throw}", best.starts, best.solved);
-    match Row::read(&line).and_then(|row| judge(arm, &row, rung)) {
+    let line = format!("{head},{level},{price},{},{},{hits},{throw}", best.starts, best.solved);
+    match Row::read(&line).and_then(|row| judge(arm, &row, level)) {
         Ok(_) => line,
         Err(why) => {
             eprintln!("row {index}: the verifier refuses the throw that was found: {why}");

@@ -1,11 +1,10 @@
 //! From which starts a disc is caught: by the rule of paper 001 without joint limits, and by the planner within the
 //! limits of the robot file, only at the places of its grid. The observer (`witness`) judges every catch.
 //!
-//!     cargo run -p planner --release --example disc_map [FILE.svg]
+//!     cargo run -p planner --release --example disc_map [FILE.csv]
 //!
-//! Prints figures and writes an SVG (default `disc_map.svg`).
+//! Prints figures and writes a table (default `disc_map.csv`): a row for each start.
 
-use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::process::ExitCode;
 
@@ -26,7 +25,7 @@ const Y_M: (i32, i32) = (-24, 4);
 const STEP_M: f64 = 0.1;
 
 /// What came of a start.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Outcome {
     Caught,
     /// The rule says captured, but the observer sees that the gripper is not there or that the disc was hit.
@@ -40,17 +39,6 @@ enum Outcome {
 }
 
 impl Outcome {
-    const fn colour(self) -> &'static str {
-        match self {
-            Self::Caught => "#2a9d5c",
-            Self::Refuted => "#d1495b",
-            Self::Never | Self::OutOfReach => "#e4e4e0",
-            Self::TooFast => "#e9b44c",
-            Self::TooLate => "#8ab0d9",
-            Self::Touches => "#b48ac4",
-        }
-    }
-
     const fn name(self) -> &'static str {
         match self {
             Self::Caught => "caught, the observer agrees",
@@ -66,7 +54,6 @@ impl Outcome {
 
 /// One start.
 struct Judged {
-    at: (i32, i32),
     rule: (Outcome, bool),
     fast: Outcome,
     plan: Outcome,
@@ -119,47 +106,6 @@ fn planned(arm: &DiscArm, throw: &Throw, limit_scale: f64) -> Outcome {
     }
 }
 
-/// A panel: one square per start.
-fn panel(svg: &mut String, left: f64, top: f64, title: &str, cells: &[(i32, i32, Outcome)]) {
-    const CELL: f64 = 12.0;
-    let x = |i: f64| left + (i - f64::from(X_M.0)) * CELL;
-    let y = |j: f64| top + (f64::from(Y_M.1) - j) * CELL;
-    let _ = write!(svg, "<text x='{left}' y='{}' class='t'>{title}</text>", top - 10.0);
-    for (i, j, outcome) in cells {
-        let _ = write!(
-            svg,
-            "<rect x='{:.1}' y='{:.1}' width='{s}' height='{s}' fill='{}'/>",
-            x(f64::from(*i)),
-            y(f64::from(*j)),
-            outcome.colour(),
-            s = CELL - 1.0
-        );
-    }
-    let middle = (x(0.5), y(-0.5));
-    let _ = write!(
-        svg,
-        "<circle cx='{}' cy='{}' r='5' fill='#222'/><text x='{}' y='{}'>arm</text>",
-        middle.0,
-        middle.1,
-        middle.0 + 8.0,
-        middle.1 + 4.0
-    );
-    for i in (X_M.0..=X_M.1).filter(|i| i % 4 == 0) {
-        let label = format!("{:.1}", f64::from(i) * STEP_M).replace('-', "−");
-        let (at, under) = (x(f64::from(i) + 0.5), y(f64::from(Y_M.0) - 1.0) + 16.0);
-        let _ = write!(svg, "<text x='{at}' y='{under}' text-anchor='middle'>{label}</text>");
-    }
-    for j in (Y_M.0..=Y_M.1).filter(|j| j % 4 == 0) {
-        let label = format!("{:.1}", f64::from(j) * STEP_M).replace('-', "−");
-        let _ = write!(
-            svg,
-            "<text x='{}' y='{}' text-anchor='end'>{label}</text>",
-            left - 6.0,
-            y(f64::from(j) - 0.8)
-        );
-    }
-}
-
 fn main() -> ExitCode {
     let arm = match arm() {
         Ok(arm) => arm,
@@ -168,7 +114,7 @@ fn main() -> ExitCode {
             return ExitCode::FAILURE;
         }
     };
-    let file = std::env::args().nth(1).unwrap_or_else(|| "disc_map.svg".to_owned());
+    let file = std::env::args().nth(1).unwrap_or_else(|| "disc_map.csv".to_owned());
     let throws = [
         ("flat: start 1.2 m high, (0, 4, 0) m/s", 1.2, Vector3::new(0.0, 4.0, 0.0)),
         ("oblique: start 1.05 m high, (−2, 4, 1) m/s", 1.05, Vector3::new(-2.0, 4.0, 1.0)),
@@ -176,10 +122,9 @@ fn main() -> ExitCode {
     ];
     let starts: Vec<(i32, i32)> =
         (Y_M.0..=Y_M.1).flat_map(|j| (X_M.0..=X_M.1).map(move |i| (i, j))).collect();
-    let (panel_w, panel_h) = (370.0, 425.0);
-    let mut svg = String::new();
-    let mut legend: BTreeMap<Outcome, usize> = BTreeMap::new();
-    for (row, (name, z_m, velocity_m_s)) in throws.into_iter().enumerate() {
+    let mut table =
+        "disc,x_m,y_m,rule_without_limits,joints_six_times_as_fast,joint_limits_kept\n".to_owned();
+    for (name, z_m, velocity_m_s) in throws {
         let throw = |i: i32, j: i32| Throw {
             start_m: Vector3::new(f64::from(i) * STEP_M, f64::from(j) * STEP_M, z_m),
             velocity_m_s,
@@ -189,15 +134,13 @@ fn main() -> ExitCode {
             .map(|(i, j)| {
                 let throw = throw(*i, *j);
                 let plan = |limit_scale| planned(&arm, &throw, limit_scale);
-                Judged { at: (*i, *j), rule: by_rule(&arm, &throw), fast: plan(FAST), plan: plan(1.0) }
+                Judged { rule: by_rule(&arm, &throw), fast: plan(FAST), plan: plan(1.0) }
             })
             .collect();
-        let cells = |pick: fn(&Judged) -> Outcome| -> Vec<_> {
-            judged.iter().map(|c| (c.at.0, c.at.1, pick(c))).collect()
-        };
+        let cells = |pick: fn(&Judged) -> Outcome| -> Vec<Outcome> { judged.iter().map(pick).collect() };
         let (before, fast, after) = (cells(|c| c.rule.0), cells(|c| c.fast), cells(|c| c.plan));
         let share = |of: usize| 100.0 * of as f64 / starts.len() as f64;
-        let count = |cells: &[(i32, i32, Outcome)], o: Outcome| cells.iter().filter(|c| c.2 == o).count();
+        let count = |cells: &[Outcome], o: Outcome| cells.iter().filter(|c| **c == o).count();
         let kept = judged.iter().filter(|c| c.rule == (Outcome::Caught, true)).count();
         println!("{name}; {} starts", starts.len());
         println!(
@@ -218,36 +161,24 @@ fn main() -> ExitCode {
         {
             println!("    {:>4}  {}", count(&after, o), o.name());
         }
-        for cell in before.iter().chain(&fast).chain(&after) {
-            *legend.entry(cell.2).or_default() += 1;
+        for (start, outcomes) in starts.iter().zip(before.iter().zip(&fast).zip(&after)) {
+            let (x_m, y_m) = (f64::from(start.0) * STEP_M, f64::from(start.1) * STEP_M);
+            let ((rule, fast), plan) = outcomes;
+            let _ = writeln!(
+                table,
+                "\"{name}\",{x_m:.1},{y_m:.1},\"{}\",\"{}\",\"{}\"",
+                rule.name(),
+                fast.name(),
+                plan.name()
+            );
         }
-        let top = 70.0 + row as f64 * panel_h;
-        let _ = write!(svg, "<text x='16' y='{}' class='h'>{name}</text>", top - 32.0);
-        panel(&mut svg, 60.0, top, "rule of the paper, joints without limits", &before);
-        panel(&mut svg, 60.0 + panel_w, top, "planner, joints six times as fast", &fast);
-        panel(&mut svg, 60.0 + 2.0 * panel_w, top, "planner, joints within their limits", &after);
     }
-    let mut y = 70.0 + 3.0 * panel_h;
-    for outcome in legend.keys() {
-        let _ = write!(
-            svg,
-            "<rect x='60' y='{y}' width='14' height='14' fill='{}'/><text x='82' y='{}'>{}</text>",
-            outcome.colour(),
-            y + 12.0,
-            outcome.name()
-        );
-        y += 20.0;
-    }
-    let page = format!(
-        "<svg xmlns='http://www.w3.org/2000/svg' width='1170' height='{0}' viewBox='0 0 1170 {0}'><style>text{{font:11px sans-serif;fill:#222}}.t{{font-size:12px}}.h{{font:bold 14px sans-serif}}</style><rect width='100%' height='100%' fill='#fff'/>{svg}</svg>\n",
-        y + 14.0
-    );
-    if let Err(error) = std::fs::write(&file, page) {
+    if let Err(error) = std::fs::write(&file, table) {
         eprintln!(
             "disc_map: cannot write {file}: {error}\n  next: give a place that can be written as the argument"
         );
         return ExitCode::FAILURE;
     }
-    println!("map: {file}");
+    println!("table: {file}");
     ExitCode::SUCCESS
 }

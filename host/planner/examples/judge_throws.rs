@@ -6,7 +6,7 @@
 //! ```
 //!
 //! `THROWS.csv` has the columns of a file of best known throws (`benches/best_known/rows.rs`), one row per target,
-//! in the order of the targets, and a throw in each row that has a relaxation level (`rung`). The program makes a
+//! in the order of the targets, and a throw in each row that has a relaxation level (column `level`). The program makes a
 //! plan of each throw, and the verifier checks it under the limits of that level. The verifier has its own code for
 //! limits, currents, clearances and the flight. The price is computed from the throw. The program ends with an
 //! error if a throw is not valid, or if its price is not the one in the file.
@@ -47,11 +47,11 @@ fn judge_all(arm: &RobotModel, theirs: &[Row], known: &[Row]) -> Result<(), Box<
     let (mut invalid, mut missing, mut relaxed, mut stricter) = (0, 0, 0, 0);
     let mut gaps: Vec<f64> = Vec::new();
     for (index, (row, best)) in theirs.iter().zip(known).enumerate() {
-        let Some((rung, told)) = row.known else {
+        let Some((level, told)) = row.known else {
             missing += usize::from(best.known.is_some());
             continue;
         };
-        let price = match judge(arm, row, rung) {
+        let price = match judge(arm, row, level) {
             Ok(price) if (price / told - 1.0).abs() <= TOLD_SHARE => price,
             Ok(price) => {
                 println!("row {index}: its price is {price}, not {told}");
@@ -65,8 +65,8 @@ fn judge_all(arm: &RobotModel, theirs: &[Row], known: &[Row]) -> Result<(), Box<
             }
         };
         match best.known {
-            Some((best_rung, _)) if rung > best_rung => relaxed += 1,
-            Some((best_rung, best_price)) if rung == best_rung => gaps.push(price / best_price - 1.0),
+            Some((best_level, _)) if level > best_level => relaxed += 1,
+            Some((best_level, best_price)) if level == best_level => gaps.push(price / best_price - 1.0),
             _ => stricter += 1,
         }
     }

@@ -10,8 +10,8 @@
 use std::error::Error;
 use std::path::Path;
 
-use planner::plan::ladder::rungs;
 use planner::plan::prepare::{Grid, Preparation};
+use planner::plan::relaxation::levels;
 use planner::plan::search::kind_of;
 use planner::plan::{Kept, Options};
 use planner::store::{file, robot_fingerprint};
@@ -61,7 +61,7 @@ fn make(
 ) -> Result<(), Box<dyn Error>> {
     // The easiest set of options first: throws to it are starts for the others.
     let sets: Vec<Options> =
-        rungs(options, Kept::default()).into_iter().rev().map(|(_, options)| options).collect();
+        levels(options, Kept::default()).into_iter().rev().map(|(_, options)| options).collect();
     let kinds: Vec<u32> = sets.iter().map(kind_of).collect();
     let robot = robot_fingerprint(arm);
     let mut all = match std::fs::read(out) {

@@ -48,7 +48,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let arm = RobotModel::load(robot)?;
     let mut bins = BTreeMap::<i64, Bin>::new();
     let rows = Row::read_all(&std::fs::read_to_string(file)?)?;
-    for row in rows.iter().filter(|row| row.known.is_some_and(|(rung, _)| rung < 2)).step_by(step) {
+    for row in rows.iter().filter(|row| row.known.is_some_and(|(level, _)| level < 2)).step_by(step) {
         let throw = row.throw(arm.n()).ok_or("a row without a throw")?;
         let Some((width_s, throw)) = widest(&arm, row, &throw)? else { continue };
         let bin = bins.entry((row.target.xy().norm() / BIN_M) as i64).or_default();

@@ -28,7 +28,7 @@ use rows::Row;
 struct Known {
     target: Vector3<f64>,
     /// Relaxation level.
-    rung: usize,
+    level: usize,
     objective: f64,
 }
 
@@ -56,14 +56,14 @@ fn main() -> std::result::Result<(), Box<dyn Error>> {
     let all = Row::read_all(&std::fs::read_to_string(file)?)?;
     let drawn = all.len();
     let known = all.iter().filter_map(|row| {
-        let (rung, objective) = row.known?;
-        Some(Known { target: row.target, rung, objective })
+        let (level, objective) = row.known?;
+        Some(Known { target: row.target, level, objective })
     });
     let known: Vec<Known> = known.take(targets as usize).collect();
     println!("{robot}: {} of {drawn} targets have a known throw", known.len());
     for within_m in [2.2, 4.2, f64::INFINITY] {
         let near: Vec<&Known> = known.iter().filter(|k| k.target.xy().norm() <= within_m).collect();
-        let kept = near.iter().filter(|k| k.rung == 0).count();
+        let kept = near.iter().filter(|k| k.level == 0).count();
         println!("  to {within_m} m: {kept} of {} keep both limits of the landing's shift", near.len());
     }
     // Times are those of one core.
@@ -105,10 +105,10 @@ fn judge(known: &[Known], (arm, table): (&RobotModel, &Index), seed: u64) -> Res
         result.seconds.push((cpu() - began).as_secs_f64());
         let lost = match found {
             None => Some("refused".to_owned()),
-            Some((rung, _)) if rung > k.rung => {
-                Some(format!("relaxation level {rung} instead of {}", k.rung))
+            Some((level, _)) if level > k.level => {
+                Some(format!("relaxation level {level} instead of {}", k.level))
             }
-            Some((rung, objective)) if rung == k.rung && objective > 1.01 * k.objective => {
+            Some((level, objective)) if level == k.level && objective > 1.01 * k.objective => {
                 Some(format!("{objective:.4} instead of {:.4}", k.objective))
             }
             Some(_) => None,
@@ -117,8 +117,8 @@ fn judge(known: &[Known], (arm, table): (&RobotModel, &Index), seed: u64) -> Res
         result.lost.extend(lost.map(|why| format!("{x},{y},{z}: {why}")));
         match found {
             None => result.refused += 1,
-            Some((rung, _)) if rung > k.rung => result.relaxed += 1,
-            Some((rung, _)) if rung < k.rung => result.stricter += 1,
+            Some((level, _)) if level > k.level => result.relaxed += 1,
+            Some((level, _)) if level < k.level => result.stricter += 1,
             Some((_, objective)) => result.gaps.push(objective / k.objective - 1.0),
         }
     }

@@ -7,10 +7,10 @@ use robot_model::RobotModel;
 
 use crate::plan::file::PlanFile;
 use crate::plan::finger_release::monte_carlo_with_fingers;
-use crate::plan::ladder::Settled;
+use crate::plan::relaxation::Settled;
 use crate::plan::statistics::{Noise, Region, monte_carlo};
 use crate::plan::{
-    Best, Budget, Found, GivenUp, Kept, Ladder, NoThrow, Options, Problem, ProblemError, Watch,
+    Best, Budget, Found, GivenUp, Kept, NoThrow, Options, Problem, ProblemError, Relaxation, Watch,
 };
 use crate::store::Index;
 use crate::throw::Throw;
@@ -86,7 +86,7 @@ impl Request<'_> {
     /// # Errors
     /// [`Refusal`].
     pub fn search(&self, arm: &RobotModel, index: &Index, watch: &Watch) -> Result<Answer, Refusal> {
-        self.settle(&self.ladder(arm)?, index, watch).map(|(answer, _)| answer)
+        self.settle(&self.relaxation(arm)?, index, watch).map(|(answer, _)| answer)
     }
 
     /// As [`Request::search`], with the plan file.
@@ -100,8 +100,8 @@ impl Request<'_> {
         wanted: &Wanted<'_>,
         watch: &Watch,
     ) -> Result<Planned, Refusal> {
-        let ladder = self.ladder(arm)?;
-        let (answer, problem) = self.settle(&ladder, index, watch)?;
+        let relaxation = self.relaxation(arm)?;
+        let (answer, problem) = self.settle(&relaxation, index, watch)?;
         let Found { throw, .. } = &answer.best.found;
         let Wanted { robot, noise, .. } = wanted;
         let region = wanted.region.or_else(|| problem.region_of_opening(throw));
@@ -115,19 +115,19 @@ impl Request<'_> {
         Ok(Planned { answer, plan, region, centre, landings })
     }
 
-    fn ladder<'a>(&self, arm: &'a RobotModel) -> Result<Ladder<'a>, ProblemError> {
-        Ladder::new(arm, self.target, self.options, self.kept)
+    fn relaxation<'a>(&self, arm: &'a RobotModel) -> Result<Relaxation<'a>, ProblemError> {
+        Relaxation::new(arm, self.target, self.options, self.kept)
     }
 
     fn settle<'l, 'a>(
         &self,
-        ladder: &'l Ladder<'a>,
+        relaxation: &'l Relaxation<'a>,
         index: &Index,
         watch: &Watch,
     ) -> Result<(Answer, &'l Problem<'a>), Refusal> {
         let began = Instant::now();
         let Settled { problem, given_up, best, searched } =
-            ladder.search(index, &self.budget, watch, self.quick)?;
+            relaxation.search(index, &self.budget, watch, self.quick)?;
         Ok((Answer { given_up, best, searched, took: began.elapsed() }, problem))
     }
 }

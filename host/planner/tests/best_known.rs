@@ -5,8 +5,8 @@
 
 use nalgebra::Vector3;
 use planner::flight::FlightModel;
-use planner::plan::ladder::rungs;
 use planner::plan::options::WINDOW_ROUNDING_M;
+use planner::plan::relaxation::levels;
 use planner::plan::seeds::built_in;
 use planner::plan::{Budget, Kept, Options, Planner, Problem, Watch};
 use planner::request::Request;
@@ -45,17 +45,17 @@ fn search(arm: &RobotModel, table: &Index, target: Vector3<f64>, seed: u64) -> O
 fn finds_what_long_searches_find(arm: &RobotModel, file: &str) {
     let rows = Row::read_all(file).expect("a file of rows");
     let known: Vec<_> =
-        rows.iter().filter_map(|row| row.known.map(|(rung, price)| (row.target, rung, price))).collect();
+        rows.iter().filter_map(|row| row.known.map(|(level, price)| (row.target, level, price))).collect();
     assert!(known.len() >= ROWS, "{}: {} rows with a throw", arm.name(), known.len());
-    for (target, rung, objective) in known.into_iter().take(ROWS) {
-        let (found_rung, found) = search(arm, &Index::default(), target, 1)
+    for (target, level, objective) in known.into_iter().take(ROWS) {
+        let (found_level, found) = search(arm, &Index::default(), target, 1)
             .unwrap_or_else(|| panic!("{}: {target} refused", arm.name()));
         let told = format!(
-            "{} to {target}: {found} in rung {found_rung}, known {objective} in rung {rung}",
+            "{} to {target}: {found} in level {found_level}, known {objective} in level {level}",
             arm.name()
         );
-        assert!(found_rung <= rung, "{told}");
-        assert!(found_rung < rung || found <= objective * GAP, "{told}");
+        assert!(found_level <= level, "{told}");
+        assert!(found_level < level || found <= objective * GAP, "{told}");
     }
 }
 
@@ -99,7 +99,7 @@ fn a_plan_with_knots_rounded_for_the_controller_keeps_the_limits_of_the_shift() 
         for row in Row::read_all(file)
             .expect("rows")
             .iter()
-            .filter(|row| row.known.is_some_and(|(rung, _)| rung == 0))
+            .filter(|row| row.known.is_some_and(|(level, _)| level == 0))
         {
             let throw = row.throw(arm.n()).expect("a throw");
             throws += 1;
@@ -151,8 +151,8 @@ fn rows_are_valid(arm: &RobotModel, file: &str) {
     assert_eq!(rows.len(), 1000, "{}", arm.name());
     let mut judged = 0;
     for (index, row) in rows.iter().enumerate().step_by(JUDGED) {
-        let Some((rung, told)) = row.known else { continue };
-        let price = judge(arm, row, rung).unwrap_or_else(|why| panic!("{} row {index}: {why}", arm.name()));
+        let Some((level, told)) = row.known else { continue };
+        let price = judge(arm, row, level).unwrap_or_else(|why| panic!("{} row {index}: {why}", arm.name()));
         assert!((price / told - 1.0).abs() < ROUNDED, "{} row {index}: {price}, told {told}", arm.name());
         judged += 1;
     }
@@ -174,7 +174,7 @@ fn a_throw_that_breaks_a_limit_or_misses_is_not_judged_valid() {
     let arm = RobotModel::load("powercube6").expect("built in");
     let rows = Row::read_all(include_str!("../benches/best_known/powercube6-1000.csv")).expect("rows");
     // A throw, not a ball that is let fall.
-    let thrown = |row: &&Row| row.known.is_some_and(|(rung, price)| rung == 0 && price > 25.0);
+    let thrown = |row: &&Row| row.known.is_some_and(|(level, price)| level == 0 && price > 25.0);
     let row = rows.iter().find(thrown).expect("a throw");
     assert!(judge(&arm, row, 0).is_ok());
     let off_target = Row { target: row.target + Vector3::new(1e-3, 0.0, 0.0), ..row.clone() };
@@ -194,7 +194,7 @@ fn a_throw_that_breaks_a_limit_or_misses_is_not_judged_valid() {
 fn throws_past_the_foot_and_the_floor_are_found_again_from_themselves() {
     let arm = RobotModel::load("kr16_2").expect("built in");
     let rows = Row::read_all(include_str!("../benches/best_known/kr16_2-1000.csv")).expect("rows");
-    let (_, plain) = rungs(&Options::best(), Kept::default()).pop().expect("three rungs");
+    let (_, plain) = levels(&Options::best(), Kept::default()).pop().expect("three levels");
     let (mut tried, mut found) = (0, 0);
     for row in &rows {
         let Some((2, told)) = row.known else { continue };
@@ -221,8 +221,8 @@ fn throws_beside_the_arm_are_found_again_from_themselves_and_from_nothing() {
     let arm = RobotModel::load("powercube6").expect("built in");
     let rows = Row::read_all(include_str!("../benches/best_known/powercube6-1000.csv")).expect("rows");
     for row in BESIDE_THE_ARM.map(|index| &rows[index]) {
-        let (rung, told) = row.known.expect("a throw");
-        assert_eq!(rung, 0);
+        let (level, told) = row.known.expect("a throw");
+        assert_eq!(level, 0);
         let problem = Problem::new(&arm, row.target, Options::best()).expect("valid");
         let again = Planner::new(&problem).from_throw(&row.throw(arm.n()).expect("a throw"));
         assert!(again.is_some_and(|found| found.objective < 1.005 * told), "{:?}, told {told}", row.target);
@@ -230,8 +230,8 @@ fn throws_beside_the_arm_are_found_again_from_themselves_and_from_nothing() {
     // As no start found it before.
     let row = &rows[BESIDE_THE_ARM[1]];
     for seed in [1, 2] {
-        let (rung, found) = search(&arm, &Index::default(), row.target, seed).expect("in reach");
-        assert!(rung == 0 && found < 1.01 * row.known.expect("a throw").1, "seed {seed}: {found}");
+        let (level, found) = search(&arm, &Index::default(), row.target, seed).expect("in reach");
+        assert!(level == 0 && found < 1.01 * row.known.expect("a throw").1, "seed {seed}: {found}");
     }
 }
 
@@ -245,9 +245,12 @@ fn targets_at_the_edge_of_the_reach_are_not_refused() {
     let table = built_in(&arm);
     let rows = Row::read_all(include_str!("../benches/best_known/kr16_2-1000.csv")).expect("rows");
     for (index, seed) in REFUSED_ONCE.into_iter().flat_map(|index| [(index, 1), (index, 2)]) {
-        let (rung, told) = rows[index].known.expect("a throw");
-        let (found_rung, found) = search(&arm, &table, rows[index].target, seed)
+        let (level, told) = rows[index].known.expect("a throw");
+        let (found_level, found) = search(&arm, &table, rows[index].target, seed)
             .unwrap_or_else(|| panic!("row {index} is refused with seed {seed}"));
-        assert!(found_rung <= rung && found <= told * GAP, "row {index}, seed {seed}: {found}, told {told}");
+        assert!(
+            found_level <= level && found <= told * GAP,
+            "row {index}, seed {seed}: {found}, told {told}"
+        );
     }
 }

@@ -5,7 +5,7 @@ use planner::plan::file::PlanFile;
 use planner::plan::problem::{Options, Problem};
 use planner::plan::search::{Best, Budget, NoThrow, Planner, Watch};
 use planner::plan::statistics::Noise;
-use planner::plan::{Arm, Confidence, Found, Joints, Kept, Ladder, Margins, Throw, seeds};
+use planner::plan::{Arm, Confidence, Found, Joints, Kept, Margins, Relaxation, Throw, seeds};
 use planner::verify;
 use robot_model::RobotModel;
 
@@ -14,7 +14,7 @@ fn arm() -> Arm {
 }
 
 /// The default form, without limits of the shift, and without nulling.
-fn rungs() -> [Options; 3] {
+fn levels() -> [Options; 3] {
     let nulled = Options { delay_windows: Vec::new(), ..Options::best() };
     [Options::best(), nulled.clone(), Options { null_delay: false, ..nulled }]
 }
@@ -27,9 +27,9 @@ fn default_search(arm: &Arm, target: Vector3<f64>, options: &Options, seed: u64)
 
 /// The relaxation level at which the search ends, and the price there.
 fn planned(arm: &Arm, target: [f64; 3], seed: u64) -> Option<(usize, f64)> {
-    rungs().iter().enumerate().find_map(|(rung, options)| {
+    levels().iter().enumerate().find_map(|(level, options)| {
         let best = default_search(arm, Vector3::from(target), options, seed).ok()?;
-        Some((rung, best.found.objective))
+        Some((level, best.found.objective))
     })
 }
 
@@ -41,8 +41,8 @@ fn targets_that_long_searches_reach_are_not_refused() {
         ([1.4054, 2.9165, -0.2304], 32.711),
         ([0.9676, -3.5723, -0.6201], 33.549),
     ] {
-        let (rung, price) = planned(&arm, target, 1).expect("in reach");
-        assert_eq!(rung, 1, "{target:?}: the landing does not move to first order");
+        let (level, price) = planned(&arm, target, 1).expect("in reach");
+        assert_eq!(level, 1, "{target:?}: the landing does not move to first order");
         assert!(price < known * 1.001 && price > known * 0.9, "{target:?}: {price}, known {known}");
     }
 }
@@ -52,8 +52,8 @@ fn every_seed_gives_the_same_price_with_nulling() {
     let arm = arm();
     let mut prices = Vec::new();
     for seed in [1, 6, 7, 8] {
-        let (rung, price) = planned(&arm, [1.5, 1.0, -1.0], seed).expect("in reach");
-        assert_eq!(rung, 0, "seed {seed}: all limits of the landing's shift hold");
+        let (level, price) = planned(&arm, [1.5, 1.0, -1.0], seed).expect("in reach");
+        assert_eq!(level, 0, "seed {seed}: all limits of the landing's shift hold");
         prices.push(price);
     }
     // 33.91 was the best of 1500 starts before; 47.89 was what the default search found.
@@ -71,8 +71,8 @@ fn a_throw_is_found_again_at_another_azimuth() {
         .iter()
         .map(|azimuth| {
             let target = [range_m * azimuth.cos(), range_m * azimuth.sin(), -1.0];
-            let (rung, price) = planned(&arm, target, 1).expect("in reach");
-            assert_eq!(rung, 0);
+            let (level, price) = planned(&arm, target, 1).expect("in reach");
+            assert_eq!(level, 0);
             price
         })
         .collect();
@@ -85,7 +85,7 @@ fn an_answer_from_stored_throws_is_not_better_than_the_search() {
     let arm = arm();
     let index = seeds::built_in(&arm);
     for target in [[1.5, 1.0, -1.0], [0.8, 0.3, 0.2], [-1.2, 1.9, -0.7], [0.4, -2.4, -1.0]] {
-        for options in rungs() {
+        for options in levels() {
             let problem = Problem::new(&arm, Vector3::from(target), options.clone()).expect("valid");
             let Some(fast) = Planner::new(&problem).from_index(&index, 6) else { continue };
             let full = default_search(&arm, Vector3::from(target), &options, 1).expect("in reach").found;
@@ -163,8 +163,9 @@ fn what_a_search_says_about_its_gap_follows_its_starts() {
 /// What the verifier refuses of the plan that the default search finds.
 fn refused_of(robot: &str, target: [f64; 3]) -> Vec<String> {
     let arm = RobotModel::load(robot).expect("built in");
-    let ladder = Ladder::new(&arm, Vector3::from(target), &Options::best(), Kept::default()).expect("valid");
-    let settled = ladder
+    let relaxation =
+        Relaxation::new(&arm, Vector3::from(target), &Options::best(), Kept::default()).expect("valid");
+    let settled = relaxation
         .search(&seeds::built_in(&arm), &Budget::default(), &Watch::default(), None)
         .unwrap_or_else(|none| panic!("{none}"));
     let plan = PlanFile::of(settled.problem, &settled.best, robot, 1, &Noise::default(), None);
@@ -214,7 +215,7 @@ fn links_of_a_large_arm_that_come_near_between_two_instants_are_seen() {
         qdd_rad_s2: Joints::zeros(6),
     };
     let target = Vector3::new(-0.5487208224105184, 2.1906126702537305, 1.3438069299049837);
-    let [.., plain] = rungs();
+    let [.., plain] = levels();
     let problem = Problem::new(&arm, target, plain).expect("valid");
     let found = Found { throw, objective: 0.0, iterations: 0, slope_per_m: Vector3::zeros(), touches: false };
     let confidence = Confidence::default();

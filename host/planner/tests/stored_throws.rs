@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use planner::plan::file::PlanFile;
-use planner::plan::ladder::{Kept, rungs};
+use planner::plan::relaxation::{Kept, levels};
 use planner::plan::rng::SplitMix64;
 use planner::plan::search::kind_of;
 use planner::plan::statistics::Noise;
@@ -49,7 +49,7 @@ const SOLVED_AGAIN: usize = 53;
 fn a_stored_throw_solved_again_to_its_own_target_costs_the_same() {
     let arm = Arm::load("powercube6").unwrap();
     let index = seeds::built_in(&arm);
-    for (_, options) in rungs(&Options::best(), Kept::default()) {
+    for (_, options) in levels(&Options::best(), Kept::default()) {
         let kind = kind_of(&options);
         let stored: Vec<_> =
             index.records().iter().filter(|r| r.kind == kind).step_by(SOLVED_AGAIN).collect();

@@ -10,8 +10,8 @@ use robot_model::Pose;
 use robot_model::collision::BodyBox;
 
 use super::chart::{Chart, Curve, Pen};
-use super::page::{Answer, Page, Tone, cell};
-use super::scene;
+use super::page::{Answer, Page, Tile, Tone, cell, number};
+use super::scene::{self, Space, Step};
 
 const BALL: usize = 1;
 const CUP: usize = 0;
@@ -110,75 +110,60 @@ pub fn body(page: &mut Page, pair: &Pair, outcome: &Outcome, jerk: bool) {
     let release_s = outcome.planned_s.0;
     let mut tiles = Vec::new();
     if let Some(choice) = &outcome.choice {
-        tiles.push((
-            format!("{:.3}", choice.t_s - release_s),
-            "s",
-            "catch after the release".to_owned(),
-            Tone::Plain,
-        ));
-        tiles.push((
-            format!("{:.0}", choice.used * 100.0),
-            "%",
-            "of the acceleration".to_owned(),
-            Tone::Plain,
-        ));
+        tiles.push(Tile::new(format!("{:.3}", choice.t_s - release_s), "s", "catch after the release"));
+        tiles.push(Tile::new(format!("{:.0}", choice.used * 100.0), "%", "of the acceleration"));
     }
-    if let Some(predicted) = predicted_mm(outcome) {
-        tiles.push((format!("{predicted:.1}"), "mm", "predicted miss".to_owned(), Tone::Plain));
-    }
+    let predicted = predicted_mm(outcome);
+    tiles.extend(predicted.map(|mm| Tile::new(format!("{mm:.1}"), "mm", "predicted miss")));
     if let Some(c) = outcome.crossing {
-        let tone = if outcome.caught { Tone::Good } else { Tone::Bad };
-        tiles.push((format!("{:.1}", c.miss_m * 1e3), "mm", "actual miss at the mouth".to_owned(), tone));
-        tiles.push((format!("{:.2}", c.speed_m_s), "m/s", "ball against hand".to_owned(), Tone::Plain));
+        let miss = Tile::new(format!("{:.1}", c.miss_m * 1e3), "mm", "actual miss at the mouth");
+        tiles.push(miss.toned(Tone::of(outcome.caught)));
+        tiles.push(Tile::new(format!("{:.2}", c.speed_m_s), "m/s", "ball against hand"));
     }
-    page.tiles(&tiles);
+    page.tiles(tiles);
     page.section(
         "Both arms and the ball",
         "Time 0 is the planned release. The box at the hand that catches is its cup.",
     );
-    page.scene(space(pair, outcome, jerk), "");
+    page.scene(space(pair, outcome, jerk), None);
     page.part("Paths", "Ball and middle of the cup's mouth in the plane through both arms.");
-    page.charts(&[side(pair, outcome, jerk), distance(pair, outcome, jerk)]);
+    page.charts([side(pair, outcome, jerk), distance(pair, outcome, jerk)]);
     page.part(
         "Decisions",
         "Predicted probability of the catch and standard deviation of the ball's place across its flight, as the samples come in. Forecasts that changed nothing are not in the table.",
     );
-    page.charts(&[probability(outcome), sigma(outcome)]);
+    page.charts([probability(outcome), sigma(outcome)]);
     let mut log: Vec<_> = outcome.log.iter().filter(|l| !matches!(l.decision, Decision::Kept)).collect();
     // A catch that is frozen stays so.
     log.dedup_by(|b, a| [a, b].iter().all(|l| matches!(l.decision, Decision::Frozen)));
-    let rows: Vec<Vec<(String, Tone)>> = log
-        .into_iter()
-        .map(|l| {
-            vec![
-                cell(format!("{:.3}", l.at_s - release_s)),
-                cell(decision_word(&l.decision)),
-                cell(l.catch_s.map_or_else(|| "–".to_owned(), |t| format!("{:.3}", t - release_s))),
-                cell(format!("{:.2}", l.probability)),
-                cell(if l.sigma_m.is_nan() { "–".to_owned() } else { format!("{:.1}", l.sigma_m * 1e3) }),
-                cell(if l.off_m.is_finite() { format!("{:.1}", l.off_m * 1e3) } else { "–".to_owned() }),
-                cell(l.count.judged.to_string()),
-            ]
-        })
-        .collect();
-    page.table(
-        &[
-            "s after release",
-            "decision",
-            "catch at s",
-            "probability",
-            "sigma mm",
-            "ball off the axis mm",
-            "candidates judged",
-        ],
-        &rows,
-    );
+    let rows = log.into_iter().map(|l| {
+        let mm = |m: f64| number(m.is_finite().then_some(m * 1e3), 1);
+        vec![
+            number(l.at_s - release_s, 3),
+            cell(decision_word(&l.decision)),
+            number(l.catch_s.map(|t| t - release_s), 3),
+            number(l.probability, 2),
+            mm(l.sigma_m),
+            mm(l.off_m),
+            cell(l.count.judged),
+        ]
+    });
+    let head = [
+        "s after release",
+        "decision",
+        "catch at s",
+        "probability",
+        "sigma mm",
+        "ball off the axis mm",
+        "candidates judged",
+    ];
+    page.table(&head, rows.collect());
     page.part("Joints of the catcher", "As executed.");
-    page.charts(&[joints(outcome)]);
+    page.charts([joints(outcome)]);
 }
 
-fn mark(outcome: &Outcome) -> Option<(f64, String)> {
-    outcome.choice.as_ref().map(|choice| (choice.t_s - outcome.planned_s.0, "catch".to_owned()))
+fn mark(outcome: &Outcome) -> Option<(f64, &'static str)> {
+    outcome.choice.as_ref().map(|choice| (choice.t_s - outcome.planned_s.0, "catch"))
 }
 
 fn mouths(pair: &Pair, outcome: &Outcome, jerk: bool) -> Vec<Vector3<f64>> {
@@ -189,48 +174,26 @@ fn mouths(pair: &Pair, outcome: &Outcome, jerk: bool) -> Vec<Vector3<f64>> {
 fn side(pair: &Pair, outcome: &Outcome, jerk: bool) -> Chart {
     let cup = mouths(pair, outcome, jerk).iter().map(|p| (p.x, p.z)).collect();
     let ball = flown(outcome).map(|m| (m.ball_m.x, m.ball_m.z)).collect();
-    Chart {
-        title: "From the side".to_owned(),
-        x_label: "x in m".to_owned(),
-        y_label: "z in m".to_owned(),
-        curves: vec![
-            Curve::line("ball", BALL, ball),
-            Curve::line("mouth of the cup", CUP, cup).drawn(Pen::Dots),
-        ],
-        equal: true,
-        ..Chart::default()
-    }
+    let cup = Curve::line("mouth of the cup", CUP, cup).drawn(Pen::Dots);
+    Chart::new("From the side", "x in m", "z in m", vec![Curve::line("ball", BALL, ball), cup]).equal()
 }
 
 fn distance(pair: &Pair, outcome: &Outcome, jerk: bool) -> Chart {
     let release_s = outcome.planned_s.0;
     let points = flown(outcome).zip(mouths(pair, outcome, jerk));
     let points = points.map(|(m, cup)| (m.t_s - release_s, (m.ball_m - cup).norm() * 100.0)).collect();
-    Chart {
-        title: "Ball to mouth of the cup".to_owned(),
-        x_label: "time in s".to_owned(),
-        y_label: "distance in cm".to_owned(),
-        curves: vec![Curve::line("distance", 6, points)],
-        mark: mark(outcome),
-        is_time: true,
-        ..Chart::default()
-    }
+    let curve = Curve::line("distance", 6, points);
+    Chart::new("Ball to mouth of the cup", "time in s", "distance in cm", vec![curve])
+        .over_time(mark(outcome))
 }
 
 fn probability(outcome: &Outcome) -> Chart {
     let release_s = outcome.planned_s.0;
     let points = outcome.log.iter().map(|l| (l.at_s - release_s, l.probability)).collect();
-    Chart {
-        title: "Predicted probability".to_owned(),
-        x_label: "time in s".to_owned(),
-        y_label: "probability".to_owned(),
-        curves: vec![Curve::line("probability", 2, points).drawn(Pen::Dots)],
-        // Differences in the sixth digit mean nothing.
-        y_at_least: Some((0.0, 1.0)),
-        mark: mark(outcome),
-        is_time: true,
-        ..Chart::default()
-    }
+    let curve = Curve::line("probability", 2, points).drawn(Pen::Dots);
+    let chart = Chart::new("Predicted probability", "time in s", "probability", vec![curve]);
+    // Differences in the sixth digit mean nothing.
+    Chart { y_at_least: Some((0.0, 1.0)), ..chart.over_time(mark(outcome)) }
 }
 
 fn sigma(outcome: &Outcome) -> Chart {
@@ -238,32 +201,18 @@ fn sigma(outcome: &Outcome) -> Chart {
     let finite = outcome.log.iter().filter(|l| l.sigma_m.is_finite() && l.off_m.is_finite());
     let sigma = finite.clone().map(|l| (l.at_s - release_s, l.sigma_m * 1e3)).collect();
     let off = finite.map(|l| (l.at_s - release_s, l.off_m * 1e3)).collect();
-    Chart {
-        title: "Ball across its flight, at the catch".to_owned(),
-        x_label: "time in s".to_owned(),
-        y_label: "mm".to_owned(),
-        curves: vec![
-            Curve::line("standard deviation", 3, sigma),
-            Curve::line("predicted miss before the decision", 4, off).drawn(Pen::Dots),
-        ],
-        mark: mark(outcome),
-        is_time: true,
-        ..Chart::default()
-    }
+    let curves = vec![
+        Curve::line("standard deviation", 3, sigma),
+        Curve::line("predicted miss before the decision", 4, off).drawn(Pen::Dots),
+    ];
+    Chart::new("Ball across its flight, at the catch", "time in s", "mm", curves).over_time(mark(outcome))
 }
 
 fn joints(outcome: &Outcome) -> Chart {
     let release_s = outcome.planned_s.0;
     let joint = |j: usize| flown(outcome).map(|m| (m.t_s - release_s, m.q[1][j].to_degrees())).collect();
-    Chart {
-        title: "Joint angles".to_owned(),
-        x_label: "time in s".to_owned(),
-        y_label: "angle in degrees".to_owned(),
-        curves: (0..6).map(|j| Curve::line(format!("joint {}", j + 1), j, joint(j))).collect(),
-        mark: mark(outcome),
-        is_time: true,
-        ..Chart::default()
-    }
+    let curves = (0..6).map(|j| Curve::line(format!("joint {}", j + 1), j, joint(j))).collect();
+    Chart::new("Joint angles", "time in s", "angle in degrees", curves).over_time(mark(outcome))
 }
 
 /// The boxes of a body as they are drawn: of the cup its bottom and four walls, so that it is open.
@@ -288,7 +237,7 @@ fn opened(pair: &Pair, body: &BodyBox) -> Vec<BodyBox> {
 }
 
 /// Data of the picture in space: both arms as one machine of twelve links.
-fn space(pair: &Pair, outcome: &Outcome, jerk: bool) -> String {
+fn space(pair: &Pair, outcome: &Outcome, jerk: bool) -> Space {
     let catcher = pair.catcher(jerk);
     let places = [pair.court.arms[0].x_wb, pair.court.arms[1].x_wb];
     let models = [&pair.court.arms[0].model, catcher.model()];
@@ -305,12 +254,8 @@ fn space(pair: &Pair, outcome: &Outcome, jerk: bool) -> String {
             top = placed.iter().map(|x| x.pos.z + HAND_M).fold(top.max(moment.ball_m.z), f64::max);
             links.extend(placed.iter().map(scene::link));
         }
-        steps.push(format!(
-            "{{\"t\":{:.4},\"ball\":{},\"links\":[{}]}}",
-            moment.t_s - release_s,
-            scene::point(&moment.ball_m),
-            links.join(",")
-        ));
+        let (t, ball) = (moment.t_s - release_s, Some(scene::point(&moment.ball_m)));
+        steps.push(Step { t, ball, normal: None, links });
     }
     let mut boxes = Vec::new();
     for (arm, (model, x_wb)) in models.iter().zip(&places).skip(first).enumerate() {
@@ -330,16 +275,20 @@ fn space(pair: &Pair, outcome: &Outcome, jerk: bool) -> String {
     let corners = [corner(0.25, 0.25), corner(0.25, -0.25), corner(-0.25, 0.25), corner(-0.25, -0.25)];
     let feet: Vec<Vector3<f64>> =
         places.iter().flat_map(|x_wb| corners.map(|p| x_wb.transform_point(&p))).collect();
-    format!(
-        "{{\"floor\":{},\"top\":{top:.3},\"radius\":{},\"last\":{},\"release\":0,\"first\":{caught_s:.4},\"names\":[\"catch\",\"release\"],\"target\":{},\"hand\":{},\"planned\":null,\"flight\":{},\"ellipse\":null,\"bounds\":{},\"boxes\":[{}],\"steps\":[{}]}}",
-        models[0].world().floor_z_m,
-        pair.court.ball.radius_m,
-        6 * (2 - first),
-        scene::point(&target),
-        scene::list(&cup),
-        scene::list(&flight),
-        scene::list(&feet),
-        boxes.join(","),
-        steps.join(",")
-    )
+    Space {
+        floor: models[0].world().floor_z_m,
+        top,
+        radius: pair.court.ball.radius_m,
+        last: 6 * (2 - first),
+        release: Some(0.0),
+        first: Some(caught_s),
+        names: Some(["catch", "release"]),
+        target: Some(scene::point(&target)),
+        hand: scene::list(&cup),
+        flight: scene::list(&flight),
+        bounds: scene::list(&feet),
+        boxes,
+        steps,
+        ..Space::default()
+    }
 }

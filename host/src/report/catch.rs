@@ -10,8 +10,8 @@ use planner::disc::paper::Run;
 use planner::disc::witness::Verdict;
 
 use super::chart::{Chart, Curve, Pen};
-use super::page::{Answer, Page, Tone, cell};
-use super::scene;
+use super::page::{Answer, Cell, Page, Tile, Tone, cell, number};
+use super::scene::{self, Space, Step};
 
 /// A planned catch and what the witness saw of it.
 #[derive(Clone, Copy)]
@@ -96,7 +96,7 @@ pub fn html(
     };
     let answer = Answer::new(verdict.0, verdict.1, why, next);
     let mut page = Page::new("Catching a disc", &under, &answer);
-    page.tiles(&tiles(rule, plan.as_ref()));
+    page.tiles(tiles(rule, plan.as_ref()));
     let rule_shown = rule.map(|(run, seen)| Shown {
         name: "rule of the paper",
         points: run.steps.iter().map(|s| (s.t_s, s.q)).collect(),
@@ -125,7 +125,7 @@ pub fn html(
                 last.name
             ),
         );
-        page.scene(space(arm, path, last), "");
+        page.scene(space(arm, path, last), None);
     }
     for motion in &shown {
         page.part(
@@ -135,54 +135,48 @@ pub fn html(
         );
         let mut charts = paths(arm, path, motion);
         charts.extend([angles(arm, motion), distance(arm, path, motion)]);
-        page.charts(&charts);
+        page.charts(charts);
     }
     page.part("Joint speeds", "Demanded against allowed. The rule of the paper knows no joint limits.");
-    page.charts(&shown.iter().map(|motion| speeds(arm, motion)).collect::<Vec<_>>());
+    page.charts(shown.iter().map(|motion| speeds(arm, motion)));
     speed_table(&mut page, arm, rule, plan.as_ref());
     if let (Some(caught), Some(run)) = (&plan, executed) {
         page.part(
             "On the controller",
             "Angle of the plan minus angle of the plant. The plan was uploaded as a trajectory and begun at the release of the disc.",
         );
-        page.charts(&[tracking_errors(arm, caught.plan, run)]);
+        page.charts([tracking_errors(arm, caught.plan, run)]);
     }
     page.finish()
 }
 
-fn tiles(
-    rule: Option<(&Run, &Verdict)>,
-    plan: Option<&Caught<'_>>,
-) -> Vec<(String, &'static str, String, Tone)> {
+fn tiles(rule: Option<(&Run, &Verdict)>, plan: Option<&Caught<'_>>) -> Vec<Tile> {
     let mut out = Vec::new();
     if let Some((run, seen)) = rule {
         let step = |s: Option<u32>| s.map_or_else(|| "–".to_owned(), |s| s.to_string());
-        out.push((step(run.in_reach), "", "step in reach".to_owned(), Tone::Plain));
-        let tone = if seen.caught.is_some() { Tone::Good } else { Tone::Warn };
-        let what =
-            if seen.caught.is_some() { "captured at step" } else { "step of capture by the rule; refuted" };
-        out.push((step(run.captured), "", what.to_owned(), tone));
+        let (what, tone) = match seen.caught {
+            Some(_) => ("captured at step", Tone::Good),
+            None => ("step of capture by the rule; refuted", Tone::Warn),
+        };
         let demanded = run.speed_demanded_rad_s().max();
-        out.push((format!("{demanded:.1}"), "rad/s", "demanded by the rule".to_owned(), Tone::Plain));
+        out.push(Tile::new(step(run.in_reach), "", "step in reach"));
+        out.push(Tile::new(step(run.captured), "", what).toned(tone));
+        out.push(Tile::new(format!("{demanded:.1}"), "rad/s", "demanded by the rule"));
     }
     if let Some(Caught { plan, verdict, executed }) = plan {
         if let Some(run) = executed {
             let tip_mm = run.tracking.tip_m.1 * 1e3;
-            out.push((format!("{tip_mm:.1}"), "mm", "tip off the plan at the catch".to_owned(), Tone::Plain));
+            out.push(Tile::new(format!("{tip_mm:.1}"), "mm", "tip off the plan at the catch"));
         }
         if let Some((_, seen)) = verdict.caught {
-            out.push((format!("{:.3}", seen.t_s), "s", "caught within limits".to_owned(), Tone::Good));
-            out.push((
-                format!("{:.1}", seen.depth_m * 100.0),
-                "cm",
-                "tip inside the rim".to_owned(),
-                Tone::Plain,
-            ));
+            let caught = Tile::new(format!("{:.3}", seen.t_s), "s", "caught within limits");
+            out.push(caught.toned(Tone::Good));
+            out.push(Tile::new(format!("{:.1}", seen.depth_m * 100.0), "cm", "tip inside the rim"));
         }
-        let use_text = format!("{:.0} / {:.0}", plan.used.0 * 100.0, plan.used.1 * 100.0);
-        out.push((use_text, "%", "of speed / acceleration".to_owned(), Tone::Plain));
-        let waits = (plan.motion.waits_s.1 - plan.motion.waits_s.0) * 1e3;
-        out.push((format!("{waits:.0}"), "ms", "waits before the run-up".to_owned(), Tone::Plain));
+        let used = format!("{:.0} / {:.0}", plan.used.0 * 100.0, plan.used.1 * 100.0);
+        out.push(Tile::new(used, "%", "of speed / acceleration"));
+        let waits_ms = (plan.motion.waits_s.1 - plan.motion.waits_s.0) * 1e3;
+        out.push(Tile::new(format!("{waits_ms:.0}"), "ms", "waits before the run-up"));
     }
     out
 }
@@ -199,16 +193,10 @@ fn paths(arm: &DiscArm, path: &Path, motion: &Shown<'_>) -> Vec<Chart> {
     ];
     views
         .into_iter()
-        .map(|(title, x_label, y_label, pick)| Chart {
-            title: title.to_owned(),
-            x_label: x_label.to_owned(),
-            y_label: y_label.to_owned(),
-            curves: vec![
-                Curve::line("disc", DISC, disc.iter().map(pick).collect()),
-                Curve::line("terminal point", GRIPPER, hand.iter().map(pick).collect()).drawn(Pen::Dots),
-            ],
-            equal: true,
-            ..Chart::default()
+        .map(|(title, x_label, y_label, pick)| {
+            let hand = Curve::line("terminal point", GRIPPER, hand.iter().map(pick).collect());
+            let disc = Curve::line("disc", DISC, disc.iter().map(pick).collect());
+            Chart::new(title, x_label, y_label, vec![disc, hand.drawn(Pen::Dots)]).equal()
         })
         .collect()
 }
@@ -226,32 +214,18 @@ fn tracking_errors(arm: &DiscArm, plan: &Plan, run: &Judged) -> Chart {
         .iter()
         .map(|moved| (moved.t_s, (plan.motion.q(moved.t_s) - moved.q) * 1e3))
         .collect();
-    Chart {
-        title: "Tracking error".to_owned(),
-        x_label: "time in s".to_owned(),
-        y_label: "error in mrad".to_owned(),
-        curves: joint_curves(arm, &errors),
-        mark: run.verdict.caught.as_ref().map(|c| (c.1.t_s, "caught".to_owned())),
-        is_time: true,
-        ..Chart::default()
-    }
+    let mark = run.verdict.caught.as_ref().map(|c| (c.1.t_s, "caught"));
+    Chart::new("Tracking error", "time in s", "error in mrad", joint_curves(arm, &errors)).over_time(mark)
 }
 
-fn mark(motion: &Shown<'_>) -> Option<(f64, String)> {
-    motion.caught_s.map(|t| (t, "caught".to_owned()))
+fn mark(motion: &Shown<'_>) -> Option<(f64, &'static str)> {
+    motion.caught_s.map(|t| (t, "caught"))
 }
 
 fn angles(arm: &DiscArm, motion: &Shown<'_>) -> Chart {
     let degrees: Vec<_> = motion.points.iter().map(|(t, q)| (*t, q.map(f64::to_degrees))).collect();
-    Chart {
-        title: "Joint angles".to_owned(),
-        x_label: "time in s".to_owned(),
-        y_label: "angle in degrees".to_owned(),
-        curves: joint_curves(arm, &degrees),
-        mark: mark(motion),
-        is_time: true,
-        ..Chart::default()
-    }
+    Chart::new("Joint angles", "time in s", "angle in degrees", joint_curves(arm, &degrees))
+        .over_time(mark(motion))
 }
 
 fn distance(arm: &DiscArm, path: &Path, motion: &Shown<'_>) -> Chart {
@@ -261,19 +235,13 @@ fn distance(arm: &DiscArm, path: &Path, motion: &Shown<'_>) -> Chart {
         until.map(|(t, q)| (*t, (path.at(*t).p_m - arm.terminal_point(q)).xy().norm() * 100.0)).collect();
     let last = points.last().map_or(0.0, |p| p.0);
     let size = &arm.size;
-    Chart {
-        title: "Terminal point to disc, horizontal".to_owned(),
-        x_label: "time in s".to_owned(),
-        y_label: "distance in cm".to_owned(),
-        curves: vec![
-            Curve::line("distance", 6, points),
-            Curve::limit((0.0, last), size.touch_m() * 100.0),
-            Curve::limit((0.0, last), size.disc_radius_m * 100.0),
-        ],
-        mark: mark(motion),
-        is_time: true,
-        ..Chart::default()
-    }
+    let curves = vec![
+        Curve::line("distance", 6, points),
+        Curve::limit((0.0, last), size.touch_m() * 100.0),
+        Curve::limit((0.0, last), size.disc_radius_m * 100.0),
+    ];
+    let title = "Terminal point to disc, horizontal";
+    Chart::new(title, "time in s", "distance in cm", curves).over_time(mark(motion))
 }
 
 fn speeds(arm: &DiscArm, motion: &Shown<'_>) -> Chart {
@@ -286,44 +254,26 @@ fn speeds(arm: &DiscArm, motion: &Shown<'_>) -> Chart {
     let allowed = arm.model.limit(|l| l.v_max_rad_s).max();
     let span = (0.0, points.last().map_or(1.0, |p| p.0));
     curves.extend([Curve::limit(span, allowed), Curve::limit(span, -allowed)]);
-    Chart {
-        title: format!("Joint speeds: {}", motion.name),
-        x_label: "time in s".to_owned(),
-        y_label: "speed in rad/s".to_owned(),
-        curves,
-        mark: mark(motion),
-        is_time: true,
-        ..Chart::default()
-    }
+    let title = format!("Joint speeds: {}", motion.name);
+    Chart::new(title, "time in s", "speed in rad/s", curves).over_time(mark(motion))
 }
 
 fn speed_table(page: &mut Page, arm: &DiscArm, rule: Option<(&Run, &Verdict)>, plan: Option<&Caught<'_>>) {
     let demanded = rule.map(|(run, _)| run.speed_demanded_rad_s());
-    let rows: Vec<Vec<(String, Tone)>> = arm
-        .model
-        .joints()
-        .iter()
-        .enumerate()
-        .map(|(j, joint)| {
-            let allowed = joint.limits.v_max_rad_s;
-            let toned = |speed: Option<f64>| match speed {
-                Some(v) if v > allowed => (format!("{v:.2}"), Tone::Bad),
-                Some(v) => (format!("{v:.2}"), Tone::Good),
-                None => cell("–"),
-            };
-            vec![
-                cell(joint.name.clone()),
-                cell(format!("{allowed:.2}")),
-                toned(demanded.map(|d| d[j])),
-                toned(plan.map(|c| c.verdict.speed_rad_s[j])),
-            ]
-        })
-        .collect();
-    page.table(&["joint", "allowed rad/s", "rule of the paper rad/s", "plan rad/s"], &rows);
+    let rows = arm.model.joints().iter().enumerate().map(|(j, joint)| {
+        let allowed = joint.limits.v_max_rad_s;
+        let toned = |speed: Option<f64>| -> Cell {
+            (number(speed, 2).0, speed.map_or(Tone::Plain, |v| Tone::of(v <= allowed)))
+        };
+        let plan = plan.map(|c| c.verdict.speed_rad_s[j]);
+        vec![cell(&joint.name), number(allowed, 2), toned(demanded.map(|d| d[j])), toned(plan)]
+    });
+    let head = ["joint", "allowed rad/s", "rule of the paper rad/s", "plan rad/s"];
+    page.table(&head, rows.collect());
 }
 
 /// Data of the picture in space.
-fn space(arm: &DiscArm, path: &Path, motion: &Shown<'_>) -> String {
+fn space(arm: &DiscArm, path: &Path, motion: &Shown<'_>) -> Space {
     let model = &arm.model;
     let held = motion.caught_s.map(|caught_s| {
         let q = motion.points.iter().find(|p| p.0 >= caught_s - 1e-9).map_or_else(Joints::zeros, |p| p.1);
@@ -345,29 +295,29 @@ fn space(arm: &DiscArm, path: &Path, motion: &Shown<'_>) -> String {
             _ => (disc.p_m, disc.normal),
         };
         top = arm.chain(q).iter().map(|p| p.z).fold(top, f64::max);
-        let links: Vec<String> = frames.x_w.iter().map(scene::link).collect();
-        steps.push(format!(
-            "{{\"t\":{t_s:.4},\"ball\":{},\"normal\":{},\"links\":[{}]}}",
-            scene::point(&center),
-            scene::point(&normal),
-            links.join(",")
-        ));
+        steps.push(Step {
+            t: *t_s,
+            ball: Some(scene::point(&center)),
+            normal: Some(scene::point(&normal)),
+            links: frames.x_w.iter().map(scene::link).collect(),
+        });
     }
-    let boxes: Vec<String> =
-        model.collision().boxes().iter().map(|b| scene::body(b.link, &b.x_lb, &b.half_m)).collect();
     let end_s = motion.points.last().map_or(0.0, |p| p.0);
     let flight: Vec<Vector3<f64>> = (0..=60).map(|k| path.at(end_s * f64::from(k) / 60.0).p_m).collect();
     let meets_s = motion.caught_s.unwrap_or(end_s);
-    let met = path.at(meets_s).p_m;
-    format!(
-        "{{\"floor\":{},\"top\":{top:.3},\"radius\":{},\"last\":4,\"release\":0,\"first\":{meets_s:.4},\"names\":[{},\"start\"],\"target\":{},\"hand\":{},\"planned\":null,\"flight\":{},\"ellipse\":null,\"boxes\":[{}],\"steps\":[{}]}}",
-        model.world().floor_z_m,
-        arm.size.disc_radius_m,
-        if motion.caught_s.is_some() { "\"caught\"" } else { "\"end of the rule\"" },
-        scene::point(&met),
-        scene::list(&tips),
-        scene::list(&flight),
-        boxes.join(","),
-        steps.join(",")
-    )
+    Space {
+        floor: model.world().floor_z_m,
+        top,
+        radius: arm.size.disc_radius_m,
+        last: 4,
+        release: Some(0.0),
+        first: Some(meets_s),
+        names: Some([if motion.caught_s.is_some() { "caught" } else { "end of the rule" }, "start"]),
+        target: Some(scene::point(&path.at(meets_s).p_m)),
+        hand: scene::list(&tips),
+        flight: scene::list(&flight),
+        boxes: scene::bodies(model).collect(),
+        steps,
+        ..Space::default()
+    }
 }

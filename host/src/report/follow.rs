@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use nalgebra::Vector3;
 
 use super::chart::{Chart, Curve, Pen};
-use super::page::{Answer, Page, Tone, cell};
+use super::page::{Answer, Page, Tile, Tone, cell};
 use planner::follow::landing::{Release, Sensitivity};
 use planner::follow::limits::{AXES, Arm, Axes, Limits};
 use planner::follow::motion::differences;
@@ -118,17 +118,12 @@ pub fn html(arm: &Arm, plan: &FollowPlan, limits: &Limits, verdict: &Report) -> 
     let mut page = Page::new("Throw that follows the flight", &under, &answer);
     let releases = releases(arm, plan, limits, plan.lag_s);
     let [without, with] = sensitivities(arm, &releases);
-    page.tiles(&[
-        (plan.followed_points.to_string(), "points", "of the flight followed".into(), Tone::Plain),
-        (format!("{:.2}", plan.flight.speed_release_m_s), "m/s", "speed at the release".into(), Tone::Plain),
-        (
-            format!("{:.0}", plan.leap.size_deg_s2),
-            "deg/s²",
-            "largest leap of the acceleration".into(),
-            Tone::Plain,
-        ),
-        (format!("{:.1}", with.rms_m * 1e3), "mm", "landing rms, opening ±10 ms".into(), Tone::Plain),
-        (format!("{:.1}", without.rms_m * 1e3), "mm", "the same without following".into(), Tone::Plain),
+    page.tiles(vec![
+        Tile::new(plan.followed_points, "points", "of the flight followed"),
+        Tile::new(format!("{:.2}", plan.flight.speed_release_m_s), "m/s", "speed at the release"),
+        Tile::new(format!("{:.0}", plan.leap.size_deg_s2), "deg/s²", "largest leap of the acceleration"),
+        Tile::new(format!("{:.1}", with.rms_m * 1e3), "mm", "landing rms, opening ±10 ms"),
+        Tile::new(format!("{:.1}", without.rms_m * 1e3), "mm", "the same without following"),
     ]);
     page.section(
         "Path in space and opening time",
@@ -137,20 +132,17 @@ pub fn html(arm: &Arm, plan: &FollowPlan, limits: &Limits, verdict: &Report) -> 
     );
     let mut charts = path_charts(plan, &path(arm, plan));
     charts.push(opening_chart(arm, plan, &releases));
-    page.charts(&charts);
+    page.charts(charts);
     page.part(
         "Set points per axis",
         "Angle, speed and acceleration as commanded (paper, figure 8); speed and acceleration by finite differences.",
     );
-    page.charts(&(0..AXES).flat_map(|axis| axis_charts(plan, limits, axis)).collect::<Vec<_>>());
+    page.charts((0..AXES).flat_map(|axis| axis_charts(plan, limits, axis)));
     page.detail("Search", "Postures of the tested releases by the test that ended them.");
     let counts = &plan.search.size.counts;
-    let rows: Vec<Vec<(String, Tone)>> = planner::follow::found::Stage::ALL
-        .into_iter()
-        .filter(|s| counts.of(*s) > 0)
-        .map(|s| vec![cell(s.reason()), cell(counts.of(s).to_string())])
-        .collect();
-    page.table(&["ended by", "postures"], &rows);
+    let ended = planner::follow::found::Stage::ALL.into_iter().filter(|stage| counts.of(*stage) > 0);
+    let rows = ended.map(|stage| vec![cell(stage.reason()), cell(counts.of(stage))]);
+    page.table(&["ended by", "postures"], rows.collect());
     page.finish()
 }
 
@@ -185,14 +177,7 @@ pub(super) fn path_charts(plan: &FollowPlan, ball: &[Vector3<f64>]) -> Vec<Chart
                 Pen::Line
             })
         }));
-        Chart {
-            title: title.to_owned(),
-            x_label: labels[0].to_owned(),
-            y_label: labels[1].to_owned(),
-            curves,
-            equal: true,
-            ..Chart::default()
-        }
+        Chart::new(title, labels[0], labels[1], curves).equal()
     };
     vec![
         view("From the side", ["x in m", "z in m"], |p| (p.x, p.z)),
@@ -210,17 +195,12 @@ pub(super) fn opening_chart(arm: &Arm, plan: &FollowPlan, [through, following]: 
         // Beyond 300 mm the size of the miss is of no interest.
         Curve::line(name, colour, points.filter(|p| p.1 < 300.0).collect())
     };
-    Chart {
-        title: "Landing error".to_owned(),
-        x_label: "opening after the planned instant in ms".to_owned(),
-        y_label: "miss in mm".to_owned(),
-        curves: vec![
-            curve("with following", 2, &|late_s| following.error_m(arm, late_s)),
-            curve("ramps through the release", 1, &|late_s| through.error_m(arm, late_s)),
-        ],
-        mark: Some((0.0, "planned".to_owned())),
-        ..Chart::default()
-    }
+    let curves = vec![
+        curve("with following", 2, &|late_s| following.error_m(arm, late_s)),
+        curve("ramps through the release", 1, &|late_s| through.error_m(arm, late_s)),
+    ];
+    let chart = Chart::new("Landing error", "opening after the planned instant in ms", "miss in mm", curves);
+    Chart { mark: Some((0.0, "planned".to_owned())), ..chart }
 }
 
 fn axis_charts(plan: &FollowPlan, limits: &Limits, axis: usize) -> Vec<Chart> {
@@ -241,15 +221,8 @@ fn axis_charts(plan: &FollowPlan, limits: &Limits, axis: usize) -> Vec<Chart> {
         if let Some(limit) = limit.map(f64::to_degrees).filter(|l| *l < 1.6 * largest) {
             curves.extend([Curve::limit(whole, limit), Curve::limit(whole, -limit)]);
         }
-        Chart {
-            title,
-            x_label: "time of the plan in s".to_owned(),
-            y_label: unit.to_owned(),
-            curves,
-            mark: Some((plan.release_time_s, "release".to_owned())),
-            is_time: true,
-            ..Chart::default()
-        }
+        Chart::new(title, "time of the plan in s", unit, curves)
+            .over_time(Some((plan.release_time_s, "release")))
     };
     let name = |what: &str| format!("Axis {}: {what}", axis + 1);
     vec![

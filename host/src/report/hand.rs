@@ -81,14 +81,8 @@ impl HandPath {
             });
             let measured = self.0.iter().enumerate();
             let measured = measured.map(|(k, (name, [_, path]))| Curve::line(name.clone(), k, flat(path)));
-            Chart {
-                title: format!("Path of the hand, at most {:.2} mm beside its plan", 1e3 * self.error_m()),
-                x_label: x_label.to_owned(),
-                y_label: y_label.to_owned(),
-                curves: planned.chain(measured).collect(),
-                equal: true,
-                ..Chart::default()
-            }
+            let title = format!("Path of the hand, at most {:.2} mm beside its plan", 1e3 * self.error_m());
+            Chart::new(title, x_label, y_label, planned.chain(measured).collect()).equal()
         })
     }
 }

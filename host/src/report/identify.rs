@@ -1,7 +1,7 @@
 //! HTML report of an identification: scatter plots with the fits through them, and residuals.
 
-use super::chart::{Chart, Curve, Pen, escape};
-use super::page::{Answer, Page, Tone, cell};
+use super::chart::{Chart, Curve, Pen};
+use super::page::{Answer, Page, Tone, cell, number};
 use tuner::identify::current::CurrentConstant;
 use tuner::identify::findings::{Findings, Holds};
 use tuner::identify::lag::answer;
@@ -19,21 +19,12 @@ struct Scatter<'a> {
 
 impl Scatter<'_> {
     fn charts(self) -> [Chart; 2] {
-        let chart = |title: String, y: &str, curves| Chart {
-            title,
-            x_label: self.x.to_owned(),
-            y_label: y.to_owned(),
-            curves,
-            ..Chart::default()
-        };
         let measured = Curve::line("measured", 0, self.points).drawn(Pen::Marks);
+        let left = Curve::line("", 0, self.residuals).drawn(Pen::Marks);
+        let fit = Curve::line("fit", 1, self.fit);
         [
-            chart(self.title.to_owned(), self.y, vec![measured, Curve::line("fit", 1, self.fit)]),
-            chart(
-                format!("{}: residuals", self.title),
-                self.y,
-                vec![Curve::line("", 0, self.residuals).drawn(Pen::Marks)],
-            ),
+            Chart::new(self.title, self.x, self.y, vec![measured, fit]),
+            Chart::new(format!("{}: residuals", self.title), self.x, self.y, vec![left]),
         ]
     }
 }
@@ -107,24 +98,19 @@ pub fn html(findings: &Findings) -> String {
          over one stretch. K_M: holding currents against loads computed from the robot model, each pose approached from \
          both sides.",
     );
-    page.html(&format!("<div class=\"card\"><pre>{}</pre></div>", escape(&findings.text())));
+    page.pre(&findings.text());
     page.part("Fits", "Samples, the fits through them, and what is left.");
-    page.charts(&scatters(findings).into_iter().flat_map(Scatter::charts).collect::<Vec<_>>());
+    page.charts(scatters(findings).into_iter().flat_map(Scatter::charts));
     let k_m = findings.k_m.as_ref().and_then(|k| k.as_ref().ok());
-    let rows: Vec<_> = [("K_B", findings.k_b.as_ref().ok()), ("K_M", k_m)]
-        .into_iter()
-        .filter_map(|(name, constant)| {
-            let fit = &constant?.fit;
-            let numbers = [
-                format!("{:.5}", fit.r_squared),
-                format!("{:.4}", fit.residual_std),
-                fit.degrees_of_freedom.to_string(),
-            ];
-            Some(std::iter::once(cell(name)).chain(numbers.map(cell)).collect())
-        })
-        .collect();
-    page.table(&["constant", "R²", "residuals A (standard deviation)", "degrees of freedom"], &rows);
+    let constants = [("K_B", findings.k_b.as_ref().ok()), ("K_M", k_m)];
+    let rows = constants.into_iter().filter_map(|(name, constant)| {
+        let fit = &constant?.fit;
+        let freedom = cell(fit.degrees_of_freedom);
+        Some(vec![cell(name), number(fit.r_squared, 5), number(fit.residual_std, 4), freedom])
+    });
+    let head = ["constant", "R²", "residuals A (standard deviation)", "degrees of freedom"];
+    page.table(&head, rows.collect());
     page.part("Patch of the robot file", "");
-    page.html(&format!("<div class=\"card\"><pre>{}</pre></div>", escape(&findings.patch())));
+    page.pre(&findings.patch());
     page.finish()
 }

@@ -4,6 +4,7 @@
 use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
+use planner::follow::landing::Sensitivity;
 use planner::follow::limits::{AXES, Arm, Axes, Limits};
 use planner::follow::parabola::Parabola;
 use planner::follow::plan::{FollowPlan, Phase};
@@ -14,7 +15,7 @@ use super::chart::{Chart, Curve, Pen};
 use super::follow::{JITTER_S, PHASES, opening_chart, path, path_charts, releases, sensitivities};
 use super::frame::{cause, foot, head, told_outcome, tone};
 use super::motion::Row;
-use super::page::{Answer, Tone, cell};
+use super::page::{Answer, Cell, Tile, Tone, cell, number};
 use super::scene;
 use operator::job::Outcome;
 
@@ -67,48 +68,42 @@ impl RobotRun<'_> {
         let (why, next) = cause(Some(self.summary)).unwrap_or_else(|| self.reasons());
         let answer = Answer::new(text, tone(outcome), why, next);
         let mut page = head(&title, &robot.name, Some(self.summary), None, &answer);
-        page.tiles(&self.tiles(flown.as_ref()));
+        page.tiles(self.tiles(flown.as_ref()));
         page.section(
             "The throw",
             "Arm, hand and ball by the actual axes; the bottle stands at the target (paper, figure 9). Blue: way of the hand.",
         );
-        page.scene(self.scene(flown.as_ref(), planned.clone()), "");
+        page.scene(self.scene(flown.as_ref(), planned.clone()), None);
         page.part(
             "Path in space",
             "Centre of the ball in the three phases of the plan and its flight (paper, figure 7), over the actual path.",
         );
-        page.charts(&self.paths(&planned));
+        page.charts(self.paths(&planned));
         page.part(
             "Landing",
             "Where the ball comes down at the height of the target, and what the opening time does to it.",
         );
-        let mut charts = vec![self.landing(flown.as_ref())];
         // By the lag that was believed: for another one the throw may be opened elsewhere in its window.
         let lag_s = self.number("/lag/time_constant_s").unwrap_or(plan.lag_s);
         let releases = releases(self.arm, plan, self.limits, lag_s);
-        charts.push(opening_chart(self.arm, plan, &releases));
-        page.charts(&charts);
+        page.charts([self.landing(flown.as_ref()), opening_chart(self.arm, plan, &releases)]);
         let [without, with] = sensitivities(self.arm, &releases);
-        let mm = |m: f64| cell(format!("{:.1}", 1e3 * m));
-        page.table(
-            &[&format!("opening ±{:.0} ms", 1e3 * JITTER_S), "rms mm", "largest mm"],
-            &[
-                vec![cell("ramps through the release"), mm(without.rms_m), mm(without.largest_m)],
-                vec![
-                    cell(format!("following {} points", plan.followed_points)),
-                    mm(with.rms_m),
-                    mm(with.largest_m),
-                ],
-            ],
-        );
+        let row = |name: String, off: &Sensitivity| {
+            vec![cell(name), number(1e3 * off.rms_m, 1), number(1e3 * off.largest_m, 1)]
+        };
+        let rows = vec![
+            row("ramps through the release".to_owned(), &without),
+            row(format!("following {} points", plan.followed_points), &with),
+        ];
+        page.table(&[&format!("opening ±{:.0} ms", 1e3 * JITTER_S), "rms mm", "largest mm"], rows);
         page.detail(
             "Commanded against actual",
             "Angle, speed and acceleration of each axis (paper, figure 8). Set points in force, by phase, and the actual axes, \
              later by the lag. Speed and acceleration by differences of one cycle.",
         );
-        page.charts(&(0..AXES).flat_map(|axis| self.axis(axis)).collect::<Vec<_>>());
+        page.charts((0..AXES).flat_map(|axis| self.axis(axis)));
         page.part("Exchange", "");
-        page.table(&["what", "value"], &self.exchange());
+        page.table(&["what", "value"], self.exchange());
         foot(&mut page, robot, None, None, Some(self.summary), self.files);
         page.finish()
     }
@@ -174,7 +169,7 @@ impl RobotRun<'_> {
         Some((down - Vector3::from(self.plan.target_m)).xy().norm())
     }
 
-    fn tiles(&self, flown: Option<&Flown>) -> Vec<(String, &'static str, String, Tone)> {
+    fn tiles(&self, flown: Option<&Flown>) -> Vec<Tile> {
         let off_m = self.number("/landing/error_m").or(self.off_m(flown));
         let tolerance_m = self.number("/tolerance_m").unwrap_or(0.0);
         let (value, tone, what) = match off_m {
@@ -185,37 +180,20 @@ impl RobotRun<'_> {
                     (false, true) => "from the target: bottle missed",
                     (_, false) => "from the target, by the measured axes",
                 };
-                (format!("{:.1}", 1e3 * off_m), if hit { Tone::Good } else { Tone::Bad }, what)
+                (format!("{:.1}", 1e3 * off_m), Tone::of(hit), what)
             }
             None => ("–".to_owned(), Tone::Bad, "no landing"),
         };
+        let lag = self.lag_ms().map_or("–".to_owned(), |ms| ms.to_string());
+        // Zero has no sign.
+        let later_ms = (1e4 * self.number("/path_delay_s").unwrap_or(0.0)).round() / 10.0 + 0.0;
+        let answers = self.number("/answers").unwrap_or(0.0);
         vec![
-            (value, "mm", what.to_owned(), tone),
-            (
-                self.plan.followed_points.to_string(),
-                "points",
-                "of the flight followed".to_owned(),
-                Tone::Plain,
-            ),
-            (
-                self.lag_ms().map_or("–".to_owned(), |ms| ms.to_string()),
-                "ms",
-                "from set points to actual axes".to_owned(),
-                Tone::Plain,
-            ),
-            (
-                // Zero has no sign.
-                format!("{:.1}", (1e4 * self.number("/path_delay_s").unwrap_or(0.0)).round() / 10.0 + 0.0),
-                "ms",
-                "axes later than the description of the robot says".to_owned(),
-                Tone::Plain,
-            ),
-            (
-                format!("{:.0}", self.number("/answers").unwrap_or(0.0)),
-                "answers",
-                "to telegrams of the robot".to_owned(),
-                Tone::Plain,
-            ),
+            Tile::new(value, "mm", what).toned(tone),
+            Tile::new(self.plan.followed_points, "points", "of the flight followed"),
+            Tile::new(lag, "ms", "from set points to actual axes"),
+            Tile::new(format!("{later_ms:.1}"), "ms", "axes later than the description of the robot says"),
+            Tile::new(format!("{answers:.0}"), "answers", "to telegrams of the robot"),
         ]
     }
 
@@ -267,7 +245,7 @@ impl RobotRun<'_> {
         self.at(t_s).map_or_else(still, |(q, _)| q)
     }
 
-    fn scene(&self, flown: Option<&Flown>, planned: Vec<Vector3<f64>>) -> String {
+    fn scene(&self, flown: Option<&Flown>, planned: Vec<Vector3<f64>>) -> scene::Space {
         let target_m = Vector3::from(self.plan.target_m);
         let radius_m = self.number("/tolerance_m").unwrap_or(0.035);
         let half_m = Vector3::new(radius_m, radius_m, BOTTLE_HALF_M);
@@ -312,14 +290,7 @@ impl RobotRun<'_> {
             let place = (1e3 * off.x, 1e3 * off.y);
             curves.push(Curve::line(name, 1, vec![place, place]).drawn(Pen::Dots));
         }
-        Chart {
-            title: "Landing about the target".to_owned(),
-            x_label: "x in mm".to_owned(),
-            y_label: "y in mm".to_owned(),
-            curves,
-            equal: true,
-            ..Chart::default()
-        }
+        Chart::new("Landing about the target", "x in mm", "y in mm", curves).equal()
     }
 
     /// Phase of the plan that a set point in force at `t_s` leads the axes through.
@@ -369,19 +340,14 @@ impl RobotRun<'_> {
                     .shown()
                     .filter_map(|(k, row)| Some((row.t_s, value(k, what, &|row| row.actual_deg[axis])?)));
                 curves.push(Curve::line("actual", ACTUAL, points.collect()));
-                Chart {
-                    title: format!("A{}: {name}", axis + 1),
-                    x_label: "s".to_owned(),
-                    y_label: unit.to_owned(),
-                    curves,
-                    mark: Some((self.plan.release_time_s, "release".to_owned())),
-                    ..Chart::default()
-                }
+                let mark = Some((self.plan.release_time_s, "release"));
+                Chart::new(format!("A{}: {name}", axis + 1), "time of the plan in s", unit, curves)
+                    .over_time(mark)
             })
             .collect()
     }
 
-    fn exchange(&self) -> Vec<Vec<(String, Tone)>> {
+    fn exchange(&self) -> Vec<Vec<Cell>> {
         let show = |path: &str| match self.summary.pointer(path) {
             None | Some(Value::Null) => None,
             Some(Value::String(text)) => Some(text.clone()),

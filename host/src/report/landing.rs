@@ -51,12 +51,5 @@ pub fn chart(plan: &PlanFile, marks: &[Mark]) -> Chart {
         ];
         curves.push(Curve::line(mark.name.clone(), mark.colour, points));
     }
-    Chart {
-        title: "Landing about the target".to_owned(),
-        x_label: x_label.to_owned(),
-        y_label: y_label.to_owned(),
-        curves,
-        equal: true,
-        ..Chart::default()
-    }
+    Chart::new("Landing about the target", x_label, y_label, curves).equal()
 }

@@ -1,19 +1,28 @@
-//! One self-contained HTML page: style, scripts and data inside, nothing fetched. Light or dark as the reader has it.
+//! A page as data: its answer, its parts, and what stands in them. The scripts in `assets` make headings, tables, charts and pictures
+//! of it in the browser. One self-contained HTML file: nothing is fetched. Light or dark as the reader has it.
 
-use std::fmt::Write as _;
+use serde::Serialize;
+use serde_json::Value;
 
-use super::chart::{Chart, escape};
+use super::chart::Chart;
+use super::reach::Map;
+use super::scene::Space;
+use super::timeline::Timeline;
 
 const STYLE: &str = include_str!("assets/style.css");
 const DARK: &str = include_str!("assets/dark.css");
 const NARROW: &str = include_str!("assets/narrow.css");
 const PAPER_STYLE: &str = include_str!("assets/paper.css");
-pub(super) const SCENE: &str = include_str!("assets/scene.js");
-const CHARTS: &str = include_str!("assets/charts.js");
-const PAPER: &str = include_str!("assets/paper.js");
+const SCRIPTS: [&str; 4] = [
+    include_str!("assets/page.js"),
+    include_str!("assets/chart.js"),
+    include_str!("assets/scene.js"),
+    include_str!("assets/paper.js"),
+];
 
 /// How something is meant.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Tone {
     /// As it should be.
     Good,
@@ -22,24 +31,20 @@ pub enum Tone {
     /// Not as it should be.
     Bad,
     /// Neither.
+    #[serde(rename = "")]
     Plain,
 }
 
 impl Tone {
-    /// Class of the style.
+    /// Good if it is so, else bad.
     #[must_use]
-    pub const fn class(self) -> &'static str {
-        match self {
-            Self::Good => "good",
-            Self::Warn => "warn",
-            Self::Bad => "bad",
-            Self::Plain => "",
-        }
+    pub const fn of(is_good: bool) -> Self {
+        if is_good { Self::Good } else { Self::Bad }
     }
 }
 
 /// What the first lines of a page answer.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize)]
 pub struct Answer {
     /// What came of it.
     pub verdict: String,
@@ -60,183 +65,211 @@ impl Answer {
     }
 }
 
+/// A figure: value, unit, what it is.
+#[derive(Clone, Debug, Serialize)]
+pub struct Tile {
+    value: String,
+    unit: &'static str,
+    what: String,
+    tone: Tone,
+}
+
+impl Tile {
+    #[must_use]
+    #[expect(clippy::needless_pass_by_value, reason = "a text or a number, at hand or made on the way")]
+    pub fn new(value: impl ToString, unit: &'static str, what: impl Into<String>) -> Self {
+        Self { value: value.to_string(), unit, what: what.into(), tone: Tone::Plain }
+    }
+
+    #[must_use]
+    pub fn toned(self, tone: Tone) -> Self {
+        Self { tone, ..self }
+    }
+}
+
+/// Text and tone of a cell of a table.
+pub type Cell = (String, Tone);
+
+/// The first column is text.
+#[derive(Clone, Debug, Serialize)]
+pub struct Table {
+    head: Vec<String>,
+    rows: Vec<Vec<Cell>>,
+}
+
+/// What stands in a part.
+#[derive(Clone, Debug, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Block {
+    Tiles(Vec<Tile>),
+    Table(Table),
+    Chart(Chart),
+    /// Side by side, all of one scale.
+    Charts(Vec<Chart>),
+    /// Side by side.
+    Beside(Vec<Block>),
+    /// The picture in space with its controls, and a chart beside it.
+    Space {
+        scene: Box<Space>,
+        beside: Option<Chart>,
+    },
+    Timeline(Timeline),
+    Map(Map),
+    Note(String),
+    Pre(String),
+    /// A line that may be divided.
+    Command(String),
+    /// A document as tables.
+    Summary(Value),
+    Folded {
+        name: &'static str,
+        block: Box<Block>,
+    },
+}
+
+#[derive(Clone, Debug, Default, Serialize)]
+struct Part {
+    heading: String,
+    about: String,
+    /// Class of a part that is folded.
+    fold: Option<&'static str>,
+    blocks: Vec<Block>,
+}
+
 /// A page under construction. Its answer is always shown; its parts are folded.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Serialize)]
 pub struct Page {
     title: String,
-    body: String,
-    scene: Option<String>,
-    is_in_part: bool,
+    under: String,
+    answer: Answer,
+    parts: Vec<Part>,
+    version: &'static str,
 }
 
 impl Page {
     /// Page with a heading, a line under it and its answer.
     #[must_use]
     pub fn new(title: &str, under: &str, answer: &Answer) -> Self {
-        let class = if answer.tone == Tone::Plain { "plain" } else { answer.tone.class() };
-        let body = format!(
-            "<header><h1>{}</h1><p>{}</p></header><div class=\"card answer\"><p class=\"pill {class}\">{}</p><b>Why</b><p>{}</p><b>Next</b><p>{}</p></div>",
-            escape(title),
-            escape(under),
-            escape(&answer.verdict),
-            marked(&answer.why),
-            marked(&answer.next)
-        );
-        Self { title: title.to_owned(), body, ..Self::default() }
+        Self {
+            title: title.to_owned(),
+            under: under.to_owned(),
+            answer: answer.clone(),
+            parts: vec![Part::default()],
+            version: env!("CARGO_PKG_VERSION"),
+        }
     }
 
-    /// Row of figures: value, unit, what it is.
-    pub fn tiles(&mut self, tiles: &[(String, &str, String, Tone)]) {
-        self.body += "<div class=\"tiles\">";
-        for (value, unit, what, tone) in tiles {
-            let _ = write!(
-                self.body,
-                "<div class=\"tile\"><b class=\"{}\">{}<small>{unit}</small></b><span>{}</span></div>",
-                tone.class(),
-                escape(value),
-                escape(what).replace(" %", "\u{a0}%")
-            );
-        }
-        self.body += "</div>";
+    pub(super) fn push(&mut self, block: Block) {
+        self.parts.last_mut().expect("a page begins with a part").blocks.push(block);
+    }
+
+    /// Row of figures.
+    pub fn tiles(&mut self, tiles: Vec<Tile>) {
+        self.push(Block::Tiles(tiles));
     }
 
     /// A heading that is shown, with a sentence about what is to be seen.
     pub fn section(&mut self, heading: &str, about: &str) {
-        self.end_part();
-        let _ = write!(self.body, "<h2>{}</h2>{}", escape(heading), sentence(about));
+        self.begin(None, heading, about);
     }
 
     /// A part that is folded, and open on paper.
     pub fn part(&mut self, heading: &str, about: &str) {
-        self.fold("part", heading, about);
+        self.begin(Some("part"), heading, about);
     }
 
     /// A part that is folded, and not on paper.
     pub fn detail(&mut self, heading: &str, about: &str) {
-        self.fold("detail", heading, about);
+        self.begin(Some("detail"), heading, about);
     }
 
-    fn fold(&mut self, class: &str, heading: &str, about: &str) {
-        self.end_part();
-        self.is_in_part = true;
-        let _ = write!(
-            self.body,
-            "<details class=\"{class}\"><summary><h2>{}</h2></summary>{}",
-            escape(heading),
-            sentence(about)
-        );
-    }
-
-    fn end_part(&mut self) {
-        if std::mem::take(&mut self.is_in_part) {
-            self.body += "</details>";
-        }
+    fn begin(&mut self, fold: Option<&'static str>, heading: &str, about: &str) {
+        self.parts.push(Part { heading: heading.to_owned(), about: about.to_owned(), fold, blocks: vec![] });
     }
 
     /// Charts side by side, all of one scale.
-    pub fn charts(&mut self, charts: &[Chart]) {
-        self.body += "<div class=\"charts\">";
-        for chart in charts {
-            let _ = write!(self.body, "<figure class=\"card\">{}</figure>", chart.svg());
-        }
-        self.body += "</div>";
+    pub fn charts(&mut self, charts: impl IntoIterator<Item = Chart>) {
+        self.push(Block::Charts(charts.into_iter().collect()));
     }
 
-    /// The picture in space with its controls, and something beside it. `data` is a JavaScript object.
-    pub fn scene(&mut self, data: String, beside: &str) {
-        let _ = write!(
-            self.body,
-            "<div class=\"scene\"><figure class=\"card\"><canvas id=\"scene\" aria-label=\"arm, hand path and flight\"></canvas><div class=\"bar\"><button id=\"play\">Play</button><select id=\"speed\" aria-label=\"speed\"><option value=\"1\">1 ×</option><option value=\"0.25\" selected>¼ ×</option><option value=\"0.05\">1/20 ×</option></select><input id=\"time\" type=\"range\" min=\"0\" max=\"1000\" value=\"0\" aria-label=\"time\"><output id=\"shown\"></output><button id=\"reset\">Reset</button><button id=\"top\">From above</button></div></figure>{beside}</div>"
-        );
-        self.scene = Some(data);
+    /// The picture in space with its controls, and a chart beside it.
+    pub fn scene(&mut self, scene: Space, beside: Option<Chart>) {
+        self.push(Block::Space { scene: Box::new(scene), beside });
     }
 
-    /// Table; the first column is text, cells have a tone.
-    pub fn table(&mut self, head: &[&str], rows: &[Vec<(String, Tone)>]) {
-        self.body += &table(head, rows);
+    pub fn table(&mut self, head: &[&str], rows: Vec<Vec<Cell>>) {
+        self.push(table(head, rows));
     }
 
-    /// Anything.
-    pub fn html(&mut self, html: &str) {
-        self.body += html;
+    /// Text as it is.
+    pub fn pre(&mut self, text: &str) {
+        self.push(Block::Pre(text.to_owned()));
     }
 
     /// Small print.
     pub fn note(&mut self, text: &str) {
-        let _ = write!(self.body, "<p class=\"note\">{}</p>", marked(text));
+        self.push(Block::Note(text.to_owned()));
+    }
+
+    /// A document, folded.
+    pub(super) fn summary(&mut self, summary: &Value) {
+        let block = Box::new(Block::Summary(exact(summary)));
+        self.push(Block::Folded { name: "Everything in summary.json", block });
     }
 
     /// The whole file.
     #[must_use]
-    pub fn finish(mut self) -> String {
-        self.end_part();
-        // The charts listen first, then the scene sends the time.
-        let scene = self
-            .scene
-            .map_or_else(String::new, |data| format!("<script>const scene={data};{SCENE}</script>"));
-        let body = format!(
-            "<body><main>{}<footer>Made by cubectl {}. Everything is inside this file: it needs no network.</footer></main><script>{CHARTS}{PAPER}</script>{scene}",
-            self.body,
-            env!("CARGO_PKG_VERSION")
-        );
-        document(&self.title, &body)
+    pub fn finish(self) -> String {
+        document(&self.title, "", &self, "report(data);")
     }
 }
 
-/// A whole document; `body` begins with its tag.
-pub(super) fn document(title: &str, body: &str) -> String {
+/// A whole document: `data` for the scripts, then what `begins` them.
+pub(super) fn document(title: &str, class: &str, data: &impl Serialize, begins: &str) -> String {
+    // No text can end the element that holds it.
+    let data = serde_json::to_string(data).expect("names of members are texts").replace('<', "\\u003c");
     format!(
-        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\"><title>{}</title><style>{STYLE}</style><style id=\"dark\" media=\"(prefers-color-scheme:dark)\">{DARK}</style><style id=\"narrow\" media=\"(max-width:640px)\">{NARROW}</style><style id=\"paper\" media=\"print\">{PAPER_STYLE}</style></head>{body}</body></html>\n",
-        escape(title)
+        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\"><title>{}</title><style>{STYLE}</style><style id=\"dark\" media=\"(prefers-color-scheme:dark)\">{DARK}</style><style id=\"narrow\" media=\"(max-width:640px)\">{NARROW}</style><style id=\"paper\" media=\"print\">{PAPER_STYLE}</style></head><body class=\"{class}\"><main><noscript>This page is drawn by JavaScript, which is switched off.</noscript></main><script type=\"application/json\" id=\"data\">{data}</script><script>{}{begins}</script></body></html>\n",
+        escape(title),
+        SCRIPTS.concat()
     )
 }
 
-fn sentence(text: &str) -> String {
-    if text.is_empty() { String::new() } else { format!("<p>{}</p>", marked(text)) }
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-/// Text for HTML; what stands between backticks is code.
-fn marked(text: &str) -> String {
-    let part = |(k, part)| if k % 2 == 1 { format!("<code>{part}</code>") } else { str::to_owned(part) };
-    escape(text).split('`').enumerate().map(part).collect()
-}
-
-/// Table as HTML; the first column is text, cells have a tone.
-#[must_use]
-pub fn table(head: &[&str], rows: &[Vec<(String, Tone)>]) -> String {
-    let mut o = "<div class=\"card scroll\"><table><thead><tr>".to_owned();
-    for (i, name) in head.iter().enumerate() {
-        let class = if i == 0 || is_text(rows, i) { " class=\"l\"" } else { "" };
-        let _ = write!(o, "<th{class}>{}</th>", escape(name));
-    }
-    o += "</tr></thead><tbody>";
-    for row in rows {
-        o += "<tr>";
-        for (i, (text, tone)) in row.iter().enumerate() {
-            let side = if i == 0 || is_text(rows, i) { "l " } else { "" };
-            let _ = write!(o, "<td class=\"{side}{}\">{}</td>", tone.class(), escape(text));
+/// A document whose integers that a script cannot hold are texts.
+fn exact(value: &Value) -> Value {
+    const MOST: u64 = 1 << 53;
+    match value {
+        Value::Number(n)
+            if n.as_u64().is_some_and(|n| n > MOST)
+                || n.as_i64().is_some_and(|n| n.unsigned_abs() > MOST) =>
+        {
+            Value::String(n.to_string())
         }
-        o += "</tr>";
+        Value::Array(items) => items.iter().map(exact).collect(),
+        Value::Object(map) => map.iter().map(|(key, value)| (key.clone(), exact(value))).collect(),
+        other => other.clone(),
     }
-    o + "</tbody></table></div>"
 }
 
-/// A column whose cells are mostly no numbers stands to the left.
-fn is_text(rows: &[Vec<(String, Tone)>], column: usize) -> bool {
-    let cells = rows.iter().filter_map(|row| row.get(column)).filter(|cell| !cell.0.is_empty());
-    let words = |text: &str| text.chars().filter(|c| c.is_alphabetic()).count() > 3;
-    let (mut texts, mut all) = (0, 0);
-    for cell in cells {
-        all += 1;
-        texts += usize::from(words(&cell.0));
-    }
-    2 * texts > all
+pub(super) fn table(head: &[&str], rows: Vec<Vec<Cell>>) -> Block {
+    Block::Table(Table { head: head.iter().map(|name| (*name).to_owned()).collect(), rows })
 }
 
 /// Cell without a tone.
 #[must_use]
-pub fn cell(text: impl Into<String>) -> (String, Tone) {
-    (text.into(), Tone::Plain)
+#[expect(clippy::needless_pass_by_value, reason = "a text or a number, at hand or made on the way")]
+pub fn cell(text: impl ToString) -> Cell {
+    (text.to_string(), Tone::Plain)
+}
+
+/// Cell of a number with so many digits, or of one that is not there.
+#[must_use]
+pub fn number(value: impl Into<Option<f64>>, digits: usize) -> Cell {
+    cell(value.into().map_or("–".to_owned(), |value| format!("{value:.digits$}").replace('-', "−")))
 }
 
 #[cfg(test)]
@@ -261,12 +294,32 @@ mod tests {
     }
 
     #[test]
-    fn what_stands_between_backticks_is_code() {
+    fn texts_from_files_cannot_leave_the_data_of_the_page() {
+        let evil = "</script><script>alert(1)</script><!--<script>\u{2028}&\"'`";
+        let mut page = Page::new(evil, evil, &Answer::new(evil, Tone::Bad, evil, evil));
+        page.part(evil, evil);
+        page.table(&[evil], vec![vec![cell(evil)]]);
+        page.pre(evil);
+        page.summary(&serde_json::json!({ evil: evil }));
+        let html = page.finish();
+        let (_, rest) = html.split_once("id=\"data\">").unwrap();
+        let (data, rest) = rest.split_once("</script>").unwrap();
+        assert!(!data.contains('<'), "{data}");
+        let read: Value = serde_json::from_str(data).unwrap();
+        assert_eq!(read["parts"][1]["blocks"][2]["folded"]["block"]["summary"][evil], evil);
+        assert_eq!(read["answer"]["why"], evil);
+        assert!(!rest.contains("alert"), "texts stand in the data alone");
+        let title = html.split_once("<title>").unwrap().1.split_once("</title>").unwrap().0;
+        assert!(!title.contains('<'), "{title}");
+    }
+
+    #[test]
+    fn integers_that_a_script_cannot_hold_are_texts() {
+        let exact = exact(&serde_json::json!({"seed": u64::MAX, "list": [1, -3, 0.5, 1_u64 << 60]}));
         assert_eq!(
-            marked("a < b: `throw --plan`, `c`"),
-            "a &lt; b: <code>throw --plan</code>, <code>c</code>"
+            exact.to_string(),
+            r#"{"list":[1,-3,0.5,"1152921504606846976"],"seed":"18446744073709551615"}"#
         );
-        assert_eq!(marked("none"), "none");
     }
 
     #[test]

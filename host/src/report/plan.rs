@@ -6,7 +6,7 @@ use std::time::Duration;
 use nalgebra::{Matrix2, Vector3};
 
 use super::chart::{Chart, Curve, Pen};
-use super::page::{Answer, Page, Tone, cell};
+use super::page::{Answer, Cell, Page, Tile, Tone, cell};
 use super::{landing as landing_chart, scene};
 use operator::analysis::release::flight;
 use planner::flight::landing;
@@ -153,43 +153,33 @@ pub fn html(arm: &RobotModel, plan: &PlanFile) -> String {
         ),
     };
     let mut page = Page::new(&format!("Throw to ({x}, {y}, {z}) m").replace('-', "−"), &under, &answer);
-    page.tiles(&tiles(plan));
+    page.tiles(tiles(plan));
     page.section(
         "Hand path and flight",
         "The ball is held along the blue path, leaves at the release and follows the orange one. The ellipse is the \
          predicted spread of the landing (2σ). Drag to turn, wheel to zoom; the slider moves all pictures.",
     );
-    let beside = format!(
-        "<figure class=\"card\">{}</figure>",
-        landing_chart::chart(
-            plan,
-            &[landing_chart::Mark {
-                name: "exact throw".to_owned(),
-                colour: 1,
-                xy_m: plan.target.coordinates(plan.landing.position_m, plan.landing.flight_s),
-            }]
-        )
-        .svg()
-    );
-    page.scene(space(arm, plan), &beside);
+    let xy_m = plan.target.coordinates(plan.landing.position_m, plan.landing.flight_s);
+    let exact = landing_chart::Mark { name: "exact throw".to_owned(), colour: 1, xy_m };
+    page.scene(space(arm, plan), Some(landing_chart::chart(plan, &[exact])));
     page.part(
         "Joints",
         "Positions in their ranges, and speed, acceleration and jerk as shares of their limits.",
     );
-    page.charts(&joint_charts(arm, plan));
+    page.charts(joint_charts(arm, plan));
     let currents = current_charts(arm, plan);
     if !currents.is_empty() {
         page.part(
             "Currents",
             "Magnitudes by the model of the paper, eq. (9), for each motor, and their sum for each supply, eq. (8).",
         );
-        page.charts(&currents);
+        page.charts(currents);
     }
     page.part(
         "Checks",
         "Made again by means that share nothing with the planner. What a plan does not claim is only reported.",
     );
-    let rows: Vec<Vec<(String, Tone)>> = checks
+    let rows: Vec<Vec<Cell>> = checks
         .findings
         .iter()
         .map(|f| {
@@ -202,60 +192,37 @@ pub fn html(arm: &RobotModel, plan: &PlanFile) -> String {
             vec![cell(f.what.clone()), (mark.to_owned(), tone), cell(f.worst.clone()), cell(at)]
         })
         .collect();
-    page.table(&["what", "", "worst", "at"], &rows);
+    page.table(&["what", "", "worst", "at"], rows);
     page.finish()
 }
 
-fn tiles(plan: &PlanFile) -> Vec<(String, &'static str, String, Tone)> {
+fn tiles(plan: &PlanFile) -> Vec<Tile> {
     let least = |v: &[f64]| v.iter().copied().fold(f64::INFINITY, f64::min) * 100.0;
+    let mm = |m: f64, what| Tile::new(format!("{:.1}", m * 1e3), "mm", what);
     let speed = Vector3::from(plan.release.velocity_m_s).norm();
     let c = &plan.landing.covariance_m2;
     let (a, b, _) = landing::ellipse(&Matrix2::new(c[0][0], c[0][1], c[1][0], c[1][1]));
     let [dx, dy] = plan.landing.delay_sensitivity_mm_per_ms;
     let m = &plan.margins;
+    let release = format!("{:.3}", plan.release_time_s);
     let mut tiles = vec![
-        (
-            format!("{:.3}", plan.release_time_s),
-            "s",
-            format!("release, of {:.3} s", plan.end_time_s),
-            Tone::Plain,
-        ),
-        (format!("{speed:.2}"), "m/s", "speed of the ball".to_owned(), Tone::Plain),
-        (format!("{:.3}", plan.landing.flight_s), "s", "time of flight".to_owned(), Tone::Plain),
-        (format!("{:.1} × {:.1}", a * 1e3, b * 1e3), "mm", "predicted spread (1σ)".to_owned(), Tone::Plain),
-        (format!("{:.2}", dx.hypot(dy)), "mm/ms", "shift by a late release".to_owned(), Tone::Plain),
-        (
-            format!("{:.0}", least(&m.acceleration_share)),
-            "%",
-            "least acceleration margin".to_owned(),
-            Tone::Plain,
-        ),
+        Tile::new(release, "s", format!("release, of {:.3} s", plan.end_time_s)),
+        Tile::new(format!("{speed:.2}"), "m/s", "speed of the ball"),
+        Tile::new(format!("{:.3}", plan.landing.flight_s), "s", "time of flight"),
+        Tile::new(format!("{:.1} × {:.1}", a * 1e3, b * 1e3), "mm", "predicted spread (1σ)"),
+        Tile::new(format!("{:.2}", dx.hypot(dy)), "mm/ms", "shift by a late release"),
+        Tile::new(format!("{:.0}", least(&m.acceleration_share)), "%", "least acceleration margin"),
     ];
-    if let Some(clearance) = m.clearance_m {
-        tiles.push((format!("{:.1}", clearance * 1e3), "mm", "least clearance".to_owned(), Tone::Plain));
-    }
+    tiles.extend(m.clearance_m.map(|clearance_m| mm(clearance_m, "least clearance")));
     if let Some(o) = &plan.target.opening {
-        let angle = o.incidence_rad.to_degrees();
-        tiles.push((
-            format!("{:.1}", o.rim_clearance_m * 1e3),
-            "mm",
-            "clear of the rim".to_owned(),
-            Tone::Plain,
-        ));
-        tiles.push((format!("{angle:.1}"), "deg", "angle of incidence".to_owned(), Tone::Plain));
+        tiles.push(mm(o.rim_clearance_m, "clear of the rim"));
+        let angle = format!("{:.1}", o.incidence_rad.to_degrees());
+        tiles.push(Tile::new(angle, "deg", "angle of incidence"));
     }
-    if let Some(f) = &plan.landing.fingers {
-        let shift_m = f.shift_m[0].hypot(f.shift_m[1]);
-        tiles.push((
-            format!("{:.1}", shift_m * 1e3),
-            "mm",
-            "shift by fingers that open".to_owned(),
-            Tone::Plain,
-        ));
-    }
-    if let Some(p) = plan.landing.hit_probability {
-        tiles.push((format!("{:.1}", p * 100.0), "%", "probability of a hit".to_owned(), Tone::Plain));
-    }
+    let fingers = plan.landing.fingers.as_ref();
+    tiles.extend(fingers.map(|f| mm(f.shift_m[0].hypot(f.shift_m[1]), "shift by fingers that open")));
+    let hit = plan.landing.hit_probability;
+    tiles.extend(hit.map(|p| Tile::new(format!("{:.1}", p * 100.0), "%", "probability of a hit")));
     tiles
 }
 
@@ -263,8 +230,8 @@ fn times(plan: &PlanFile, count: u32) -> Vec<f64> {
     (0..=count).map(|i| plan.end_time_s * f64::from(i) / f64::from(count)).collect()
 }
 
-fn release_mark(plan: &PlanFile) -> Option<(f64, String)> {
-    Some((plan.release_time_s, "release".to_owned()))
+fn release_mark(plan: &PlanFile) -> Option<(f64, &'static str)> {
+    Some((plan.release_time_s, "release"))
 }
 
 /// Positions in their ranges, and speed, acceleration and jerk as shares of their limits.
@@ -280,15 +247,7 @@ fn joint_charts(arm: &RobotModel, plan: &PlanFile) -> Vec<Chart> {
                 })
                 .collect();
             curves.extend(limits.iter().map(|y| Curve::limit((0.0, plan.end_time_s), *y)));
-            Chart {
-                title: title.to_owned(),
-                x_label: "time in s".to_owned(),
-                y_label: y_label.to_owned(),
-                curves,
-                mark: release_mark(plan),
-                is_time: true,
-                ..Chart::default()
-            }
+            Chart::new(title, "time in s", y_label, curves).over_time(release_mark(plan))
         };
     let l = |j: usize| arm.joints()[j].limits;
     vec![
@@ -327,21 +286,14 @@ fn current_charts(arm: &RobotModel, plan: &PlanFile) -> Vec<Chart> {
                 Curve::line(arm.joints()[j].name.clone(), j, points).drawn(Pen::Dashed)
             }));
             curves.push(Curve::limit((0.0, plan.end_time_s), supply.current_max_a));
-            Chart {
-                title: format!("Supply \"{}\", limit {:.0} A", supply.name, supply.current_max_a),
-                x_label: "time in s".to_owned(),
-                y_label: "current in A".to_owned(),
-                curves,
-                mark: release_mark(plan),
-                is_time: true,
-                ..Chart::default()
-            }
+            let title = format!("Supply \"{}\", limit {:.0} A", supply.name, supply.current_max_a);
+            Chart::new(title, "time in s", "current in A", curves).over_time(release_mark(plan))
         })
         .collect()
 }
 
 /// The planned motion in space.
-fn space(arm: &RobotModel, plan: &PlanFile) -> String {
+fn space(arm: &RobotModel, plan: &PlanFile) -> scene::Space {
     let (p0, v0) = (Vector3::from(plan.release.position_m), Vector3::from(plan.release.velocity_m_s));
     let model = flight(plan);
     let ball_after = |s: f64| model.as_ref().map_or(p0, |flight| flight.fly(&p0, &v0, s).p);

@@ -8,7 +8,7 @@ use serde_json::Value;
 use super::chart::{Chart, Curve};
 use super::frame::{cause, foot, head};
 use super::hand::{HandPath, Led, measured};
-use super::page::{Answer, Page, Tone, cell};
+use super::page::{Answer, Page, Tone, cell, number};
 use super::scene;
 use operator::analysis::POSITION_BOUND_RAD;
 use operator::analysis::tracking::{JointTracking, Sample};
@@ -235,29 +235,21 @@ impl ProgramReport<'_> {
                 planned: Some(path),
             },
         );
-        page.scene(data, &format!("<figure class=\"card\">{}</figure>", widest.svg()));
-        page.charts(&[next]);
+        page.scene(data, Some(widest));
+        page.charts([next]);
         page.part(
             "Tracking",
             "Reference minus measurement in the first and the last cycle, from the record of the link.",
         );
-        let charts: Vec<Chart> = (0..self.arm.n())
-            .map(|j| {
-                // The first cycle is drawn over the last one.
-                let curve = |(k, (name, cycle)): (usize, &(String, &Cycle))| {
-                    Curve::line(name.clone(), if k == 0 { j } else { 7 }, cycle.errors(j))
-                };
-                Chart {
-                    title: format!("{}: position error", self.arm.joints()[j].name),
-                    x_label: "time of the cycle in s".to_owned(),
-                    y_label: "error in mrad".to_owned(),
-                    curves: shown.iter().enumerate().rev().map(curve).collect(),
-                    is_time: true,
-                    ..Chart::default()
-                }
-            })
-            .collect();
-        page.charts(&charts);
+        page.charts((0..self.arm.n()).map(|j| {
+            // The first cycle is drawn over the last one.
+            let curve = |(k, (name, cycle)): (usize, &(String, &Cycle))| {
+                Curve::line(name.clone(), if k == 0 { j } else { 7 }, cycle.errors(j))
+            };
+            let title = format!("{}: position error", self.arm.joints()[j].name);
+            let curves = shown.iter().enumerate().rev().map(curve).collect();
+            Chart::new(title, "time of the cycle in s", "error in mrad", curves).over_time(None)
+        }));
     }
 
     fn steps(&self, page: &mut Page) {
@@ -271,34 +263,28 @@ impl ProgramReport<'_> {
             for step in &cycle.steps {
                 let farthest =
                     step.joints.iter().enumerate().max_by(|a, b| a.1.off_rad.total_cmp(&b.1.off_rad));
-                let mrad = |rad: Option<f64>| rad.map_or("–".to_owned(), |rad| format!("{:.2}", 1e3 * rad));
+                let mrad = |rad: Option<f64>| number(rad.map(|rad| 1e3 * rad), 2);
                 let most = |of: fn(&JointDone) -> Option<f64>, digits: usize| {
-                    let most = step.joints.iter().filter_map(of).reduce(f64::max);
-                    cell(most.map_or("–".to_owned(), |value| format!("{value:.digits$}")))
+                    number(step.joints.iter().filter_map(of).reduce(f64::max), digits)
                 };
                 let off = farthest.map(|(_, joint)| joint.off_rad);
-                let tone = match off {
-                    Some(off) if off > POSITION_BOUND_RAD => Tone::Bad,
-                    Some(_) => Tone::Good,
-                    None => Tone::Plain,
-                };
+                let tone = off.map_or(Tone::Plain, |off| Tone::of(off <= POSITION_BOUND_RAD));
                 rows.push(vec![
-                    cell(name.clone()),
-                    cell(step.number.to_string()),
-                    cell(step.what.clone()),
-                    cell(format!("{:.3}", step.duration_s)),
-                    (mrad(off), tone),
+                    cell(&name),
+                    cell(step.number),
+                    cell(&step.what),
+                    number(step.duration_s, 3),
+                    (mrad(off).0, tone),
                     cell(farthest.map_or("–".to_owned(), |(j, _)| self.arm.joints()[j].name.clone())),
-                    cell(mrad(step.end_off_rad)),
+                    mrad(step.end_off_rad),
                     most(|joint| joint.current_a, 1),
                     most(|joint| joint.temperature_c, 0),
                 ]);
             }
         }
-        page.table(
-            &["cycle", "step", "what", "took s", "off mrad", "joint", "end off mrad", "current A", "°C"],
-            &rows,
-        );
+        let head =
+            ["cycle", "step", "what", "took s", "off mrad", "joint", "end off mrad", "current A", "°C"];
+        page.table(&head, rows);
     }
 
     fn drift(&self, page: &mut Page) {
@@ -319,15 +305,11 @@ impl ProgramReport<'_> {
             (0..self.arm.n()).map(curve).collect()
         };
         let chart = |title: &str, y_label: &str, curves: Vec<Curve>| Chart {
-            title: title.to_owned(),
-            x_label: "cycle".to_owned(),
-            y_label: y_label.to_owned(),
-            curves,
             y_at_least: Some((0.0, 0.0)),
-            ..Chart::default()
+            ..Chart::new(title, "cycle", y_label, curves)
         };
         let times = cycles.iter().map(|cycle| (f64::from(cycle.number), cycle.duration_s)).collect();
-        page.charts(&[
+        page.charts([
             chart("Change since the first cycle", "mrad", per_joint(|cycle| &cycle.drift_rad)),
             chart("Distance from the motions", "mrad", per_joint(|cycle| &cycle.off_rad)),
             chart("Time of a cycle", "s", vec![Curve::line("", 0, times)]),

@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 use robot_model::{JointVec, Pose, RobotModel};
+use serde::Serialize;
 
 use planner::flight::landing;
 use planner::plan::file::PlanFile;
@@ -12,6 +13,58 @@ const STEPS_PER_S: f64 = 12.0;
 const STEPS_MAX: u32 = 400;
 /// Points of a flight.
 const FLIGHT_STEPS: u32 = 40;
+
+/// Place, m.
+pub type Point = [f32; 3];
+
+/// What `assets/scene.js` draws.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Space {
+    /// Heights of the floor and of what is to be seen at least, m.
+    pub floor: f64,
+    pub top: f64,
+    /// Of the ball, m.
+    pub radius: f64,
+    /// Number of the link that is the hand.
+    pub last: usize,
+    /// Time when the ball leaves, s.
+    pub release: Option<f64>,
+    /// Time that is shown first, s.
+    pub first: Option<f64>,
+    /// Names of the target and of the begin of the flight.
+    pub names: Option<[&'static str; 2]>,
+    pub target: Option<Point>,
+    /// Path of what the hand holds, and where the plan has it.
+    pub hand: Vec<Point>,
+    pub planned: Option<Vec<Point>>,
+    pub flight: Vec<Point>,
+    /// Spread of the landing.
+    pub ellipse: Option<Vec<Point>>,
+    /// Of the opening that is to be passed.
+    pub rim: Option<Vec<Point>>,
+    /// What the picture shows besides.
+    pub bounds: Vec<Point>,
+    pub boxes: Vec<Body>,
+    pub steps: Vec<Step>,
+}
+
+/// Corners of a box, in the frame of its link.
+#[derive(Clone, Debug, Serialize)]
+pub struct Body {
+    link: usize,
+    corners: Vec<Point>,
+}
+
+/// A moment of the animation.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Step {
+    /// s.
+    pub t: f64,
+    pub ball: Option<Point>,
+    /// Axis of a disc.
+    pub normal: Option<Point>,
+    pub links: Vec<[f32; 12]>,
+}
 
 /// How the arm moves and where the ball flies.
 pub struct SceneMotion<'a> {
@@ -55,7 +108,7 @@ pub struct Goal {
     /// Of the opening that it is to pass.
     pub rim: Option<Vec<Vector3<f64>>>,
     /// Bodies of the world besides the base.
-    pub bodies: Vec<String>,
+    pub bodies: Vec<Body>,
 }
 
 impl From<&PlanFile> for Goal {
@@ -70,9 +123,9 @@ impl From<&PlanFile> for Goal {
     }
 }
 
-/// The data as a JavaScript object; a motion without a goal has no ball.
+/// The data; a motion without a goal has no ball.
 #[must_use]
-pub fn data(arm: &RobotModel, goal: Option<&Goal>, motion: &SceneMotion<'_>) -> String {
+pub fn data(arm: &RobotModel, goal: Option<&Goal>, motion: &SceneMotion<'_>) -> Space {
     let last_s = motion.flight.map_or(motion.to_s, |flight| motion.to_s.max(flight.landing_s())) + 0.05;
     let count = ((STEPS_PER_S * last_s) as u32).clamp(STEPS, STEPS_MAX);
     let time = |i: u32| last_s * f64::from(i) / f64::from(count);
@@ -89,52 +142,58 @@ pub fn data(arm: &RobotModel, goal: Option<&Goal>, motion: &SceneMotion<'_>) -> 
             hand.push(held);
         }
         let ball = goal.map(|_| motion.flight.and_then(|flight| flight.ball_at(t_s)).unwrap_or(held));
-        let ball = ball.map_or("null".to_owned(), |ball| point(&ball));
-        let links: Vec<String> = frames.x_w.iter().map(link).collect();
-        let links = links.join(",");
-        steps.push(format!("{{\"t\":{t_s:.4},\"ball\":{ball},\"links\":[{links}]}}"));
+        let links = frames.x_w.iter().map(link).collect();
+        steps.push(Step { t: t_s, ball: ball.as_ref().map(point), normal: None, links });
     }
-    let boxes = arm.collision().boxes().iter().map(|b| body(b.link, &b.x_lb, &b.half_m));
-    let boxes: Vec<String> = boxes.chain(goal.iter().flat_map(|goal| goal.bodies.clone())).collect();
-    let flown = motion.flight.map_or_else(Vec::new, |flight| {
+    let flown: Vec<_> = motion.flight.map_or_else(Vec::new, |flight| {
         let time = |i: u32| flight.flight_s * f64::from(i) / f64::from(FLIGHT_STEPS);
         (0..=FLIGHT_STEPS).map(|i| (flight.ball_after)(time(i))).collect()
     });
-    let release = motion.flight.map_or("null".to_owned(), |flight| flight.release_s.to_string());
-    let planned = motion.planned.as_ref().map_or("null".to_owned(), |points| list(points));
     let joints = steps_top(arm, motion);
-    let top = hand.iter().map(|p| p.z).fold(joints, f64::max);
-    format!(
-        "{{\"floor\":{},\"top\":{top:.3},\"radius\":{},\"last\":{},\"release\":{release},\"target\":{},\"hand\":{},\"planned\":{planned},\"flight\":{},\"ellipse\":{},\"rim\":{},\"boxes\":[{}],\"steps\":[{}]}}",
-        arm.world().floor_z_m,
-        arm.gripper().ball_radius_m,
-        arm.joints().len(),
-        goal.map_or("null".to_owned(), |goal| point(&goal.target_m)),
-        list(&hand),
-        list(&flown),
-        goal.map_or("null".to_owned(), |goal| list(&goal.spread)),
-        goal.and_then(|goal| goal.rim.as_ref()).map_or("null".to_owned(), |points| list(points)),
-        boxes.join(","),
-        steps.join(",")
-    )
+    Space {
+        floor: arm.world().floor_z_m,
+        top: hand.iter().map(|p| p.z).fold(joints, f64::max),
+        radius: arm.gripper().ball_radius_m,
+        last: arm.joints().len(),
+        release: motion.flight.map(|flight| flight.release_s),
+        target: goal.map(|goal| point(&goal.target_m)),
+        hand: list(&hand),
+        planned: motion.planned.as_ref().map(|points| list(points)),
+        flight: list(&flown),
+        ellipse: goal.map(|goal| list(&goal.spread)),
+        rim: goal.and_then(|goal| goal.rim.as_ref()).map(|points| list(points)),
+        boxes: bodies(arm).chain(goal.iter().flat_map(|goal| goal.bodies.clone())).collect(),
+        steps,
+        ..Space::default()
+    }
+}
+
+/// Number to a tenth of a millimetre: few digits in the file.
+fn short(value: &f64) -> f32 {
+    ((value * 1e4).round() / 1e4) as f32
 }
 
 /// Pose of a link: rotation by rows, then place.
-pub(super) fn link(x: &Pose) -> String {
-    let numbers: Vec<String> =
-        x.rot.transpose().iter().chain(x.pos.iter()).map(|v| format!("{v:.4}")).collect();
-    format!("[{}]", numbers.join(","))
+pub(super) fn link(x: &Pose) -> [f32; 12] {
+    let mut numbers = [0.0; 12];
+    for (to, from) in numbers.iter_mut().zip(x.rot.transpose().iter().chain(x.pos.iter())) {
+        *to = short(from);
+    }
+    numbers
+}
+
+/// The bodies of an arm.
+pub(super) fn bodies(arm: &RobotModel) -> impl Iterator<Item = Body> {
+    arm.collision().boxes().iter().map(|b| body(b.link, &b.x_lb, &b.half_m))
 }
 
 /// A box with its corners in the frame of its link.
-pub(super) fn body(link: usize, x_lb: &Pose, half_m: &Vector3<f64>) -> String {
-    let corners: Vec<Vector3<f64>> = (0..8_u8)
-        .map(|k| {
-            let sign = |bit: u8| if k & bit == 0 { -1.0 } else { 1.0 };
-            x_lb.transform_point(&Vector3::new(sign(1), sign(2), sign(4)).component_mul(half_m))
-        })
-        .collect();
-    format!("{{\"link\":{link},\"corners\":{}}}", list(&corners))
+pub(super) fn body(link: usize, x_lb: &Pose, half_m: &Vector3<f64>) -> Body {
+    let corner = |k: u8| {
+        let sign = |bit: u8| if k & bit == 0 { -1.0 } else { 1.0 };
+        point(&x_lb.transform_point(&Vector3::new(sign(1), sign(2), sign(4)).component_mul(half_m)))
+    };
+    Body { link, corners: (0..8).map(corner).collect() }
 }
 
 /// Height of the highest joint over the motion, m.
@@ -181,10 +240,10 @@ pub fn ellipse(plan: &PlanFile, sigmas: f64) -> Vec<(f64, f64)> {
         .collect()
 }
 
-pub(super) fn point(p: &Vector3<f64>) -> String {
-    format!("[{:.4},{:.4},{:.4}]", p.x, p.y, p.z)
+pub(super) fn point(p: &Vector3<f64>) -> Point {
+    [p.x, p.y, p.z].map(|v| short(&v))
 }
 
-pub(super) fn list(points: &[Vector3<f64>]) -> String {
-    format!("[{}]", points.iter().map(point).collect::<Vec<_>>().join(","))
+pub(super) fn list(points: &[Vector3<f64>]) -> Vec<Point> {
+    points.iter().map(point).collect()
 }

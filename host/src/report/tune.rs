@@ -5,7 +5,7 @@ use tuner::gains::picture::{Curves, curves};
 use tuner::gains::problem::JointInput;
 
 use super::chart::{Chart, Curve, Pen};
-use super::page::{Answer, Page, Tone, cell};
+use super::page::{Answer, Page, Tile, Tone, cell};
 
 /// Largest sensitivity that counts as robust: a modulus margin of a half.
 const SENSITIVITY_GOOD: f64 = 2.0;
@@ -72,16 +72,15 @@ pub fn html(
         let heading = format!("Joint{} {}", if numbers.len() == 1 { "" } else { "s" }, numbers.join(", "));
         if i == 0 {
             page.section(&format!("{heading}, the slowest"), ABOUT);
-            page.charts(&charts(group[0], curves));
         } else {
             page.detail(&heading, ABOUT);
-            page.charts(&charts(group[0], curves));
         }
+        page.charts(charts(group[0], curves));
     }
     for (heading, table) in tables {
         page.section(heading, "");
         let rows: Vec<_> = table.rows.iter().map(|row| row.iter().map(cell).collect()).collect();
-        page.table(&table.head, &rows);
+        page.table(&table.head, rows);
         for (column, meaning) in table.columns {
             page.note(&format!("{column}: {meaning}"));
         }
@@ -96,20 +95,16 @@ fn tiles(page: &mut Page, tuned: &[Tuned], drawn: &[(Vec<&Tuned>, Curves)]) {
     let sensitivity = drawn.iter().map(|(_, curves)| curves.sensitivity_max).fold(0.0, f64::max);
     let robust = if sensitivity <= SENSITIVITY_GOOD { Tone::Good } else { Tone::Warn };
     let decay = least(&Tuned::decay_1_s);
+    let delay_ms = 1e3 * least(&|joint| joint.figures.delay_margin_s);
     let mut tiles = vec![
-        (format!("{decay:.2}"), "1/s", "decay that is proven".to_owned(), Tone::Plain),
-        (format!("{sensitivity:.2}"), "", "largest sensitivity, at any timing".to_owned(), robust),
-        (
-            format!("{:.1}", 1e3 * least(&|joint| joint.figures.delay_margin_s)),
-            "ms",
-            "more delay until it is unstable".to_owned(),
-            Tone::Plain,
-        ),
+        Tile::new(format!("{decay:.2}"), "1/s", "decay that is proven"),
+        Tile::new(format!("{sensitivity:.2}"), "", "largest sensitivity, at any timing").toned(robust),
+        Tile::new(format!("{delay_ms:.1}"), "ms", "more delay until it is unstable"),
     ];
     if settles_s > 0.0 {
-        tiles.insert(0, (format!("{settles_s:.3}"), "s", "settles, slowest joint".to_owned(), Tone::Plain));
+        tiles.insert(0, Tile::new(format!("{settles_s:.3}"), "s", "settles, slowest joint"));
     }
-    page.tiles(&tiles);
+    page.tiles(tiles);
 }
 
 /// Curves at the corners behind that of the nominal timing.
@@ -152,17 +147,15 @@ fn charts(joint: &Tuned, curves: &Curves) -> Vec<Chart> {
         let name = if std::mem::replace(&mut named[usize::from(*clipped)], true) { "" } else { name };
         plane.push(Curve::line(name, colour, both(points)));
     }
-    let chart = |title: &str, x: &str, y: &str, curves| Chart {
-        title: title.to_owned(),
-        x_label: x.to_owned(),
-        y_label: y.to_owned(),
-        curves,
-        ..Chart::default()
-    };
     let mut charts = vec![
-        chart("Answer to an initial error (dashed: 2 % of it)", "time (s)", "position error (mrad)", answer),
-        chart("Sensitivity |S| of the loop (dashed: 2)", "frequency (Hz)", "magnitude", all),
-        chart("Certified region", "position error (mrad)", "velocity error (mrad/s)", plane),
+        Chart::new(
+            "Answer to an initial error (dashed: 2 % of it)",
+            "time (s)",
+            "position error (mrad)",
+            answer,
+        ),
+        Chart::new("Sensitivity |S| of the loop (dashed: 2)", "frequency (Hz)", "magnitude", all),
+        Chart::new("Certified region", "position error (mrad)", "velocity error (mrad/s)", plane),
     ];
     if !curves.falls.is_empty() {
         let mut falls: Vec<Curve> = curves.falls.iter().map(|p| Curve::line("", CORNER, p.clone())).collect();
@@ -170,7 +163,7 @@ fn charts(joint: &Tuned, curves: &Curves) -> Vec<Chart> {
             "corners of the timing".clone_into(&mut first.name);
         }
         falls.push(Curve::line("proven", PROVEN, curves.proven.clone()));
-        charts.push(chart(
+        charts.push(Chart::new(
             "Fall of the Lyapunov function, worst initial error",
             "time (s)",
             "√V, 1 on the certified region",

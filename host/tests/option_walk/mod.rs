@@ -92,7 +92,7 @@ impl Walk {
         let mut left = vec![PathBuf::from(folder)];
         while let Some(path) = left.pop() {
             for entry in std::fs::read_dir(path).unwrap().map(|entry| entry.unwrap().path()) {
-                let is_read = entry.extension().is_some_and(|ext| ext == "svg" || ext == "csv");
+                let is_read = entry.extension().is_some_and(|ext| ext == "csv");
                 let content = if is_read { std::fs::read_to_string(&entry).unwrap() } else { String::new() };
                 files.push(format!("{} {content}", entry.display()));
                 left.extend(entry.is_dir().then_some(entry));

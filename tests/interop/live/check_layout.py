@@ -2,8 +2,8 @@
 
     check_layout.py CUBECTL OUT      pictures, papers and reports go into the folder OUT
 
-The first screen of a desktop and of a phone says whether, why and what next. With all parts folded a report is at most 2500 px high
-on a desktop and 4000 px on a phone. Text that is no heading and no figure has one size, and all text a contrast of 4.5. On paper it has
+Every text and every curve of the data is in the page, and texts from outside are no markup. The first screen of a desktop and of a
+phone says whether, why and what next. With all parts folded a report is at most 2500 px high on a desktop and 4000 px on a phone. Text that is no heading and no figure has one size, and all text a contrast of 4.5. On paper it has
 at most four pages, in light colours from a dark screen too, and if more than one none of them is half empty.
 """
 
@@ -19,6 +19,13 @@ import pypdfium2
 from browser import Page
 
 SCENARIOS = pathlib.Path(__file__).parents[3] / "hil-sim" / "scenarios"
+PROGRAM = """schema_version = 1
+robot = "powercube6"
+[[step]]
+by = "1=0.3"
+[[step]]
+by = "1=-0.3"
+"""
 SCREENS = [("desktop", 1280, 800, False, 2500), ("dark", 1280, 800, True, 2500), ("phone", 390, 844, False, 4000)]
 ANSWER = "[...document.querySelectorAll('.answer > *')].map(part => part.textContent)"
 ANSWER_ENDS = "document.querySelector('.answer').getBoundingClientRect().bottom + scrollY"
@@ -38,6 +45,26 @@ TEXTS = """(() => {
   }
   return found; })()"""
 
+# What of the data is not in the page: headings, texts and cells by their text, charts by their curves with points. And what is in it that
+# no report has.
+NOT_DRAWN = """(() => {
+  const clean = text => text.replaceAll('`', '').replaceAll('\\u00a0', ' ').replace(/\\s+/g, ' ').trim();
+  const page = clean(document.querySelector('main').textContent), missing = [], charts = [];
+  const walk = value => {
+    if (value === null || typeof value !== 'object') { if (typeof value === 'string' && !page.includes(clean(value))) missing.push(value); return; }
+    if (value.curves) charts.push(value);
+    for (const [key, inner] of Object.entries(value)) if (!['fold', 'tone', 'pen', 'scene', 'frames', 'summary', 'cells', 'version', 'mark', 'fault'].includes(key)) walk(inner);
+  };
+  walk([data.title, data.under, data.answer.verdict, data.answer.why, data.answer.next, data.parts.map(part => [part.heading, part.about])]);
+  const tables = data.parts.flatMap(part => part.blocks).flatMap(block => block.beside || [block]);
+  walk(tables.map(block => block.table ? [block.table.head, block.table.rows.map(row => row.map(cell => cell[0]))] : block));
+  const drawn = [...document.querySelectorAll('svg[aria-label]')].map(svg => svg.getAttribute('aria-label'));
+  for (const chart of charts) {
+    const svg = document.querySelectorAll('svg[aria-label]')[drawn.indexOf(chart.title)], points = chart.curves.filter(curve => curve.points.some(p => p[0] !== null && p[1] !== null));
+    const paths = svg ? svg.querySelectorAll('path.c, path.limit').length : 0;
+    if (paths < points.length) missing.push(`${chart.title}: ${paths} of ${points.length} curves`);
+  }
+  return [missing, document.querySelectorAll('main :is(img, script, iframe, object)').length]; })()"""
 INK_ON_PAPER = """(() => { dispatchEvent(new Event('beforeprint'));
   const ink = getComputedStyle(document.documentElement).getPropertyValue('--ink').trim();
   dispatchEvent(new Event('afterprint')); return ink; })()"""
@@ -64,9 +91,16 @@ def reports(cubectl, folder):
     run("throw", "--robot", "kr16_2", "--plan", at("follow.json"), "--out", at("industrial"))
     run("tune", "--plan", at("throw/plan.json"), "--out", at("gains.toml"), "--report", at("tune.html"))
     run("rally", "--throws", "1", "--report", at("rally.html"), program=pathlib.Path(cubectl).with_name("cubelab"))
-    for name in ["throw", "fault", "move", "refused", "industrial"]:
+    # Names from outside are texts, whatever stands in them.
+    program = folder / "<img src=x onerror=alert(1)>'\"&`.toml"
+    program.write_text(PROGRAM)
+    run("run", str(program), "--home", "--repeat", "3", "--out", at("program"))
+    run("robot", "show", "powercube6", "--out", at("robot.html"))
+    run("plan", "sweep", "--x=1,5,2", "--y=0.5,0.5,1", "--z=-1,-1,1", "--fast", "--starts", "2", "--out", at("sweep"))
+    run("plan", "sweep", "--summary", at("sweep"), "--picture", at("reach.html"))
+    for name in ["throw", "fault", "move", "refused", "industrial", "program"]:
         yield name, folder / name / "report.html"
-    for name in ["plan", "ball", "disc", "identify", "follow", "tune", "rally"]:
+    for name in ["plan", "ball", "disc", "identify", "follow", "tune", "rally", "robot", "reach"]:
         yield name, folder / f"{name}.html"
 
 
@@ -80,6 +114,7 @@ def look(page, name, file, folder):
         assert high <= high_max and wide <= width, (name, screen, high, wide)
         verdict, why, because, next_, do = page.value(ANSWER)
         assert (why, next_) == ("Why", "Next") and all([verdict, because, do]), (name, page.value(ANSWER))
+        assert page.value(NOT_DRAWN) == [[], 0], (name, page.value(NOT_DRAWN))
         assert page.value(ANSWER_ENDS) <= height, (name, screen, "the answer is not on the first screen")
         for folded in [True, False]:
             page.value(f"document.querySelectorAll('details').forEach(part => {{ part.open = {str(not folded).lower()}; }})")

@@ -3,7 +3,7 @@
     check_report.py CUBECTL OUT      pictures, throw and report go into the folder OUT
 
 Of each joint the angle of the sample under the pointer must be one that its drive told at that time of the plan, the reference must
-be that of the plan file, the error must be the difference of the two.
+be that of the plan file, the error must be the difference of the two. A drag enlarges a part of a chart.
 """
 
 import json
@@ -102,6 +102,69 @@ def main(cubectl, out):
     print(f"{len(looks)} charts, {angles} angles and {errors} errors under the pointer as in recording and plan")
 
 
+def drawing(page):
+    """What the script draws of data made for it: ticks, legend, frame, marks."""
+    chart = "chart({title: 'heading', x_label: '', y_label: '', ...%s}).svg"
+    curve = lambda points, **more: {"name": "", "colour": 0, "pen": "line", "points": points, "beside": False, **more}
+    drawn = lambda **data: page.value(f"{chart % json.dumps(data)}.outerHTML")
+    frame = lambda **data: page.value(f"{chart % json.dumps({**data, 'time': True})}.dataset.time.split(' ').map(Number)")
+    line = [[0, 0], [1, 1]]
+    assert page.value("ticks(-0.11, 0.32).map(tick => tick[1])") == ["−0.1", "0.0", "0.1", "0.2", "0.3"]
+    assert page.value("ticks(0, 1e-15).length") < 41, "a span of nothing ends too"
+    # A legend that is too long goes on in a row below, and the chart grows by it.
+    names = ["actual", "flight", "accelerate", "follow the parabola", "decelerate"]
+    places = page.value(f"legend({json.dumps([curve(line, name=name) for name in names])}, 400)")
+    assert [row for _, row in places] == [0, 0, 0, 0, 1], places
+    assert all(x + 20 + 6.2 * len(name) <= 400 for (x, _), name in zip(places, names)), places
+    heights = [re.search(r'viewBox="0 0 400 ([0-9.]+)"', drawn(curves=[curve(line, name=name) for name in some]))[1] for some in [names[:1], names]]
+    assert heights == ["236", "251"], heights
+    # Long numbers of the vertical axis leave room for its name.
+    lefts = [frame(curves=[curve([[0, 3.1211], [1, 3.1211 + high]])])[2] for high in [1, 0.0004]]
+    assert lefts[0] == 58 and abs(lefts[1] - (27 + 6.2 * 6)) < 1e-9, lefts
+    # A fault just after the last sample is marked, a distant one is not; nor is an event outside the curves.
+    for at, span in [(0.5, [0, 1]), (1.01, [0, 1.05]), (3, [0, 1])]:
+        data = {"curves": [curve(line)], "fault": [at, "fault 104"]}
+        assert frame(**data)[:2] == span and ("fault 104" in drawn(**data)) == (at < 3), at
+    shows = lambda at: ">release<" in drawn(curves=[curve([[0, 1], [0.5, 2]])], mark=[at, "release"])
+    assert shows(0.4) and not shows(0.7)
+    late = drawn(curves=[curve(line)], mark=[0.4, "release"], fault=[0.95, "fault"])
+    assert re.search(r'text-anchor="start"[^>]*>release<', late) and re.search(r'text-anchor="end"[^>]*>fault<', late), "both inside"
+    # A curve beside does not set the frame and is not drawn outside it.
+    near, far = [[0, 0], [1, 1], [2, 0.5]], [[0, 3], [0.5, 0.2], [1, 0.4], [1.5, -3], [2, 0.3]]
+    curves = [curve(near), curve(far, beside=True)]
+    assert frame(curves=curves[:1]) == frame(curves=curves)
+    path = re.findall(r'class="c s0" d="([^"]*)"', drawn(curves=curves))[1]
+    assert (path.count("M"), path.count("L")) == (2, 1), path
+    # No points, points that are no numbers, markup in a name.
+    odd = drawn(title="a < b", curves=[curve([[0, None], [1, 2], [None, 1], [2, 3]], name="<img src=x>"), curve([])])
+    assert "NaN" not in odd and "Infinity" not in odd and "<img" not in odd and "a &lt; b" in odd, odd
+
+
+def enlarge(page, i):
+    """A drag of the mouse across a chart shows that part, a double click all of it; the vertical axis fits what is shown."""
+    left, width, y, x0, x1 = page.value(FRAME % i)
+    span = lambda: page.value(FRAME % i)[3:]
+    mouse = lambda kind, place, clicks=1: page.order(
+        "Input.dispatchMouseEvent", type=kind, x=left + place * width, y=y, button="left", clickCount=clicks)
+    for kind, place in [("mousePressed", 0.25), ("mouseMoved", 0.5), ("mouseReleased", 0.75)]:
+        mouse(kind, place)
+    a, b = span()
+    assert abs(a - (x0 + 0.25 * (x1 - x0))) < 0.02 * (x1 - x0) and abs(b - (x0 + 0.75 * (x1 - x0))) < 0.02 * (x1 - x0), (a, b, x0, x1)
+    for clicks in [1, 2]:
+        mouse("mousePressed", 0.5, clicks)
+        mouse("mouseReleased", 0.5, clicks)
+    assert span() == [x0, x1], (span(), x0, x1)
+
+
+def landing(page):
+    """A chart that is not over time names the point under the pointer."""
+    x, y = page.value("""(() => { const svg = [...document.querySelectorAll('svg')].find(svg => svg.getAttribute('aria-label').startsWith('Landing'));
+      svg.scrollIntoView({block: 'center'});
+      const box = svg.querySelector('path.c.dash').getBoundingClientRect(); return [box.right - 1, box.top + box.height / 2]; })()""")
+    page.point_at(x, y)
+    return page.value("[...document.querySelectorAll('.tip')].map(tip => tip.textContent).filter(text => text)")
+
+
 def look(page, report, folder):
     """Time and values under the pointer, for each chart over time by its heading."""
     page.order("Page.enable")
@@ -122,6 +185,10 @@ def look(page, report, folder):
             looks.setdefault(title, []).append((t_s, values))
         if i == 0:
             page.picture(folder / "report_pointer.png", whole=False)
+            enlarge(page, i)
+    drawing(page)
+    told_there = landing(page)
+    assert len(told_there) == 1 and told_there[0].startswith("2σ "), told_there
     return looks
 
 

@@ -1,12 +1,12 @@
 //! `cubelab rally --bus-thrower --bus-catcher --tracker`: a rally over the wire, in real time or in lock step.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use can_link::BusSpec;
 use hil_sim::court::CourtOptions;
 use host::cmd::catch::on_bus::{as_json as caught_json, clocks_text, failed, path_json};
 use host::cmd::catch::outcome::reported_text;
+use host::cmd::catch::record;
 use host::cmd::consent::Consent;
 use host::cmd::tracker::base_in_room;
 use host::error::ExpectedError;
@@ -15,8 +15,6 @@ use operator::ball_catch::trial::TrialOptions;
 use operator::ball_catch::wire::ArmOnBus;
 use operator::dialogue::operator::OperatorError;
 use operator::interrupt::interrupt;
-use operator::log::mcap;
-use protocol::{Duration, Instant};
 use serde_json::{Value, json};
 
 use crate::rally::exchange::{Partners, Rally, RallyEnd};
@@ -49,8 +47,9 @@ pub struct Wire {
     /// Control period of both controllers, ms: 3, 5, 10 or 17.
     #[arg(long, value_name = "MS", default_value_t = 5, requires = "bus_thrower", value_parser = clap::value_parser!(u32).range(1..=40), help_heading = "Over the wire")]
     pub period: u32,
-    /// Record both buses into this folder: arm-1.log and arm-1.mcap, arm-2.log and arm-2.mcap; and ball.mcap, what the tracker shows.
-    #[arg(long, value_name = "FOLDER", requires = "bus_thrower", help_heading = "Over the wire")]
+    /// Record into this folder: in virtual time joints of thrower and catcher and the ball of each throw; over the wire both buses
+    /// (arm-1.log and arm-1.mcap, arm-2.log and arm-2.mcap) and ball.mcap, what the tracker shows.
+    #[arg(long, value_name = "FOLDER")]
     pub record: Option<PathBuf>,
 }
 
@@ -118,6 +117,7 @@ impl Wire {
             "Both arms home and throw to each other. Ball in the hand of the first one, nobody near?",
             &interrupt(),
         )?;
+        let ball_radius_m = court.ball.radius_m;
         let partners = Partners::new(court).map_err(|why| ExpectedError::bad_input(&why))?;
         let rally = play(&partners, throws, options, &wire, seed, observe).map_err(|broken| {
             let error = failed(*broken.why);
@@ -128,7 +128,7 @@ impl Wire {
         })?;
         if let Some(folder) = &self.record {
             let file = folder.join("ball.mcap");
-            record_ball(&file, &rally).map_err(|e| ExpectedError::output(&file, &e))?;
+            record::markers(&file, ball_radius_m, rally.exchanges.iter().map(|exchange| &exchange.caught))?;
         }
         if let (Some(file), Some(last)) = (report, rally.exchanges.last()) {
             let shown = Rally {
@@ -142,23 +142,6 @@ impl Wire {
         }
         Ok(rally)
     }
-}
-
-/// What the tracker showed of the ball, at the times of the recordings of the buses.
-fn record_ball(file: &Path, rally: &WireRally) -> std::io::Result<()> {
-    let Some(first) = rally.exchanges.first() else { return Ok(()) };
-    let (_, zero_unix) = first.caught.zero;
-    let mut log = mcap::Log::new(File::create_new(file)?, zero_unix, None)?;
-    for exchange in &rally.exchanges {
-        let (zero, unix) = exchange.caught.zero;
-        let radius_m = exchange.planned.pair.court.ball.radius_m;
-        for (t_s, p_m) in &exchange.caught.ball {
-            // The clocks of the sessions begin at different times.
-            let at_s = (unix.as_secs_f64() - zero_unix.as_secs_f64()) + zero.as_secs_f64() + t_s;
-            log.ball(Instant::ZERO + Duration::from_secs_f64(at_s.max(0.0)), (*p_m).into(), radius_m)?;
-        }
-    }
-    log.finish()
 }
 
 /// How the rally ended, with its exit code.

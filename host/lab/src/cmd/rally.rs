@@ -1,10 +1,11 @@
 //! `cubelab rally`
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use hil_sim::court::CourtOptions;
 use host::cmd::catch::catching::Catching;
 use host::cmd::catch::outcome::{as_json, ended, reported_text};
+use host::cmd::catch::record;
 use host::cmd::print_json;
 use host::cmd::progress::while_working;
 use host::error::ExpectedError;
@@ -20,7 +21,8 @@ use crate::rally::study::{self, Row, Share, StudyOptions};
 use crate::report;
 
 /// Options that change nothing in a study.
-const NOT_OF_A_STUDY: [&str; 7] = ["throws", "eyes_only", "hand", "jerk", "restitution", "trouble", "report"];
+const NOT_OF_A_STUDY: [&str; 8] =
+    ["throws", "eyes_only", "hand", "jerk", "restitution", "trouble", "record", "report"];
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -79,6 +81,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         let page = report::rally(&rally, partners.pair(last.thrower), last, options.jerk);
         std::fs::write(file, page).map_err(|e| ExpectedError::output(file, &e))?;
     }
+    if let Some(folder) = &args.wire.record {
+        record_all(folder, &partners, &rally)?;
+    }
     if args.json {
         print_json(&rally_json(&rally));
     } else {
@@ -92,6 +97,18 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         (None, Some(last)) if rally.end == RallyEnd::NotCaught => ended(&last.outcome),
         (None, _) => Ok(()),
     }
+}
+
+/// Two files for each throw: what the thrower and what the catcher did, both with the ball.
+fn record_all(folder: &Path, partners: &Partners, rally: &Rally) -> Result<(), ExpectedError> {
+    std::fs::create_dir_all(folder).map_err(|e| ExpectedError::output(folder, &e))?;
+    for (k, exchange) in (1..).zip(&rally.exchanges) {
+        let pair = partners.pair(exchange.thrower);
+        for (arm, name) in ["thrower", "catcher"].into_iter().enumerate() {
+            record::simulated(&folder.join(format!("throw-{k}-{name}.mcap")), pair, arm, &exchange.outcome)?;
+        }
+    }
+    Ok(())
 }
 
 /// A rally over two buses.
@@ -182,6 +199,12 @@ fn study_of(args: &Args, court: &CourtOptions, throws: u32) -> Result<(), Expect
 fn row_text(row: &Row) -> String {
     let Row { name, caught_without_place, declined, safe, silent, limit_passed, not_clear, .. } = row;
     let Row { declined_at_base, refusals, judged, wait_deg, .. } = row;
+    let in_time = row.in_time.map_or_else(String::new, |reached| {
+        format!(
+            "; {reached} of {} could be reached if the flight were known 50 ms after the release",
+            row.caught.of
+        )
+    });
     let share = |share: &Share| {
         let (low, high) = share.wilson();
         format!("{:.1} % [{:.1}, {:.1}] of {}", share.value() * 100.0, low * 100.0, high * 100.0, share.of)
@@ -197,7 +220,7 @@ fn row_text(row: &Row) -> String {
         bins.collect::<Vec<_>>().join(", ")
     };
     format!(
-        "{name}\n  caught {}, of those begun {} (predicted {:.1} %); of those with a place {} (without one {caught_without_place}); by the rule {:.1} %; by flight time {}; with a place {}\n  miss {:.1} mm (50 %), {:.1} mm (95 %); declined {declined}; not caught and reported {safe}; reported wrongly {silent:?}; limit passed {limit_passed:?}; touched although declined {not_clear:?} (and column or turntable {declined_at_base}); refused {refusals}\n  largest speed and acceleration: thrower {}, catcher {}\n  decision {:.0} / {:.0} us (50 / 99 %), {judged:.0} candidates; waits at {wait_deg:.0?} deg\n  first decision, predicted: caught of all {}; Brier score {:.3}\n  last decision, of those begun {}; Brier score {:.3}\n",
+        "{name}\n  caught {}, of those begun {} (predicted {:.1} %); of those with a place {} (without one {caught_without_place}){in_time}; by the rule {:.1} %; by flight time {}; with a place {}\n  miss {:.1} mm (50 %), {:.1} mm (95 %); declined {declined}; not caught and reported {safe}; reported wrongly {silent:?}; limit passed {limit_passed:?}; touched although declined {not_clear:?} (and column or turntable {declined_at_base}); refused {refusals}\n  largest speed and acceleration: thrower {}, catcher {}\n  decision {:.0} / {:.0} us (50 / 99 %), {judged:.0} candidates; waits at {wait_deg:.0?} deg\n  first decision, predicted: caught of all {}; Brier score {:.3}\n  last decision, of those begun {}; Brier score {:.3}\n",
         share(&row.caught),
         share(&row.begun),
         row.predicted * 100.0,

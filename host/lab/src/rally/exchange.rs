@@ -26,6 +26,9 @@ use super::throws::{draw_throws, true_forecast};
 const DRAWS: usize = 24;
 /// A throw is as sure as can be if its catch is foreseen with this probability.
 const SURE: f64 = 0.95;
+/// From this distance between the arms on, m, balls pass so much farther before the catcher, of what the arms are farther apart: at 3 m
+/// a ball that leaves a cup does not get to where a catcher at 2.5 m has it.
+const FARTHER: (f64, f64) = (2.5, 0.4);
 /// Half of the thickness of the wall between the arms, m.
 const WALL_M: f64 = 0.5;
 /// One throw and its catch.
@@ -127,7 +130,9 @@ impl Partners {
         }
         let mut back = court.clone();
         back.arms.swap(0, 1);
-        let window = Window { flight_s: (0.6, 0.9), ..Window::default() };
+        let apart_m = (court.arms[1].x_wb.pos - court.arms[0].x_wb.pos).norm();
+        let x_m = Window::default().x_m + FARTHER.1 * (apart_m - FARTHER.0).max(0.0);
+        let window = Window { x_m, flight_s: (0.6, 0.9), ..Window::default() };
         let pairs = [Pair::new(court)?, Pair::new(back)?];
         let walls = [wall(&pairs[0]), wall(&pairs[1])];
         Ok(Self { pairs, walls, window, first_e_m })

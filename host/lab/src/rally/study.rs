@@ -21,7 +21,7 @@ use super::degraded::degradations;
 use super::estimator::{EstimatorRow, estimator};
 use super::exchange::Partners;
 use super::failures::{Failure, RULE, failure, first_begun};
-use super::throws::{Drawn, draw_throws};
+use super::throws::{Drawn, draw_throws, reached_from};
 use super::waiting::find_wait;
 
 /// Width of the bins of flight time, s, and their first edge.
@@ -73,6 +73,9 @@ pub struct Row {
     pub of_possible: Share,
     /// Caught, though the search found no place: how much that search misses.
     pub caught_without_place: usize,
+    /// Of an arm with eyes only: throws for which the search finds a catch if the arm knows the flight exactly 50 ms after the
+    /// release.
+    pub in_time: Option<usize>,
     /// By flight time, from 0.4 s in steps of 0.1 s: all throws.
     pub by_flight: Vec<Share>,
     /// The same of the throws for which a place exists.
@@ -265,6 +268,8 @@ pub struct Rallies {
     pub caught: Share,
 }
 
+/// No arm with this tracker knows a flight earlier after the release, s: five frames at 120 Hz and 15 ms of latency.
+const SEEN_S: f64 = 0.05;
 /// Throws for which a waiting pose is found.
 const WAIT_THROWS: usize = 200;
 /// Throws of one rally, and rallies for this many throws of a setting.
@@ -296,7 +301,11 @@ pub fn run(
                 let trial = TrialOptions { wait: wait.q_rad, ..trial };
                 let (throws, exists) = drawn.possible(&trial, options.throws).ok_or_else(refused)?;
                 let row = row(&name, &pair, &throws, &|_| trial.clone(), &exists, options.seed);
-                done(&Row { wait_deg: wait.q_rad.map(f64::to_degrees).array(), ..row });
+                let in_time = (!trial.cooperative).then(|| {
+                    let reached = |aimed| reached_from(&pair, aimed, &trial, &trial.wait, SEEN_S).is_some();
+                    throws.par_iter().filter(|aimed| reached(*aimed)).count()
+                });
+                done(&Row { wait_deg: wait.q_rad.map(f64::to_degrees).array(), in_time, ..row });
             }
         }
     }
@@ -357,7 +366,7 @@ fn rallies(court: &CourtOptions, options: &StudyOptions) -> Result<Vec<Rallies>,
         let lengths = played.into_iter().map(|(length, _)| length).collect();
         Ok(Rallies { distance_m, lengths, caught })
     };
-    let distances = [2.0, 2.5].into_iter();
+    let distances = [2.0, 2.5, 3.0].into_iter();
     let wanted = distances.filter(|distance_m| options.wants(&format!("D {distance_m} m, rally")));
     wanted.map(of_distance).collect()
 }

@@ -5,6 +5,9 @@
 //! has reported its angle, or one reports it again, the cycle ends and the angles are shown together. So there is
 //! one message per control cycle, and the angles in it are at most one cycle apart.
 
+use std::f64::consts::PI;
+
+use nalgebra::{Rotation3, Vector3};
 use robot_model::Pose;
 
 use super::schema::Message;
@@ -146,15 +149,59 @@ impl ArmView {
     }
 }
 
-/// `foxglove.SceneUpdate`: a ball that flies or lies somewhere, m, in the frame of the room.
-pub fn ball_at(unix: Instant, p_m: [f64; 3], radius_m: f64) -> Message {
+/// What is thrown.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Thrown {
+    Ball {
+        radius_m: f64,
+    },
+    Disc {
+        radius_m: f64,
+        thickness_m: f64,
+        /// Unit vector, in the frame of the room.
+        normal: [f64; 3],
+    },
+}
+
+impl Thrown {
+    pub(super) const fn topic(&self) -> &'static str {
+        match self {
+            Self::Ball { .. } => "/ball",
+            Self::Disc { .. } => "/disc",
+        }
+    }
+}
+
+/// `foxglove.SceneUpdate`: a ball or disc that flies or lies somewhere, m, in the frame of the room.
+pub(super) fn thrown_at(unix: Instant, p_m: [f64; 3], shape: &Thrown) -> Message {
     let [x, y, z] = p_m;
-    let sphere = Message::default()
-        .bytes(1, &pose(&Pose::translation(x, y, z)))
-        .bytes(2, &numbers(&[2.0 * radius_m; 3]))
-        .bytes(3, &numbers(&BALL_COLOUR));
-    let ball = entity(unix, ROOM_FRAME, BALL).bytes(9, &sphere.into_bytes());
-    Message::default().bytes(2, &ball.into_bytes())
+    let mut place = Pose::translation(x, y, z);
+    let (field, size_m) = match *shape {
+        Thrown::Ball { radius_m } => (9, [2.0 * radius_m; 3]),
+        Thrown::Disc { radius_m, thickness_m, normal } => {
+            let turn = Rotation3::rotation_between(&Vector3::z(), &normal.into());
+            // Against z: half a turn about x.
+            let turn = turn.unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), PI));
+            place.rot = turn.into_inner();
+            (10, [2.0 * radius_m, 2.0 * radius_m, thickness_m])
+        }
+    };
+    let mut body = Message::default().bytes(1, &pose(&place)).bytes(2, &numbers(&size_m));
+    body = match shape {
+        Thrown::Ball { .. } => body.bytes(3, &numbers(&BALL_COLOUR)),
+        // A cylinder as wide at the bottom as at the top.
+        Thrown::Disc { .. } => body.double(3, 1.0).double(4, 1.0).bytes(5, &numbers(&BALL_COLOUR)),
+    };
+    let entity = entity(unix, ROOM_FRAME, BALL).bytes(field, &body.into_bytes());
+    Message::default().bytes(2, &entity.into_bytes())
+}
+
+/// `foxglove.FrameTransforms`: the room, seen from the base of the arm.
+pub(super) fn room_at(unix: Instant, x_br: &Pose) -> Message {
+    let turn = quaternion(x_br.rot);
+    let p = [x_br.pos.x, x_br.pos.y, x_br.pos.z];
+    let room = transform(unix, ROOM_FRAME, p, [turn.i, turn.j, turn.k, turn.w]);
+    Message::default().bytes(1, &room.into_bytes())
 }
 
 /// `google.protobuf.Timestamp`.

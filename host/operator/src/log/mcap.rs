@@ -12,7 +12,8 @@
 //! | `/freeze` | `cubectl.FreezeFrame` | a fault or stop came that was not there before |
 //! | `/joints` | `foxglove.JointStates` | all drives have reported their angle: once per control cycle |
 //! | `/tf` | `foxglove.FrameTransforms` | as `/joints` |
-//! | `/ball` | `foxglove.SceneUpdate` | a tracker has seen a ball, in a file of its own |
+//! | `/ball` | `foxglove.SceneUpdate` | a ball flies or lies somewhere: a simulated one, or what a tracker has seen, in a file of its own |
+//! | `/disc` | `foxglove.SceneUpdate` | the same of a disc |
 //! | `/scene` | `foxglove.SceneUpdate` | bodies and ball, whole, at the start and when the gripper closes or opens |
 
 use std::collections::BTreeMap;
@@ -25,8 +26,9 @@ use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::cubecell::joint_state::{JointFlags, JointSample};
 use protocol::powercube::{CubeState, Parameter, Reply, ShortState, Value};
 use protocol::{Duration, Frame, Instant};
+use robot_model::Pose;
 
-use super::arm_view::{ArmView, ball_at, timestamp};
+use super::arm_view::{Angles, ArmView, Thrown, room_at, thrown_at, timestamp};
 use super::facts::{Fact, position};
 use super::schema::{self, Message};
 use super::watch::{FreezeFrame, LogEvent, Severity, Watch};
@@ -173,10 +175,22 @@ impl<W: Write + Seek> Log<W> {
 
     /// A drive reported its angle: at the end of a cycle the arm is shown.
     fn angle(&mut self, at: Instant, address: u8, q_rad: f64) -> io::Result<()> {
+        let cycle = self.arm.as_mut().and_then(|arm| arm.take(address, q_rad));
+        cycle.map_or(Ok(()), |angles| self.arm_at(at, &angles))
+    }
+
+    /// Writes the angles of all joints, rad, with frames and bodies of the arm; nothing without a machine.
+    ///
+    /// # Errors
+    /// The medium's.
+    pub fn joints(&mut self, at: Instant, q_rad: &[f64]) -> io::Result<()> {
+        self.arm_at(at, &q_rad.iter().copied().map(Some).collect())
+    }
+
+    fn arm_at(&mut self, at: Instant, angles: &Angles) -> io::Result<()> {
         let unix = at + self.zero_unix;
         let Some(arm) = &mut self.arm else { return Ok(()) };
-        let Some(angles) = arm.take(address, q_rad) else { return Ok(()) };
-        let (joints, transforms) = (arm.joint_states(&angles, unix), arm.transforms(&angles, unix));
+        let (joints, transforms) = (arm.joint_states(angles, unix), arm.transforms(angles, unix));
         let bodies = transforms.is_some().then(|| arm.bodies(unix)).flatten();
         self.put("/joints", self.schemas.joints, at, joints)?;
         if let Some(transforms) = transforms {
@@ -188,13 +202,22 @@ impl<W: Write + Seek> Log<W> {
         Ok(())
     }
 
-    /// Writes where a tracker has seen a ball, m, in its room.
+    /// Writes where a ball or disc is that flies or lies, m, in the frame `room`.
     ///
     /// # Errors
     /// The medium's.
-    pub fn ball(&mut self, at: Instant, p_m: [f64; 3], radius_m: f64) -> io::Result<()> {
-        let ball = ball_at(at + self.zero_unix, p_m, radius_m);
-        self.put("/ball", self.schemas.scene, at, ball)
+    pub fn thrown(&mut self, at: Instant, p_m: [f64; 3], shape: &Thrown) -> io::Result<()> {
+        let body = thrown_at(at + self.zero_unix, p_m, shape);
+        self.put(shape.topic(), self.schemas.scene, at, body)
+    }
+
+    /// Writes where the frame `room` is, seen from the base of the arm.
+    ///
+    /// # Errors
+    /// The medium's.
+    pub fn room(&mut self, at: Instant, x_br: &Pose) -> io::Result<()> {
+        let frames = room_at(at + self.zero_unix, x_br);
+        self.put("/tf", self.schemas.transforms, at, frames)
     }
 
     /// Writes an error of the bus.

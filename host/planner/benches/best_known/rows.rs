@@ -1,6 +1,6 @@
-//! Rows of a file of best known throws: `index,x_m,y_m,z_m,rung,objective,starts,solved,at_best,throw`.
+//! Rows of a file of best known throws: `index,x_m,y_m,z_m,level,objective,starts,solved,at_best,throw`.
 //!
-//! `rung` is the relaxation level: 0 with the limits of the landing's shift, 1 nulled, 2 without both; it is empty
+//! `level` is the relaxation level: 0 with the limits of the landing's shift, 1 nulled, 2 without both; it is empty
 //! if no throw is known. `throw` has the time of flight and the two phases in s, then angles, speeds and
 //! accelerations of the joints at the release in rad and s, with `;` between; it may be missing.
 
@@ -27,10 +27,10 @@ impl Row {
         let bad = |what: &str| format!("\"{line}\" is no row of best known throws: {what}");
         let number = |text: &str| text.parse::<f64>().map_err(|e| bad(&format!("\"{text}\": {e}")));
         let fields: Vec<&str> = line.split(',').collect();
-        let [_, x, y, z, rung, price, rest @ ..] = &fields[..] else { return Err(bad("too few fields")) };
-        let known = match rung.is_empty() {
+        let [_, x, y, z, level, price, rest @ ..] = &fields[..] else { return Err(bad("too few fields")) };
+        let known = match level.is_empty() {
             true => None,
-            false => Some((rung.parse().map_err(|e| bad(&format!("rung: {e}")))?, number(price)?)),
+            false => Some((level.parse().map_err(|e| bad(&format!("level: {e}")))?, number(price)?)),
         };
         let throw = rest.get(3).filter(|text| !text.is_empty());
         Ok(Self {

@@ -23,7 +23,7 @@
 //! | `basins` | local optima in which the starts ended, and when to stop starting |
 //! | [`planner`] | common data of all starts to one target |
 //! | [`outcome`] | budget of a search, and its result |
-//! | [`ladder`] | requirements that a search gives up if no throw keeps all limits of the landing's shift |
+//! | [`relaxation`] | requirements that a search gives up if no throw keeps all limits of the landing's shift |
 //! | [`search`] | stored and random starts on all cores |
 //! | [`nearest`] | the nearest reachable target, for one that is not |
 //! | [`release_delays`] | delays of a measured gripper |
@@ -44,7 +44,6 @@ mod energy;
 pub mod file;
 pub mod finger_release;
 pub mod goal;
-pub mod ladder;
 mod landed;
 mod layout;
 mod local;
@@ -60,6 +59,7 @@ pub mod planner;
 mod posture;
 pub mod prepare;
 pub mod problem;
+pub mod relaxation;
 pub mod release_delays;
 pub mod rng;
 #[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
@@ -74,7 +74,6 @@ mod warm_start;
 pub use crate::throw::{Arm, Joints, Throw};
 pub use basins::Confidence;
 pub use bounds::Bounds;
-pub use ladder::{GivenUp, Kept, Ladder};
 pub use local::{Blocked, Found, Nearest};
 pub use margins::Margins;
 pub use obstruction::Obstruction;
@@ -83,3 +82,4 @@ pub use outcome::{Best, Budget, NoThrow, Watch};
 pub use paper::PaperParameters;
 pub use planner::Planner;
 pub use problem::{Problem, ProblemError};
+pub use relaxation::{GivenUp, Kept, Relaxation};

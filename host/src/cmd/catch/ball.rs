@@ -6,8 +6,8 @@ use operator::ball_catch::trial::{Outcome, Pair};
 use robot_model::RobotModel;
 
 use super::super::print_json;
-use super::Args;
 use super::outcome::{as_json, as_text, ended};
+use super::{Args, record};
 use crate::error::ExpectedError;
 use crate::report::ball_catch as report;
 
@@ -26,10 +26,17 @@ pub(super) fn run(args: &Args, ball: &[f64; 6]) -> Result<(), ExpectedError> {
         let page = report::one(&pair, &outcome, args.catching.jerk);
         std::fs::write(file, page).map_err(|e| ExpectedError::output(file, &e))?;
     }
+    let recorded = args.over_bus.record.as_deref().map(record::file_of);
+    if let Some(file) = &recorded {
+        record::simulated(file, &pair, 1, &outcome)?;
+    }
     if args.json {
         print_json(&as_json(&outcome));
     } else {
         console::text!("{}", as_text(&outcome));
+        if let Some(file) = &recorded {
+            console::line!("recorded: {}", file.display());
+        }
         if let Some(file) = &args.report {
             console::line!("report: {}", file.display());
         }

@@ -13,9 +13,8 @@ use robot_model::RobotModel;
 use serde_json::{Value, json};
 
 use super::super::print_json;
-use super::Args;
-use super::on_controller;
 use super::witness_words::{list, seen_json};
+use super::{Args, on_controller, record};
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::catch::{self as report, Caught};
@@ -53,6 +52,18 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
         );
         std::fs::write(file, page).map_err(|e| ExpectedError::output(file, &e))?;
     }
+    let recorded = match (&args.over_bus.record, executed) {
+        (Some(to), Some(run)) => {
+            let file = record::file_of(to);
+            record::disc(&file, &arm.model, path, arm.size.disc_radius_m, &run.executed)?;
+            Some(file)
+        }
+        (Some(_), None) if !args.on_controller => {
+            return Err(ExpectedError::new(exit::USAGE, "--record needs joints that a controller has moved")
+                .next("add --on-controller"));
+        }
+        _ => None,
+    };
     if args.json {
         print_json(&looked.as_json());
     } else {
@@ -62,6 +73,9 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
         }
         if let Some(file) = &args.report {
             console::line!("report: {}", file.display());
+        }
+        if let Some(file) = &recorded {
+            console::line!("recorded: {}", file.display());
         }
     }
     looked.ended(args.air)
@@ -108,7 +122,8 @@ pub(super) fn look(args: &Args) -> Result<Looked, ExpectedError> {
 impl Looked {
     pub(super) fn as_json(&self) -> Value {
         let mut json = as_json(&self.arm, &self.throw, self.rule.as_ref(), self.plan.as_ref());
-        json["executed"] = self.executed.as_ref().map_or(Value::Null, on_controller::as_json);
+        json["executed"] =
+            self.executed.as_ref().map_or(Value::Null, |run| on_controller::as_json(&self.path, run));
         json
     }
 

@@ -84,9 +84,9 @@ pub fn disc(words: &[String], step_s: f64) -> Result<Value, ExpectedError> {
 
 fn args(words: &[String], step_s: f64) -> Result<Args, ExpectedError> {
     let args: Args = words::parse("catch", words)?;
-    if args.report.is_some() || args.json {
+    if args.report.is_some() || args.json || args.over_bus.record.is_some() {
         return Err(ExpectedError::bad_input(
-            &"--report and --json are for the program: run `cubectl catch`",
+            &"--report, --record and --json are for the program: run `cubectl catch`",
         ));
     }
     if !(1e-4..=1.0).contains(&step_s) {

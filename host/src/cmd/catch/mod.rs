@@ -8,6 +8,7 @@ pub mod on_bus;
 mod on_controller;
 pub mod outcome;
 mod over_bus;
+pub mod record;
 mod witness_words;
 
 use std::path::PathBuf;

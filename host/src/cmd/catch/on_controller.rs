@@ -123,9 +123,10 @@ pub(super) fn as_text(arm: &DiscArm, run: &Judged, planned: &Verdict) -> String 
     out
 }
 
-/// The run as JSON.
-pub(super) fn as_json(run: &Judged) -> Value {
+/// The run as JSON; times count from the release.
+pub(super) fn as_json(path: &Path, run: &Judged) -> Value {
     let (executed, tracking) = (&run.executed, &run.tracking);
+    let discs: Vec<_> = executed.moved.iter().map(|moved| path.at(moved.t_s)).collect();
     json!({
         "reported": executed.reported.as_ref().map_or_else(ToString::to_string, |()| "ended".to_owned()),
         "witness": seen_json(&run.verdict),
@@ -137,5 +138,11 @@ pub(super) fn as_json(run: &Judged) -> Value {
         "tip_error_at_catch_m": tracking.tip_m.1,
         "speed_rad_s": run.speed_rad_s.as_slice(),
         "acceleration_40ms_rad_s2": run.acceleration_rad_s2.as_slice(),
+        "trace": {
+            "t_s": executed.moved.iter().map(|moved| moved.t_s).collect::<Vec<_>>(),
+            "q_rad": executed.moved.iter().map(|moved| moved.q.as_slice()).collect::<Vec<_>>(),
+            "disc_m": discs.iter().map(|disc| disc.p_m.as_slice()).collect::<Vec<_>>(),
+            "disc_normal": discs.iter().map(|disc| disc.normal.as_slice()).collect::<Vec<_>>(),
+        },
     })
 }

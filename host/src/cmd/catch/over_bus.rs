@@ -12,10 +12,10 @@ use operator::interrupt::interrupt;
 use super::super::consent::Consent;
 use super::super::print_json;
 use super::super::tracker::base_in_room;
-use super::Args;
 use super::ball::court_of;
 use super::on_bus::{as_json, clocks_text, failed};
 use super::outcome::{reported_text, why_not_caught};
+use super::{Args, record};
 use crate::error::ExpectedError;
 
 /// Where arm and tracker are.
@@ -43,8 +43,9 @@ pub struct OverBus {
     /// Control period of the controller, ms: 3, 5, 10 or 17.
     #[arg(long, value_name = "MS", default_value_t = 5, requires = "bus", value_parser = clap::value_parser!(u32).range(1..=40))]
     pub period: u32,
-    /// Record every frame of the bus to PATH.log and PATH.mcap.
-    #[arg(long, value_name = "PATH", requires = "bus")]
+    /// Record for viewers: of a simulated catch joints and ball to PATH.mcap (of a disc with --on-controller); with --bus every
+    /// frame to PATH.log and PATH.mcap, and what the tracker shows to PATH-ball.mcap.
+    #[arg(long, value_name = "PATH", conflicts_with = "no_limits")]
     pub record: Option<PathBuf>,
 }
 
@@ -71,6 +72,11 @@ pub(super) fn run(args: &Args, bus: &BusSpec, tracker: &str) -> Result<(), Expec
         ArmOnBus { bus: bus.clone(), robot, period_us: over.period * 1_000, record: over.record.clone() };
     let caught =
         catch_ball(&arm, &pair, &args.catching.trial(), tracker, f64::from(over.wait_s)).map_err(failed)?;
+    if let Some(path) = &over.record {
+        let mut ball = path.clone().into_os_string();
+        ball.push("-ball.mcap");
+        record::markers(ball.as_ref(), pair.court.ball.radius_m, [&caught])?;
+    }
     let release_s = caught.first_seen_s.unwrap_or(0.0);
     if args.json {
         print_json(&as_json(&caught, release_s));

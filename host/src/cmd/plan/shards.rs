@@ -334,7 +334,7 @@ pub(super) fn summary(folder: &Path) -> Result<(Summary, serde_json::Value), Exp
     Ok((s, told))
 }
 
-/// A picture of the reach, from the parts that are there.
+/// Page with the reach, from the parts that are there.
 ///
 /// # Errors
 /// There is no sweep, a part cannot be read, or there are too many targets.
@@ -358,7 +358,7 @@ pub(super) fn picture(folder: &Path) -> Result<String, ExpectedError> {
             read?;
         }
     }
-    Ok(reach::svg(&cells, folder.study().word("robot")))
+    Ok(reach::html(&cells, folder.study().word("robot")))
 }
 
 pub(super) fn summary_in_words(s: &Summary, folder: &Path) -> String {

@@ -14,7 +14,7 @@ use crate::tables::targets::TargetList;
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl plan sweep --x 0.5,2.2,0.1 --z=-1,0.4,0.1 --out reach\n  cubectl plan sweep --summary reach --picture reach.svg\n  cubectl plan sweep --fast --targets targets.csv --shard 3/100 --out sweep"
+    after_help = "Examples:\n  cubectl plan sweep --x 0.5,2.2,0.1 --z=-1,0.4,0.1 --out reach\n  cubectl plan sweep --summary reach --picture reach.html\n  cubectl plan sweep --fast --targets targets.csv --shard 3/100 --out sweep"
 )]
 pub struct Args {
     /// What stands on the command line.
@@ -56,7 +56,7 @@ pub struct Args {
     /// Report what the parts in this folder say together, and which are missing.
     #[arg(long, value_name = "FOLDER", conflicts_with_all = ["x", "z", "targets", "out", "shard", "shards"], help_heading = "Shards")]
     summary: Option<PathBuf>,
-    /// Picture (SVG) of the reach to draw with --summary.
+    /// Page (HTML) with the reach to draw with --summary.
     #[arg(long, value_name = "FILE", requires = "summary", help_heading = "Shards")]
     picture: Option<PathBuf>,
     /// Print the summary as JSON.
@@ -93,8 +93,8 @@ fn summary(args: &Args, folder: &Path) -> Result<(), ExpectedError> {
     args.given.require_meaning(&[Deed::Summary])?;
     if let Some(picture) = &args.picture {
         require_writable(picture)?;
-        let svg = shards::picture(folder)?;
-        std::fs::write(picture, svg).map_err(|e| ExpectedError::output(picture, &e))?;
+        let page = shards::picture(folder)?;
+        std::fs::write(picture, page).map_err(|e| ExpectedError::output(picture, &e))?;
     }
     let (summary, json) = shards::summary(folder)?;
     if args.json {

@@ -1,4 +1,4 @@
-//! `cubectl robot show ROBOT --out arm.svg`
+//! `cubectl robot show ROBOT --out arm.html`
 
 use std::path::PathBuf;
 
@@ -9,15 +9,15 @@ use crate::report::robot;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Example:\n  cubectl robot show arm.toml --pose-deg 0,-90,90,0,45,0 --out arm.svg")]
+#[command(after_help = "Example:\n  cubectl robot show arm.toml --pose-deg 0,-90,90,0,45,0 --out arm.html")]
 pub struct Args {
     /// Robot, by name or file.
     pub robot: String,
     /// Joint angles of a second pose, degrees, from the base to the hand; by default the middle of the ranges.
     #[arg(long, value_delimiter = ',', allow_hyphen_values = true)]
     pub pose_deg: Option<Vec<f64>>,
-    /// SVG file to write.
-    #[arg(long, default_value = "robot.svg")]
+    /// HTML file to write.
+    #[arg(long, default_value = "robot.html")]
     pub out: PathBuf,
     /// Overwrite the file.
     #[arg(long)]
@@ -36,8 +36,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             console::line!("note: {:.1}° is outside the range of joint {}", q.to_degrees(), joint.name);
         }
     }
-    super::write(&args.out, &robot::picture(&robot, &pose), args.force)?;
-    console::line!("{}: {} at zero and in a pose", args.out.display(), robot.name());
+    super::write(&args.out, &robot::html(&robot, &pose), args.force)?;
+    let angles: Vec<String> = pose.iter().map(|q| format!("{:.0}°", q.to_degrees())).collect();
+    console::line!("{}: {} at zero and at {}", args.out.display(), robot.name(), angles.join(" "));
     Ok(())
 }
 

@@ -1,5 +1,5 @@
 // The arm, its hand path and the ball's flight in space, drawn on a plain canvas; one time for all pictures of the page.
-(() => {
+function inSpace(scene) {
   const canvas = document.getElementById('scene'), ctx = canvas.getContext('2d');
   const slider = document.getElementById('time'), shown = document.getElementById('shown'), play = document.getElementById('play');
   const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -150,5 +150,5 @@
   canvas.onwheel = e => { e.preventDefault(); view.zoom *= Math.exp(-e.deltaY * 0.001); draw(); };
   addEventListener('resize', draw); matchMedia('(prefers-color-scheme: dark)').addEventListener('change', draw);
   addEventListener('chart-time', e => { if (!running && e.detail >= t0 && e.detail <= t1) { now = e.detail; draw(); } });
-  now = scene.first !== undefined ? scene.first : scene.release === null ? t1 : Math.min(t1, scene.release + 0.35 * (t1 - scene.release)); draw();
-})();
+  now = scene.first ?? (scene.release === null ? t1 : Math.min(t1, scene.release + 0.35 * (t1 - scene.release))); draw();
+}

@@ -1,8 +1,8 @@
 //! Bus time, frames about the release, cycles and answer times.
 
 use super::super::chart::Curve;
-use super::super::page::{Page, Tone, cell, table};
-use super::super::timeline;
+use super::super::page::{Block, Page, cell, number, table};
+use super::super::timeline::{self, Timeline};
 use super::RunReport;
 use operator::analysis::bus::STEP_S;
 use operator::analysis::collect::Reading;
@@ -28,35 +28,18 @@ impl RunReport<'_> {
         }
         let load =
             self.time_chart("Utilisation in steps of 10 ms", "share in %", vec![Curve::line("", 0, steps)]);
-        let mut rows: Vec<Vec<(String, Tone)>> = bus
-            .ids
-            .iter()
-            .take(IDS_SHOWN)
-            .map(|id| {
-                let what = format!("{:?}", id.traffic).to_lowercase().replace("hostlink", "host link");
-                vec![
-                    cell(id.id.clone()),
-                    cell(what),
-                    cell(id.frames.to_string()),
-                    cell(format!("{:.2}", id.share * 100.0)),
-                ]
-            })
-            .collect();
+        let ids = bus.ids.iter().take(IDS_SHOWN).map(|id| {
+            let what = cell(timeline::name(id.traffic));
+            vec![cell(&id.id), what, cell(id.frames), number(id.share * 100.0, 2)]
+        });
+        let mut rows: Vec<_> = ids.collect();
         if let Some(rest) = bus.ids.get(IDS_SHOWN..).filter(|rest| !rest.is_empty()) {
             let frames: u64 = rest.iter().map(|id| id.frames).sum();
             let share: f64 = rest.iter().map(|id| id.share).sum();
-            rows.push(vec![
-                cell(format!("{} more", rest.len())),
-                cell("others"),
-                cell(frames.to_string()),
-                cell(format!("{:.2}", share * 100.0)),
-            ]);
+            let name = cell(format!("{} more", rest.len()));
+            rows.push(vec![name, cell("others"), cell(frames), number(share * 100.0, 2)]);
         }
-        page.html(&format!(
-            "<div class=\"two\"><figure class=\"card\">{}</figure>{}</div>",
-            load.svg(),
-            table(&["id", "what", "frames", "share %"], &rows)
-        ));
+        page.push(Block::Beside(vec![Block::Chart(load), table(&["id", "what", "frames", "share %"], rows)]));
         let lanes: Vec<(u8, String)> = self
             .analysis
             .joints
@@ -70,10 +53,7 @@ impl RunReport<'_> {
             self.ran.release_s().map_or((0.5 * self.ran.end_s(), "middle of the motion"), |s| (s, "release"));
         let (middle, what) = fault.map_or(normal, |f| (f.t_s, "first fault"));
         let (from, to) = (middle - 2.0 * period, middle + 1.0 * period);
-        page.html(&format!(
-            "<figure class=\"card timeline\">{}</figure>",
-            timeline::svg(&bus.slots, from, to, &lanes)
-        ));
+        page.push(Block::Timeline(Timeline::of(&bus.slots, from, to, &lanes)));
         page.note(&format!("Three control cycles about the {what}. Point at a frame to read it."));
     }
 
@@ -90,7 +70,7 @@ impl RunReport<'_> {
             });
             measured.chain(limits.iter().map(|limit| Curve::limit(end, limit * scale))).collect()
         };
-        page.charts(&[
+        page.charts([
             self.time_chart(
                 "Time between two commands to a drive; red: certified",
                 "interval in ms",
@@ -111,19 +91,12 @@ impl RunReport<'_> {
             "Cycles are the times between two orders to the same drive. An answer's time runs from the end of its request to \
              its own end on the bus.",
         );
-        let ms = |s: f64| format!("{:.3}", s * 1e3);
         let mut rows = Vec::new();
         let mut row = |what: String, d: Option<Distribution>| {
-            if let Some(d) = d {
-                rows.push(vec![
-                    cell(what),
-                    cell(d.count.to_string()),
-                    cell(ms(d.min)),
-                    cell(ms(d.median)),
-                    cell(ms(d.p99)),
-                    cell(ms(d.max)),
-                ]);
-            }
+            rows.extend(d.map(|d| {
+                let times = [d.min, d.median, d.p99, d.max].map(|s| number(s * 1e3, 3));
+                [cell(what), cell(d.count)].into_iter().chain(times).collect()
+            }));
         };
         row("control cycle".to_owned(), a.cycles.period_s);
         row("its distance from the median".to_owned(), a.cycles.deviation_s);
@@ -134,7 +107,7 @@ impl RunReport<'_> {
                 row(format!("answers of {name} (drive {module})"), of_module);
             }
         }
-        page.table(&["what", "number", "least ms", "median ms", "99 % ms", "largest ms"], &rows);
+        page.table(&["what", "number", "least ms", "median ms", "99 % ms", "largest ms"], rows);
         match &a.coverage {
             Some(coverage) => {
                 self.certified_timing(page, coverage);
@@ -142,7 +115,7 @@ impl RunReport<'_> {
             }
             None => page.note(operator::job::summary::NOT_COMPARED),
         }
-        let nominal = a.cycles.nominal_s.map_or(String::new(), |s| format!("Set period {} ms. ", ms(s)));
+        let nominal = a.cycles.nominal_s.map_or(String::new(), |s| format!("Set period {:.3} ms. ", s * 1e3));
         match &a.answers {
             Some(answers) => page.note(&format!(
                 "{nominal}{} requests without an answer, {} answers nobody had asked for.",

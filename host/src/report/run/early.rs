@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use super::super::frame::{cause, foot, head, told_outcome, tone};
-use super::super::page::{Answer, Tone, cell};
+use super::super::page::{Answer, Cell, Tone, cell, number};
 use super::{Ran, record};
 use operator::analysis::events::RunEvent;
 use operator::job::Outcome;
@@ -40,7 +40,7 @@ impl EarlyReport<'_> {
         let answer = Answer { verdict, tone: tone(outcome), why, next };
         let mut page = head(&self.ran.title(), &robot.name, Some(self.summary), None, &answer);
         page.section("What happened", "");
-        let steps: Vec<Vec<(String, Tone)>> = self
+        let steps: Vec<Vec<Cell>> = self
             .summary
             .get("steps")
             .and_then(Value::as_array)
@@ -49,13 +49,13 @@ impl EarlyReport<'_> {
             .map(|step| {
                 let took_s = step.get("bus_time_s").and_then(Value::as_f64).unwrap_or_default();
                 let name = step.get("step").and_then(Value::as_str).unwrap_or_default();
-                vec![cell(name), cell(format!("{took_s:.3}"))]
+                vec![cell(name), number(took_s, 3)]
             })
             .chain(
                 text_of("ended_in_step").map(|step| vec![cell(step), ("ended here".to_owned(), Tone::Bad)]),
             )
             .collect();
-        page.table(&["step", "time of the bus, s"], &steps);
+        page.table(&["step", "time of the bus, s"], steps);
         page.note(&format!("No motion is shown: {}.", self.why));
         if let Some(tear) = &self.torn {
             page.note(&format!("Attention: {tear}."));
@@ -64,7 +64,7 @@ impl EarlyReport<'_> {
             "Events",
             "What controller, host and drives said. Time zero is the first frame of the log.",
         );
-        page.html(&record::events_table(self.events));
+        record::events(&mut page, self.events);
         foot(&mut page, robot, self.ran.seed(), None, Some(self.summary), self.files);
         page.finish()
     }

@@ -19,7 +19,7 @@ use serde_json::Value;
 use super::chart::{Chart, Curve};
 use super::frame::{cause, head, told_outcome, tone};
 use super::hand::{HandPath, Led, measured};
-use super::page::{Answer, Tone};
+use super::page::{Answer, Tile, Tone};
 use super::{landing, scene};
 use operator::analysis::release::{ReleaseMotion, flight};
 use operator::analysis::tracking::JointTracking;
@@ -55,7 +55,7 @@ impl RunReport<'_> {
         let led =
             Led { name: "measured", end_s: ran.end_s(), planned: &planned, measured: &|t_s| self.q_at(t_s) };
         let hand = HandPath::of(self.arm, HAND_STEPS, &[led]);
-        page.tiles(&self.tiles(&hand));
+        page.tiles(self.tiles(&hand));
         if let Some(fault) = &self.analysis.fault {
             self.fault(&mut page, fault);
         }
@@ -75,7 +75,7 @@ impl RunReport<'_> {
                 widest
             }
         };
-        page.scene(self.space(), &format!("<figure class=\"card\">{}</figure>", beside.svg()));
+        page.scene(self.space(), Some(beside));
         self.tolerances(&mut page);
         self.tracking(&mut page);
         self.currents(&mut page);
@@ -85,7 +85,7 @@ impl RunReport<'_> {
             page.note(&format!("Attention: {tear}."));
         }
         page.detail("Events", "What controller, host and drives said. Time zero is the start of the plan.");
-        page.html(&record::events_table(&self.analysis.events));
+        record::events(&mut page, &self.analysis.events);
         self.repeat(&mut page);
         page.finish()
     }
@@ -200,79 +200,53 @@ impl RunReport<'_> {
         noted.or_else(|| Some(default_tolerance_m(self.arm, self.ran.throw.as_ref()?))).unwrap_or(0.0)
     }
 
-    fn tiles(&self, hand: &HandPath) -> Vec<(String, &'static str, String, Tone)> {
+    fn tiles(&self, hand: &HandPath) -> Vec<Tile> {
         let a = self.analysis;
         let mut tiles = Vec::new();
         if let Some(m) = self.landing_error_m() {
             let observed = self.in_summary("/landing/observed").and_then(Value::as_bool).unwrap_or(false);
-            let (tone, what) = match (m <= self.tolerance_m(), observed) {
-                (true, true) => (Tone::Good, "landing error, observed"),
-                (true, false) => (Tone::Plain, "landing error by the measured motion, not observed"),
-                (false, true) => (Tone::Bad, "landing error, observed"),
-                (false, false) => (Tone::Bad, "landing error by the measured motion, not observed"),
+            let tone = match (m <= self.tolerance_m(), observed) {
+                (true, false) => Tone::Plain,
+                (hit, _) => Tone::of(hit),
             };
-            tiles.push((format!("{:.1}", m * 1e3), "mm", what.to_owned(), tone));
+            let what = match observed {
+                true => "landing error, observed",
+                false => "landing error by the measured motion, not observed",
+            };
+            tiles.push(Tile::new(format!("{:.1}", m * 1e3), "mm", what).toned(tone));
         }
         if self.ran.throw.is_none() {
-            let what = "largest distance of the hand from its plan".to_owned();
-            tiles.push((format!("{:.2}", 1e3 * hand.error_m()), "mm", what, Tone::Plain));
+            let what = "largest distance of the hand from its plan";
+            tiles.push(Tile::new(format!("{:.2}", 1e3 * hand.error_m()), "mm", what));
         }
-        let bounded = |value: f64, bound: f64| if value <= bound { Tone::Good } else { Tone::Bad };
         let q = self.largest_error_rad();
         let v = a.joints.iter().map(|j| j.speed_error_rad_s.max_after_transient).fold(0.0, f64::max);
-        tiles.push((
-            format!("{:.2}", q * 1e3),
-            "mrad",
-            "largest position error, after 0.1 s".to_owned(),
-            bounded(q, POSITION_BOUND_RAD),
-        ));
-        tiles.push((
-            format!("{:.0}", v * 1e3),
-            "mrad/s",
-            "largest speed error, after 0.1 s".to_owned(),
-            bounded(v, SPEED_BOUND_RAD_S),
-        ));
-        let at_release =
-            a.joints.iter().filter_map(|j| j.position_error_rad.at_release.map(f64::abs)).reduce(f64::max);
-        if let Some(e) = at_release {
-            tiles.push((
-                format!("{:.2}", e * 1e3),
-                "mrad",
-                "position error at the release".to_owned(),
-                Tone::Plain,
-            ));
-        }
+        let position = Tile::new(format!("{:.2}", q * 1e3), "mrad", "largest position error, after 0.1 s");
+        tiles.push(position.toned(Tone::of(q <= POSITION_BOUND_RAD)));
+        let speed = Tile::new(format!("{:.0}", v * 1e3), "mrad/s", "largest speed error, after 0.1 s");
+        tiles.push(speed.toned(Tone::of(v <= SPEED_BOUND_RAD_S)));
+        let at_release = a.joints.iter().filter_map(|j| j.position_error_rad.at_release.map(f64::abs));
+        tiles.extend(
+            at_release
+                .reduce(f64::max)
+                .map(|e| Tile::new(format!("{:.2}", e * 1e3), "mrad", "position error at the release")),
+        );
         if let (Some(period), Some(deviation)) = (a.cycles.period_s, a.cycles.deviation_s) {
-            tiles.push((
-                format!("{:.2}", period.median * 1e3),
-                "ms",
-                format!("control cycle, 99 % within ±{:.0} µs", deviation.p99 * 1e6),
-                Tone::Plain,
-            ));
+            let what = format!("control cycle, 99 % within ±{:.0} µs", deviation.p99 * 1e6);
+            tiles.push(Tile::new(format!("{:.2}", period.median * 1e3), "ms", what));
         }
         if let Some(latency) = a.answers.as_ref().and_then(|answers| answers.latency_s) {
-            tiles.push((
-                format!("{:.0}", latency.median * 1e6),
-                "µs",
-                format!("answer time, 99 % below {:.0} µs", latency.p99 * 1e6),
-                Tone::Plain,
-            ));
+            let what = format!("answer time, 99 % below {:.0} µs", latency.p99 * 1e6);
+            tiles.push(Tile::new(format!("{:.0}", latency.median * 1e6), "µs", what));
         }
         if let Some(bus) = &a.bus {
-            tiles.push((
-                format!("{:.0}", bus.utilisation * 100.0),
-                "%",
-                format!("of the bus, peak {:.0} %", bus.utilisation_peak * 100.0),
-                Tone::Plain,
-            ));
+            let what = format!("of the bus, peak {:.0} %", bus.utilisation_peak * 100.0);
+            tiles.push(Tile::new(format!("{:.0}", bus.utilisation * 100.0), "%", what));
         }
-        let bad = a.counts.cycles_late + a.counts.replies_missed;
-        tiles.push((
-            format!("{} / {} / {}", a.counts.cycles_saturated, a.counts.cycles_late, a.counts.replies_missed),
-            "",
-            "saturated, late cycles, missed answers".to_owned(),
-            if bad > 0 { Tone::Warn } else { Tone::Plain },
-        ));
+        let c = &a.counts;
+        let counts = format!("{} / {} / {}", c.cycles_saturated, c.cycles_late, c.replies_missed);
+        let tone = if c.cycles_late + c.replies_missed > 0 { Tone::Warn } else { Tone::Plain };
+        tiles.push(Tile::new(counts, "", "saturated, late cycles, missed answers").toned(tone));
         tiles
     }
 
@@ -297,7 +271,7 @@ impl RunReport<'_> {
         measured(&self.ran.motion, samples, |sample| (sample.t_s, sample.error_rad), t_s)
     }
 
-    fn space(&self) -> String {
+    fn space(&self) -> scene::Space {
         let (plan, end_s) = (self.ran.throw.as_ref(), self.ran.end_s());
         let thrown = self.thrown();
         let p0 = thrown.map_or_else(Vector3::zeros, |release| Vector3::from(release.position_m));
@@ -339,15 +313,9 @@ impl RunReport<'_> {
     }
 
     fn time_chart(&self, title: &str, y_label: &str, curves: Vec<Curve>) -> Chart {
-        Chart {
-            title: title.to_owned(),
-            x_label: "time of the plan in s".to_owned(),
-            y_label: y_label.to_owned(),
-            curves,
-            mark: self.ran.release_s().map(|s| (s, "release".to_owned())),
-            fault: self.analysis.fault.as_ref().map(|fault| (fault.t_s, format!("fault {}", fault.code))),
-            is_time: true,
-            ..Chart::default()
-        }
+        let mark = self.ran.release_s().map(|s| (s, "release"));
+        let fault = self.analysis.fault.as_ref().map(|fault| (fault.t_s, format!("fault {}", fault.code)));
+        let chart = Chart::new(title, "time of the plan in s", y_label, curves).over_time(mark);
+        Chart { fault, ..chart }
     }
 }

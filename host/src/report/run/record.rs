@@ -1,7 +1,6 @@
 //! The first fault, the events, and everything needed to repeat the run.
 
-use super::super::chart::escape;
-use super::super::page::{Page, Tone, cell, table};
+use super::super::page::{Block, Page, Tone, cell, number};
 use super::RunReport;
 use crate::report::frame::foot;
 use operator::analysis::events::{FirstFault, RunEvent};
@@ -17,33 +16,22 @@ impl RunReport<'_> {
                 fault.t_s, fault.state_before, fault.recovery
             ),
         );
-        let number = |value: Option<f64>, digits: usize| {
-            cell(value.map_or("–".to_owned(), |v| format!("{v:.digits$}").replace('-', "−")))
-        };
-        let rows: Vec<Vec<(String, Tone)>> = fault
-            .joints
-            .iter()
-            .zip(&self.analysis.joints)
-            .map(|(frozen, joint)| {
-                vec![
-                    cell(joint.name.clone()),
-                    number(frozen.q_rad, 4),
-                    number(frozen.error_rad.map(|e| e * 1e3), 2),
-                    number(frozen.age_s.map(|s| s * 1e3), 2),
-                    number(frozen.current_a, 2),
-                    number(frozen.ramp_target_rad, 4),
-                    number(frozen.ramp_a_rad_s2, 2),
-                ]
-            })
-            .collect();
-        page.table(
-            &["joint", "q rad", "error mrad", "age ms", "current A", "ramp target rad", "ramp rad/s²"],
-            &rows,
-        );
-        let frames = escape(&fault.frames.join("\n"));
-        page.html(&format!(
-            "<details><summary>The last frames before it</summary><div class=\"card\"><pre>{frames}</pre></div></details>"
-        ));
+        let milli = |value: Option<f64>| number(value.map(|value| 1e3 * value), 2);
+        let rows = fault.joints.iter().zip(&self.analysis.joints).map(|(frozen, joint)| {
+            vec![
+                cell(&joint.name),
+                number(frozen.q_rad, 4),
+                milli(frozen.error_rad),
+                milli(frozen.age_s),
+                number(frozen.current_a, 2),
+                number(frozen.ramp_target_rad, 4),
+                number(frozen.ramp_a_rad_s2, 2),
+            ]
+        });
+        let head = ["joint", "q rad", "error mrad", "age ms", "current A", "ramp target rad", "ramp rad/s²"];
+        page.table(&head, rows.collect());
+        let block = Box::new(Block::Pre(fault.frames.join("\n")));
+        page.push(Block::Folded { name: "The last frames before it", block });
     }
 
     pub(super) fn repeat(&self, page: &mut Page) {
@@ -54,18 +42,15 @@ impl RunReport<'_> {
 }
 
 /// All events as a table.
-pub(super) fn events_table(events: &[RunEvent]) -> String {
-    let rows: Vec<Vec<(String, Tone)>> = events
-        .iter()
-        .map(|event| {
-            let tone = match event.severity {
-                Severity::Info => Tone::Plain,
-                Severity::Warning => Tone::Warn,
-                Severity::Error => Tone::Bad,
-            };
-            let t_s = format!("{:+.4}", event.t_s).replace('-', "−");
-            vec![cell(t_s), (event.source.clone(), Tone::Plain), (event.text.clone(), tone)]
-        })
-        .collect();
-    table(&["time s", "who", "what"], &rows)
+pub(super) fn events(page: &mut Page, events: &[RunEvent]) {
+    let rows = events.iter().map(|event| {
+        let tone = match event.severity {
+            Severity::Info => Tone::Plain,
+            Severity::Warning => Tone::Warn,
+            Severity::Error => Tone::Bad,
+        };
+        let t_s = format!("{:+.4}", event.t_s).replace('-', "−");
+        vec![cell(t_s), cell(&event.source), (event.text.clone(), tone)]
+    });
+    page.table(&["time s", "who", "what"], rows.collect());
 }

@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use super::super::chart::{Chart, Curve, Pen};
-use super::super::page::{Page, Tone, cell};
+use super::super::page::{Page, Tone, cell, number};
 use super::RunReport;
 use operator::analysis::collect::Reading;
 use operator::analysis::tracking::JointTracking;
@@ -28,7 +28,7 @@ impl RunReport<'_> {
             chart.band = Some([TRANSIENT_S, end, -bound, bound]);
             chart
         };
-        page.charts(&[
+        page.charts([
             overview("Position errors", "error in rad", POSITION_BOUND_RAD, &|joint| {
                 joint.samples.iter().map(|s| (s.t_s, s.error_rad)).collect()
             }),
@@ -36,57 +36,45 @@ impl RunReport<'_> {
                 joint.samples.iter().map(|s| (s.t_s, s.error_rad_s)).collect()
             }),
         ]);
-        let tone = |value: f64, bound: f64| if value <= bound { Tone::Good } else { Tone::Bad };
-        let rows: Vec<Vec<(String, Tone)>> = joints
-            .iter()
-            .map(|joint| {
-                let (q, v) = (&joint.position_error_rad, &joint.speed_error_rad_s);
-                let release = |at: Option<f64>, digits: usize| {
-                    cell(at.map_or("–".to_owned(), |e| format!("{:+.digits$}", e * 1e3).replace('-', "−")))
-                };
-                vec![
-                    cell(match joint.module {
-                        Some(module) => format!("{}\u{a0}(drive\u{a0}{module})", joint.name),
-                        None => joint.name.clone(),
-                    }),
-                    cell(format!("{:.2}", q.max * 1e3)),
-                    (
-                        format!("{:.2}", q.max_after_transient * 1e3),
-                        tone(q.max_after_transient, POSITION_BOUND_RAD),
-                    ),
-                    cell(format!("{:.2}", q.rms * 1e3)),
-                    release(q.at_release, 2),
-                    cell(format!("{:.0}", v.max * 1e3)),
-                    (
-                        format!("{:.0}", v.max_after_transient * 1e3),
-                        tone(v.max_after_transient, SPEED_BOUND_RAD_S),
-                    ),
-                    cell(format!("{:.0}", v.rms * 1e3)),
-                    release(v.at_release, 0),
-                    cell(joint.samples_in_plan.to_string()),
-                    cell(joint.commands_at_limit.to_string()),
-                ]
-            })
-            .collect();
-        page.table(
-            &[
-                "joint",
-                "position max mrad",
-                "after 0.1 s",
-                "rms",
-                "at release",
-                "speed max mrad/s",
-                "after 0.1 s",
-                "rms",
-                "at release",
-                "answers",
-                "commands at limit",
-            ],
-            &rows,
-        );
-        page.charts(&(0..joints.len()).map(|j| self.error_chart(j)).collect::<Vec<_>>());
+        let rows = joints.iter().map(|joint| {
+            let (q, v) = (&joint.position_error_rad, &joint.speed_error_rad_s);
+            let judged =
+                |value: f64, bound: f64, digits| (number(value * 1e3, digits).0, Tone::of(value <= bound));
+            let release = |at: Option<f64>, digits: usize| {
+                cell(at.map_or("–".to_owned(), |e| format!("{:+.digits$}", e * 1e3).replace('-', "−")))
+            };
+            let drive = joint.module.map(|module| format!("\u{a0}(drive\u{a0}{module})"));
+            vec![
+                cell(format!("{}{}", joint.name, drive.unwrap_or_default())),
+                number(q.max * 1e3, 2),
+                judged(q.max_after_transient, POSITION_BOUND_RAD, 2),
+                number(q.rms * 1e3, 2),
+                release(q.at_release, 2),
+                number(v.max * 1e3, 0),
+                judged(v.max_after_transient, SPEED_BOUND_RAD_S, 0),
+                number(v.rms * 1e3, 0),
+                release(v.at_release, 0),
+                cell(joint.samples_in_plan),
+                cell(joint.commands_at_limit),
+            ]
+        });
+        let head = [
+            "joint",
+            "position max mrad",
+            "after 0.1 s",
+            "rms",
+            "at release",
+            "speed max mrad/s",
+            "after 0.1 s",
+            "rms",
+            "at release",
+            "answers",
+            "commands at limit",
+        ];
+        page.table(&head, rows.collect());
+        page.charts((0..joints.len()).map(|j| self.error_chart(j)));
         page.detail("Each joint", "References against what was measured.");
-        page.charts(&(0..joints.len()).flat_map(|j| self.motion_charts(j)).collect::<Vec<_>>());
+        page.charts((0..joints.len()).flat_map(|j| self.motion_charts(j)));
         self.control(page);
     }
 
@@ -113,11 +101,8 @@ impl RunReport<'_> {
              to it. Red: what is left for it, ±v_max − q̈ of the reference (eq. 12). Where u meets the red line, the command is \
              clipped.",
         );
-        let charts: Vec<Chart> = joints
-            .iter()
-            .enumerate()
-            .filter(|(_, joint)| !joint.controls.is_empty())
-            .map(|(j, joint)| {
+        let charts =
+            joints.iter().enumerate().filter(|(_, joint)| !joint.controls.is_empty()).map(|(j, joint)| {
                 let a_max = self.arm.joints()[j].limits.a_control_max_rad_s2;
                 let bound = |side: f64| {
                     let points = joint.controls.iter().map(|c| (c.t_s, side * a_max - c.qdd_ref_rad_s2));
@@ -129,9 +114,8 @@ impl RunReport<'_> {
                     "u in rad/s²",
                     vec![bound(1.0), bound(-1.0), Curve::line("", j, u)],
                 )
-            })
-            .collect();
-        page.charts(&charts);
+            });
+        page.charts(charts);
     }
 
     fn motion_charts(&self, j: usize) -> [Chart; 2] {
@@ -174,79 +158,55 @@ impl RunReport<'_> {
              the plan (eq. 8 and 9), dots as read from the drives during the run. The model knows no friction.",
         );
         let points = |readings: &[Reading]| readings.iter().map(|r| (r.t_s, r.value)).collect::<Vec<_>>();
-        let charts: Vec<Chart> = self
-            .analysis
-            .supplies
-            .iter()
-            .enumerate()
-            .map(|(i, supply)| {
-                let mut curves = vec![
-                    Curve::line("predicted", 6, points(&supply.predicted)).drawn(Pen::Dashed),
-                    Curve::line("measured", i, points(&supply.measured)).drawn(Pen::Dots),
-                ];
-                // A limit far away would make the curves flat; the heading names it anyway.
-                let peak = supply.measured_peak_a.unwrap_or(0.0).max(supply.predicted_peak_a);
-                if peak > 0.25 * supply.limit_a {
-                    let shown = (-BEFORE_S, self.ran.end_s() + AFTER_S);
-                    curves.push(Curve::limit(shown, supply.limit_a));
-                }
-                self.time_chart(
-                    &format!(
-                        "Supply \"{}\" ({}), limit {:.0} A",
-                        supply.name,
-                        supply.joints.join(", "),
-                        supply.limit_a
-                    ),
-                    "current in A",
-                    curves,
-                )
-            })
-            .collect();
-        page.charts(&charts);
-        let rows: Vec<Vec<(String, Tone)>> = self
-            .analysis
-            .supplies
-            .iter()
-            .map(|s| {
-                let a = |value: Option<f64>| value.map_or("–".to_owned(), |a| format!("{a:.2}"));
-                let over = s.measured_peak_a.is_some_and(|peak| peak > s.limit_a);
-                vec![
-                    cell(s.name.clone()),
-                    cell(format!("{:.2}", s.predicted_peak_a)),
-                    (a(s.measured_peak_a), if over { Tone::Bad } else { Tone::Plain }),
-                    cell(a(s.difference_rms_a)),
-                    cell(format!("{:.0}", s.limit_a)),
-                    cell(s.readings.to_string()),
-                ]
-            })
-            .collect();
-        page.table(
-            &["supply", "predicted peak A", "measured peak A", "rms difference A", "limit A", "readings"],
-            &rows,
-        );
+        let charts = self.analysis.supplies.iter().enumerate().map(|(i, supply)| {
+            let mut curves = vec![
+                Curve::line("predicted", 6, points(&supply.predicted)).drawn(Pen::Dashed),
+                Curve::line("measured", i, points(&supply.measured)).drawn(Pen::Dots),
+            ];
+            // A limit far away would make the curves flat; the heading names it anyway.
+            let peak = supply.measured_peak_a.unwrap_or(0.0).max(supply.predicted_peak_a);
+            if peak > 0.25 * supply.limit_a {
+                let shown = (-BEFORE_S, self.ran.end_s() + AFTER_S);
+                curves.push(Curve::limit(shown, supply.limit_a));
+            }
+            let fed = supply.joints.join(", ");
+            let title = format!("Supply \"{}\" ({fed}), limit {:.0} A", supply.name, supply.limit_a);
+            self.time_chart(&title, "current in A", curves)
+        });
+        page.charts(charts);
+        let rows = self.analysis.supplies.iter().map(|s| {
+            let over = s.measured_peak_a.is_some_and(|peak| peak > s.limit_a);
+            let tone = if over { Tone::Bad } else { Tone::Plain };
+            vec![
+                cell(&s.name),
+                number(s.predicted_peak_a, 2),
+                (number(s.measured_peak_a, 2).0, tone),
+                number(s.difference_rms_a, 2),
+                number(s.limit_a, 0),
+                cell(s.readings),
+            ]
+        });
+        let head =
+            ["supply", "predicted peak A", "measured peak A", "rms difference A", "limit A", "readings"];
+        page.table(&head, rows.collect());
     }
-}
 
-impl RunReport<'_> {
     /// How near each joint stayed to a motion that throws nothing, beside what was allowed.
     pub(super) fn tolerances(&self, page: &mut Page) {
         let joints = self.in_summary("/reached/joints").and_then(Value::as_array);
         let Some(joints) = joints.filter(|joints| !joints.is_empty()) else { return };
-        let rows: Vec<_> = joints
-            .iter()
-            .map(|joint| {
-                let number = |key: &str| joint.get(key).and_then(Value::as_f64).unwrap_or(f64::NAN);
-                let beside = |off: &str, most: &str| {
-                    let (off, most) = (number(off), number(most));
-                    let tone = if off <= most { Tone::Good } else { Tone::Bad };
-                    [(format!("{:.2}", 1e3 * off), tone), cell(format!("{:.1}", 1e3 * most))]
-                };
-                let name = joint.get("name").and_then(Value::as_str).unwrap_or("?");
-                let [off, most] = beside("off_rad", "path_tolerance_rad");
-                let [end_off, end_most] = beside("end_off_rad", "goal_tolerance_rad");
-                vec![cell(name), off, cell(format!("{:.2}", number("off_at_s"))), most, end_off, end_most]
-            })
-            .collect();
+        let rows = joints.iter().map(|joint| {
+            let mrad = |key: &str| 1e3 * joint.get(key).and_then(Value::as_f64).unwrap_or(f64::NAN);
+            let beside = |off: &str, most: &str| {
+                let (off, most) = (mrad(off), mrad(most));
+                [(number(off, 2).0, Tone::of(off <= most)), number(most, 1)]
+            };
+            let name = joint.get("name").and_then(Value::as_str).unwrap_or("?");
+            let [off, most] = beside("off_rad", "path_tolerance_rad");
+            let [end_off, end_most] = beside("end_off_rad", "goal_tolerance_rad");
+            let at_s = joint.get("off_at_s").and_then(Value::as_f64);
+            vec![cell(name), off, number(at_s, 2), most, end_off, end_most]
+        });
         let goal_s = self.in_summary("/reached/goal_time_s").and_then(Value::as_f64).unwrap_or(0.0);
         page.part(
             "Tolerances",
@@ -254,6 +214,6 @@ impl RunReport<'_> {
                 "Farthest from the motion and when, and from its end {goal_s:.2} s after the planned end, in mrad, each beside its tolerance."
             ),
         );
-        page.table(&["joint", "path", "at s", "tolerance", "end", "tolerance"], &rows);
+        page.table(&["joint", "path", "at s", "tolerance", "end", "tolerance"], rows.collect());
     }
 }

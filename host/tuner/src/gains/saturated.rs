@@ -143,7 +143,7 @@ pub fn certify(problem: &Problem, gains: Gains) -> Option<SaturatedCertificate> 
 }
 
 /// Members of the family from the fastest down, in steps of `ratio`.
-struct Ladder {
+struct FrequencyGrid {
     omega_top: f64,
     ratio: f64,
     /// Number of the slowest.
@@ -151,7 +151,7 @@ struct Ladder {
     horizon_s: f64,
 }
 
-impl Ladder {
+impl FrequencyGrid {
     /// `None` if not even the slowest useful bandwidth is stable.
     fn new(problem: &Problem, ratio: f64) -> Option<Self> {
         let horizon_s = horizon_s(problem);
@@ -226,21 +226,21 @@ const GUESS: (f64, f64) = (5.1, 9.5);
 /// The damping is chosen by simulation at a bandwidth that is likely to be provable: the one with which the worst
 /// initial error settles first. If nothing is provable along it, the next one is tried.
 fn search(problem: &Problem, weights: Weights, ratio: f64) -> Option<SaturatedCertificate> {
-    let ladder = Ladder::new(problem, ratio)?;
+    let grid = FrequencyGrid::new(problem, ratio)?;
     let u_max = problem.phases()[0].u_max_rad_s2;
     let radius = certified_radius_rad(problem, problem.error_set().0, u_max);
     let decays = decays(problem);
-    let late = ladder.horizon_s / time_unit_s(radius, u_max);
+    let late = grid.horizon_s / time_unit_s(radius, u_max);
     let share = (GUESS.0 - GUESS.1 * late).max(1.0);
-    let guess = ladder.step_of((share * u_max / radius).sqrt());
+    let guess = grid.step_of((share * u_max / radius).sqrt());
     // Only the steps of the full search are what the rate was observed for.
     let last = if ratio == OMEGA_RATIO { LAST_COST_RATE } else { 0.0 };
     let sized = problem.with_scaled_error_set(radius / problem.error_set().0);
-    let mut dampings = ZETAS.map(|zeta| (settling_s(&sized, ladder.gains(guess, zeta), u_max), zeta));
+    let mut dampings = ZETAS.map(|zeta| (settling_s(&sized, grid.gains(guess, zeta), u_max), zeta));
     dampings.sort_by(|(a, _), (b, _)| a.total_cmp(b));
     dampings.into_iter().find_map(|(_, zeta)| {
-        let proven = |step| certify_with(problem, ladder.gains(step, zeta), weights, &decays);
-        ladder.fastest(guess, proven, |found| found.cost_rate() < last).map(|(_, certificate)| certificate)
+        let proven = |step| certify_with(problem, grid.gains(step, zeta), weights, &decays);
+        grid.fastest(guess, proven, |found| found.cost_rate() < last).map(|(_, certificate)| certificate)
     })
 }
 
@@ -340,13 +340,13 @@ mod tests {
     /// Result of the search over a list of steps of which those from `limit` down are proven, and the number of steps that it
     /// tried.
     fn found(limit: i32, guess: i32, ends: bool) -> (Option<i32>, usize) {
-        let ladder = Ladder { omega_top: 100.0, ratio: OMEGA_RATIO, last: 60, horizon_s: 0.01 };
+        let grid = FrequencyGrid { omega_top: 100.0, ratio: OMEGA_RATIO, last: 60, horizon_s: 0.01 };
         let mut asked = 0;
         let proven = |step| {
             asked += 1;
             (step >= limit).then_some(step)
         };
-        let best = ladder.fastest(guess, proven, |found| ends && *found == limit);
+        let best = grid.fastest(guess, proven, |found| ends && *found == limit);
         (best.map(|(step, _)| step), asked)
     }
 

@@ -1,6 +1,6 @@
 //! Requirements of a search on the landing when the gripper opens late, and which of them it gives up if no throw keeps them.
 //!
-//! The relaxation levels ("rungs") are, strictest first: nulling with limits of the landing's shift, nulling to
+//! The relaxation levels are, strictest first: nulling with limits of the landing's shift, nulling to
 //! first order, no nulling. A search tries one level after the other until a level has a throw. Random starts often
 //! miss the few local optima of a strict level: to some targets of a UR5 one start in thirty ends in one. So a
 //! level without a throw is tried again if the next level has some: from the throws of that level, then, without a
@@ -47,23 +47,23 @@ pub struct Kept {
 
 /// The options of all relaxation levels, strictest first: `asked`, and what may be given up of it.
 #[must_use]
-pub fn rungs(asked: &Options, kept: Kept) -> Vec<(GivenUp, Options)> {
-    let mut rungs = vec![(GivenUp::Nothing, asked.clone())];
+pub fn levels(asked: &Options, kept: Kept) -> Vec<(GivenUp, Options)> {
+    let mut levels = vec![(GivenUp::Nothing, asked.clone())];
     if !kept.shift_limits && !asked.delay_windows.is_empty() {
         let nulled = Options { delay_windows: Vec::new(), ..asked.clone() };
-        rungs.push((GivenUp::ShiftLimits, nulled.clone()));
+        levels.push((GivenUp::ShiftLimits, nulled.clone()));
         if !kept.nulling {
-            rungs.push((GivenUp::Nulling, Options { null_delay: false, ..nulled }));
+            levels.push((GivenUp::Nulling, Options { null_delay: false, ..nulled }));
         }
     }
-    rungs
+    levels
 }
 
 /// A target with the problems of all relaxation levels.
 #[derive(Debug, Clone)]
-pub struct Ladder<'a> {
+pub struct Relaxation<'a> {
     /// Strictest first; never empty.
-    rungs: Vec<(GivenUp, Problem<'a>)>,
+    levels: Vec<(GivenUp, Problem<'a>)>,
 }
 
 /// The throw of a search over the levels.
@@ -79,7 +79,7 @@ pub struct Settled<'l, 'a> {
     pub searched: bool,
 }
 
-impl<'a> Ladder<'a> {
+impl<'a> Relaxation<'a> {
     /// The relaxation levels for a target, in m.
     ///
     /// # Errors
@@ -91,10 +91,10 @@ impl<'a> Ladder<'a> {
         kept: Kept,
     ) -> Result<Self, ProblemError> {
         let mut problems = Vec::new();
-        for (given_up, options) in rungs(asked, kept) {
+        for (given_up, options) in levels(asked, kept) {
             problems.push((given_up, Problem::new(arm, target, options)?));
         }
-        Ok(Self { rungs: problems })
+        Ok(Self { levels: problems })
     }
 
     /// The best throw within a budget, at the strictest level that has a throw.
@@ -112,18 +112,18 @@ impl<'a> Ladder<'a> {
         watch: &Watch,
         quick: Option<usize>,
     ) -> Result<Settled<'_, 'a>, NoThrow> {
-        let last = Planner::new(&self.rungs[self.rungs.len() - 1].1);
+        let last = Planner::new(&self.levels[self.levels.len() - 1].1);
         if let Some(none) = last.refused_at_once(index, budget, watch) {
             return Err(none);
         }
         let (mut at, mut searched) = (0, false);
         let best = loop {
-            let planner = Planner::new(&self.rungs[at].1);
+            let planner = Planner::new(&self.levels[at].1);
             if let Some(best) = quick.and_then(|tries| stored_alone(&planner, index, tries)) {
                 break best;
             }
             searched = true;
-            if at + 1 == self.rungs.len() {
+            if at + 1 == self.levels.len() {
                 break planner.search(index, budget, watch)?;
             }
             match planner.attempt(index, budget, watch) {
@@ -145,13 +145,13 @@ impl<'a> Ladder<'a> {
             ..*budget
         });
         for above in (0..at).rev() {
-            let planner = Planner::new(&self.rungs[above].1);
+            let planner = Planner::new(&self.levels[above].1);
             let again = || planner.attempt(index, &more?, watch).ok();
             let Some(found) = carry(&planner, &best.others, watch).or_else(again) else { continue };
             best = Best { starts: best.starts + found.starts, ..found };
             at = above;
         }
-        let (given_up, problem) = &self.rungs[at];
+        let (given_up, problem) = &self.levels[at];
         Settled { problem, given_up: *given_up, best, searched: true }
     }
 }

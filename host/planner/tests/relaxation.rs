@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use planner::plan::search::{Budget, Watch};
-use planner::plan::{GivenUp, Kept, Ladder, Options};
+use planner::plan::{GivenUp, Kept, Options, Relaxation};
 use planner::store::Index;
 use robot_model::RobotModel;
 
@@ -15,9 +15,9 @@ const FAR_OBJECTIVE: f64 = 36.62965494365056;
 fn given_up(kept: Kept, seed: u64) -> Option<(GivenUp, f64)> {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../robots/model/tests/data/ur5.toml");
     let arm = RobotModel::load(path).unwrap();
-    let ladder = Ladder::new(&arm, Vector3::from(FAR), &Options::best(), kept).unwrap();
+    let relaxation = Relaxation::new(&arm, Vector3::from(FAR), &Options::best(), kept).unwrap();
     let budget = Budget { seed, ..Budget::default() };
-    let settled = ladder.search(&Index::default(), &budget, &Watch::default(), None).ok()?;
+    let settled = relaxation.search(&Index::default(), &budget, &Watch::default(), None).ok()?;
     Some((settled.given_up, settled.best.found.objective))
 }
 
