@@ -302,7 +302,8 @@ mod tests {
     #[test]
     fn a_gripper_needs_a_node_of_its_own_and_an_encoder_at_its_fingers() {
         let hand = |axis| GripperAxis { axis, open_rad: -1.0, closed_rad: 0.0 };
-        let with = |axis| Options::new(&[super::tests::axis(9)]).and_then(|all| all.with_gripper(hand(axis)));
+        let first = axis(9);
+        let with = |axis| Options::new(&[first]).and_then(|all| all.with_gripper(hand(axis)));
         assert!(with(axis(10)).is_ok());
         let overlap =
             OptionsError::Overlap { node: NodeId::new(9).unwrap(), joint: JointIndex::new(0).unwrap() };
