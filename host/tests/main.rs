@@ -38,6 +38,7 @@ mod robot_throw;
 mod robot_verbs;
 mod robots_and_gains;
 mod servo_verb;
+mod side_by_side;
 mod teach_verb;
 mod terminal;
 mod throw_failures;

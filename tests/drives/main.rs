@@ -4,6 +4,7 @@ mod cia402;
 mod cia402_rig;
 mod drawn;
 mod find;
+mod hands;
 mod odrive;
 mod odrive_rig;
 mod rig;

@@ -10,11 +10,10 @@ use protocol::cyphal::rx::{Port, Receiver};
 use protocol::cyphal::uavcan::command::{self as commands, CommandResponse, Status};
 use protocol::cyphal::uavcan::file::{self, WriteResponse};
 use protocol::cyphal::uavcan::register::{self, AccessResponse};
-use protocol::powercube::{
-    AddressedRequest, Broadcast, Config, CubeState, MotionCommand, Parameter, Request, Value,
-};
+use protocol::powercube::{AddressedRequest, Broadcast, MotionCommand, Parameter, Request, Value};
 use protocol::{Duration, Frame, Instant};
 
+use crate::families::Family;
 use crate::lab::{CLIENTS, CONTROLLER, JOINTS, Lab, OPENING_MS};
 use crate::rules::{Rule, Taken, Violation};
 use crate::steps::{Hand, Register};
@@ -104,6 +103,10 @@ const PORTS: [Port; 4] = [
 
 /// Sees all and decides.
 pub(crate) struct Judge {
+    /// A halt is a frame that it reads.
+    sees_halts: bool,
+    /// From the end of a jog to a drive that brakes, s.
+    reaction_s: f64,
     rx: [Receiver<8, 4, 600>; 2],
     sent: Vec<Sent>,
     permits: Vec<Permit>,
@@ -137,8 +140,10 @@ pub(crate) struct Judge {
 }
 
 impl Judge {
-    pub(crate) fn new() -> Self {
+    pub(crate) fn new<F: Family>() -> Self {
         Self {
+            sees_halts: F::IS_POWERCUBE,
+            reaction_s: F::REACTION_S,
             rx: [Receiver::new(), Receiver::new()],
             sent: Vec::new(),
             permits: Vec::new(),
@@ -204,17 +209,17 @@ impl Judge {
     }
 
     /// A frame ended on the bus.
-    pub(crate) fn frame(&mut self, lab: &Lab, at: Instant, from: Option<usize>, frame: &Frame) {
+    pub(crate) fn frame<F: Family>(&mut self, lab: &Lab<F>, at: Instant, from: Option<usize>, frame: &Frame) {
         match from {
             Some(CONTROLLER) if frame.is_extended() => self.message(at, frame),
-            Some(CONTROLLER) => self.request(at, frame),
+            Some(CONTROLLER) if F::IS_POWERCUBE => self.request(at, frame),
             Some(port) if port > CONTROLLER => self.client_frame(lab, at, port - CONTROLLER - 1, frame),
             _ => {}
         }
     }
 
     /// A frame of a client: the last one of an order gives the order to the controller.
-    fn client_frame(&mut self, lab: &Lab, at: Instant, client: usize, frame: &Frame) {
+    fn client_frame<F: Family>(&mut self, lab: &Lab<F>, at: Instant, client: usize, frame: &Frame) {
         let Some(tail) = frame.data().last().map(|byte| Tail::parse(*byte)).filter(|tail| tail.end) else {
             return;
         };
@@ -264,7 +269,7 @@ impl Judge {
                 self.end_permits(at, brake);
                 self.last_stop = Some(at);
                 (self.start, self.hand_due) = (None, None);
-                if halts {
+                if halts && self.sees_halts {
                     self.halt_due = self.halt_due.or(Some((at, at + HALT_WITHIN)));
                 }
                 return;

@@ -6,7 +6,6 @@ use std::collections::{BTreeMap, VecDeque};
 use firmware::ControllerNode;
 use firmware::authority::Seed;
 use firmware::events::{Action, PlanEvent, PlanEvents};
-use firmware::groups::powercube::PowerCubes;
 use firmware::joints::PerJoint;
 use firmware::settings::Settings;
 use firmware::spline::{Knot, Spline};
@@ -16,13 +15,13 @@ use hil_sim::bus::BusConfig;
 use hil_sim::fault::{Fault, FaultKind, Target, WireFault};
 use hil_sim::participants::Participants;
 use hil_sim::world::{Observer, RunError, World};
-use hil_sim::{Cell, CellOptions};
 use protocol::cyphal::bits::Encode;
 use protocol::cyphal::id::{NodeId, Priority, Route, TransferId};
 use protocol::cyphal::tx::{TxMeta, TxQueue};
 use protocol::cyphal::uavcan::heartbeat::{self, Health, Heartbeat, Mode};
 use protocol::{Duration, Frame, Instant, JointIndex, ModuleId, Node};
 
+use crate::families::Family;
 use crate::steps::Hand;
 
 /// Joints and drives.
@@ -38,7 +37,7 @@ pub(crate) const OPENING_MS: u16 = 20;
 const BEAT: Duration = Duration::from_millis(30);
 
 /// Two joints of the throwing arm with short ranges.
-pub(crate) fn settings() -> Settings {
+pub(crate) fn settings<F: Family>() -> Settings {
     let mut settings = Settings::powercube6();
     settings.joints = JOINTS as u32;
     settings.gripper_address = 2;
@@ -50,13 +49,14 @@ pub(crate) fn settings() -> Settings {
         (limits.q_min_rad, limits.q_max_rad) = (-0.6, 1.0);
         limits.home_v_rad_s = -0.5;
     }
+    F::adapt(&mut settings);
     settings.gains_certificate_crc32 = firmware::registers::certificate_crc32(&settings);
     settings
 }
 
 /// The controller on a processor that is busy with something else now and then.
-pub(crate) struct Late {
-    node: Box<ControllerNode<RamStorage, Spline, PowerCubes>>,
+pub(crate) struct Late<F: Family> {
+    node: Box<ControllerNode<RamStorage, Spline, F::Group>>,
     now: Instant,
     held_until: Instant,
     waiting: VecDeque<Frame>,
@@ -65,7 +65,7 @@ pub(crate) struct Late {
     pub(crate) stuck: Option<(Instant, Instant)>,
 }
 
-impl Late {
+impl<F: Family> Late<F> {
     fn is_held(&self) -> bool {
         self.now < self.held_until
     }
@@ -84,7 +84,7 @@ impl Late {
     }
 }
 
-impl Node for Late {
+impl<F: Family> Node for Late<F> {
     fn handle_frame(&mut self, now: Instant, frame: &Frame) {
         self.now = now;
         self.waiting.push_back(*frame);
@@ -182,12 +182,12 @@ impl Node for Client {
 }
 
 /// Controller and clients.
-pub(crate) struct Crew {
-    pub(crate) controller: Late,
+pub(crate) struct Crew<F: Family> {
+    pub(crate) controller: Late<F>,
     pub(crate) clients: [Client; 2],
 }
 
-impl Participants for Crew {
+impl<F: Family> Participants for Crew<F> {
     fn len(&self) -> usize {
         3
     }
@@ -221,22 +221,20 @@ impl Observer for Tap {
 }
 
 /// The bus with everything on it.
-pub(crate) struct Lab {
-    pub(crate) world: World<(Cell, Crew)>,
+pub(crate) struct Lab<F: Family> {
+    pub(crate) world: World<(F::Drives, Crew<F>)>,
     faults: u32,
 }
 
-impl Lab {
+impl<F: Family> Lab<F> {
     /// All switched on and homed, joints at `start_mrad`.
     pub(crate) fn new(start_mrad: [i16; JOINTS], seed: u64) -> Self {
-        let mut options = CellOptions::default();
-        options.drive.starts_homed = true;
-        options.start_q_rad = Some(start_mrad.iter().map(|q| f64::from(*q) * 1e-3).collect());
-        let cell = Cell::bench(JOINTS, 0x4614, &options, seed).expect("two drives on a bench");
-        let settings = settings();
-        let node = ControllerNode::new(
+        let drives = F::drives(start_mrad.map(|q| f64::from(q) * 1e-3), seed);
+        let settings = settings::<F>();
+        let node = ControllerNode::with_group(
             Instant::ZERO,
             RamStorage::new(),
+            F::group(),
             &settings,
             Default::default(),
             Seed::FORESEEABLE,
@@ -251,7 +249,7 @@ impl Lab {
         };
         let crew = Crew { controller, clients: CLIENTS.map(Client::new) };
         let mut world =
-            World::new((cell, crew), BusConfig::default(), seed, Vec::new()).expect("five nodes on a bus");
+            World::new((drives, crew), BusConfig::default(), seed, Vec::new()).expect("five nodes on a bus");
         for port in CONTROLLER..CONTROLLER + 3 {
             world.set_queue_depth(port, 512);
         }
@@ -262,14 +260,13 @@ impl Lab {
         self.world.now()
     }
 
-    pub(crate) fn cell(&self) -> &Cell {
+    pub(crate) fn drives(&self) -> &F::Drives {
         &self.world.participants().0
     }
 
     /// Positions and speeds of the joints.
     pub(crate) fn plant(&self) -> [(f64, f64); JOINTS] {
-        let plant = self.cell().plant();
-        std::array::from_fn(|joint| (plant.link_q_rad(joint), plant.axis(joint).v_rad_s))
+        F::plant(self.drives())
     }
 
     /// A deadline that stood still, see [`Late::stuck`].
@@ -287,8 +284,11 @@ impl Lab {
         self.world.run_until(end, tap)
     }
 
-    fn with<R>(&mut self, act: impl FnOnce(&mut Cell, &mut Crew, Instant) -> R) -> Result<R, RunError> {
-        self.world.with_participants(|(cell, crew), now| act(cell, crew, now))
+    fn with<R>(
+        &mut self,
+        act: impl FnOnce(&mut F::Drives, &mut Crew<F>, Instant) -> R,
+    ) -> Result<R, RunError> {
+        self.world.with_participants(|(drives, crew), now| act(drives, crew, now))
     }
 
     /// Sends a transfer of client `client`.
@@ -314,7 +314,7 @@ impl Lab {
     }
 
     pub(crate) fn restart(&mut self, drive: usize) -> Result<(), RunError> {
-        self.with(|cell, _, now| cell.drive_mut(drive).expect("a drive of the bench").restart(now))
+        self.with(|drives, _, now| F::restart(drives, drive, now))
     }
 
     pub(crate) fn deafen(&mut self, drive: usize, ms: u16) {

@@ -5,6 +5,7 @@
 //!
 //! `SEEDS=0..4000 cargo test --release -p sequences -- --ignored --nocapture` for more; a seed is a sequence of 60 steps.
 
+mod families;
 mod judge;
 mod lab;
 mod play;
@@ -16,6 +17,11 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
+use families::Family;
+use firmware::groups::cia402::Cia402;
+use firmware::groups::mit::Mit;
+use firmware::groups::odrive::Odrive;
+use firmware::groups::powercube::PowerCubes;
 use play::play;
 use rules::{Rule, Taken};
 use steps::{Act, Hand, Step, Who};
@@ -24,12 +30,12 @@ use steps::{Act, Hand, Step, Who};
 const STEPS: usize = 60;
 
 /// Plays all seeds: how much happened, and the shortest sequence for each rule that is broken, as code.
-fn broken(seeds: std::ops::Range<u64>) -> (Taken, Vec<String>) {
+fn broken<F: Family>(seeds: std::ops::Range<u64>) -> (Taken, Vec<String>) {
     let played: Vec<(u64, Vec<Rule>, Taken)> = seeds
         .into_par_iter()
         .map(|seed| {
             let (start, steps) = steps::draw(seed, STEPS);
-            let (found, taken) = play(start, seed, &steps);
+            let (found, taken) = play::<F>(start, seed, &steps);
             let mut rules: Vec<Rule> = found.iter().map(|found| found.rule).collect();
             rules.sort_unstable();
             rules.dedup();
@@ -44,23 +50,23 @@ fn broken(seeds: std::ops::Range<u64>) -> (Taken, Vec<String>) {
             of_rule.entry(rule).or_default().push(seed);
         }
     }
-    (all, of_rule.into_par_iter().map(|(rule, seeds)| shrink::shortest(rule, &seeds, STEPS)).collect())
+    (all, of_rule.into_par_iter().map(|(rule, seeds)| shrink::shortest::<F>(rule, &seeds, STEPS)).collect())
 }
 
 /// Breaks no rule, and much happens.
-fn check(seeds: std::ops::Range<u64>) {
+fn check<F: Family>(share: u32, seeds: std::ops::Range<u64>) {
     let count = u32::try_from(seeds.end - seeds.start).expect("fewer seeds");
-    let (taken, broken) = broken(seeds);
+    let (taken, broken) = broken::<F>(seeds);
     println!("{count} sequences of {STEPS} steps: {taken:?}");
     assert!(broken.is_empty(), "{}", broken.join("\n"));
     let Taken { homings, jogs, commits, armings, runs, clears, stops_in_motion } = taken;
     for often in [homings, jogs, commits, armings, runs, clears, stops_in_motion] {
-        assert!(often >= count / 2, "too little happens to show anything: {taken:?}");
+        assert!(often >= count / share, "too little happens to show anything: {taken:?}");
     }
 }
 
 fn keeps(start_mrad: [i16; lab::JOINTS], seed: u64, steps: &[Step]) -> Taken {
-    let (found, taken) = play(start_mrad, seed, steps);
+    let (found, taken) = play::<PowerCubes>(start_mrad, seed, steps);
     assert!(found.is_empty(), "{found:#?}");
     taken
 }
@@ -178,7 +184,29 @@ fn jog_that_is_let_go_before_a_late_loop_does_not_come_back() {
 /// 10 000 steps.
 #[test]
 fn ten_thousand_drawn_steps_break_no_rule() {
-    check(0..167);
+    check::<PowerCubes>(2, 0..167);
+}
+
+/// Seeds of each family that follows positions: 10 000 steps.
+fn seeds(usual: &str) -> std::ops::Range<u64> {
+    let seeds = std::env::var("SEEDS").unwrap_or_else(|_| usual.to_owned());
+    let (first, end) = seeds.split_once("..").expect("SEEDS=first..end");
+    first.parse().expect("a number")..end.parse().expect("a number")
+}
+
+#[test]
+fn drawn_steps_with_canopen_servos_break_no_rule() {
+    check::<Cia402>(6, seeds("0..60"));
+}
+
+#[test]
+fn drawn_steps_with_mit_motors_break_no_rule() {
+    check::<Mit>(6, seeds("0..60"));
+}
+
+#[test]
+fn drawn_steps_with_odrives_break_no_rule() {
+    check::<Odrive>(6, seeds("0..60"));
 }
 
 /// 1 000 000 steps.
@@ -187,5 +215,6 @@ fn ten_thousand_drawn_steps_break_no_rule() {
 fn a_million_drawn_steps_break_no_rule() {
     let seeds = std::env::var("SEEDS").unwrap_or_else(|_| "0..16667".to_owned());
     let (first, end) = seeds.split_once("..").expect("SEEDS=first..end");
-    check(first.parse().expect("a number")..end.parse().expect("a number"));
+    let (first, end) = (first.parse().expect("a number"), end.parse().expect("a number"));
+    check::<PowerCubes>(2, first..end);
 }

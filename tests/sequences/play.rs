@@ -17,13 +17,14 @@ use protocol::cyphal::uavcan::register::{self, AccessRequest};
 use protocol::cyphal::uavcan::value::ValueBuf;
 use protocol::{Duration, Instant};
 
+use crate::families::Family;
 use crate::judge::{Judge, Order};
 use crate::lab::{CLIENTS, JOINTS, Lab, SERVER, Tap, plan};
 use crate::rules::{Rule, Taken, Violation};
 use crate::steps::{Act, Hand, Register, Step, Who};
 
-/// Time for finding the drives and proving their watchdogs, ms.
-const BOOT_MS: u16 = 900;
+/// Time for the homing of absolute encoders, ms.
+const HOME_MS: u16 = 500;
 /// Time after the last step in which all must come to rest, ms.
 const END_MS: u16 = 1_500;
 
@@ -34,8 +35,8 @@ impl Encode for Nothing {
     fn encode(&self, _: &mut Writer<'_>) {}
 }
 
-struct Play {
-    lab: Lab,
+struct Play<F: Family> {
+    lab: Lab<F>,
     judge: Judge,
     tap: Tap,
     /// Plan that was uploaded last.
@@ -44,10 +45,14 @@ struct Play {
 }
 
 /// All that breaks a rule, and how much happened.
-pub(crate) fn play(start_mrad: [i16; JOINTS], seed: u64, steps: &[Step]) -> (Vec<Violation>, Taken) {
+pub(crate) fn play<F: Family>(
+    start_mrad: [i16; JOINTS],
+    seed: u64,
+    steps: &[Step],
+) -> (Vec<Violation>, Taken) {
     let mut play = Play {
-        lab: Lab::new(start_mrad, seed),
-        judge: Judge::new(),
+        lab: Lab::<F>::new(start_mrad, seed),
+        judge: Judge::new::<F>(),
         tap: Tap::default(),
         name: Trajectory::default(),
         hand: Hand::Nothing,
@@ -65,9 +70,14 @@ pub(crate) fn play(start_mrad: [i16; JOINTS], seed: u64, steps: &[Step]) -> (Vec
     (violations, play.judge.taken)
 }
 
-impl Play {
+impl<F: Family> Play<F> {
     fn all(&mut self, steps: &[Step]) -> Result<(), RunError> {
-        self.wait(BOOT_MS)?;
+        self.wait(F::BOOT_MS)?;
+        if !F::IS_POWERCUBE {
+            // PowerCubes keep their zeros.
+            self.act(Act::Home(3))?;
+            self.wait(HOME_MS)?;
+        }
         for (wait, act) in steps {
             self.wait(*wait)?;
             self.act(*act)?;

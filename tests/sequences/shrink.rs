@@ -1,5 +1,6 @@
 //! Makes a sequence that breaks a rule as short as it gets, and prints it as a test.
 
+use crate::families::Family;
 use crate::play::play;
 use crate::rules::{Rule, Violation};
 use crate::steps::{self, Act, Step, Who};
@@ -7,16 +8,17 @@ use crate::steps::{self, Act, Step, Who};
 /// Seeds of a rule that are shrunk; the shortest result is kept.
 const TRIED: usize = 4;
 
-struct Case {
+struct Case<F> {
+    family: std::marker::PhantomData<F>,
     rule: Rule,
     start: [i16; 2],
     seed: u64,
     steps: Vec<Step>,
 }
 
-impl Case {
+impl<F: Family> Case<F> {
     fn breaks(&self, steps: &[Step]) -> Option<Violation> {
-        play(self.start, self.seed, steps).0.into_iter().find(|found| found.rule == self.rule)
+        play::<F>(self.start, self.seed, steps).0.into_iter().find(|found| found.rule == self.rule)
     }
 
     /// Takes a shorter or simpler sequence if it breaks the rule still.
@@ -82,10 +84,10 @@ fn simpler(act: Act) -> Vec<Act> {
 }
 
 /// Shrinks the first seeds that break a rule and prints the shortest sequence.
-pub(crate) fn shortest(rule: Rule, seeds: &[u64], count: usize) -> String {
+pub(crate) fn shortest<F: Family>(rule: Rule, seeds: &[u64], count: usize) -> String {
     let shrunk = seeds.iter().take(TRIED).map(|&seed| {
         let (start, steps) = steps::draw(seed, count);
-        let mut case = Case { rule, start, seed, steps };
+        let mut case = Case::<F> { family: std::marker::PhantomData, rule, start, seed, steps };
         loop {
             let before = case.steps.clone();
             case.leave_out();

@@ -7,7 +7,7 @@ use super::dynamics::Motion;
 use super::shape::Axis;
 use crate::fault::{Cause, Refusal};
 use crate::group::{Command, GroupEvent, InForce, PositionSample, Readings, SetPoint, Taken};
-use crate::joints::{PerJoint, at_least, clamp};
+use crate::joints::{PerJoint, at_least, at_most, clamp};
 use crate::reach::{self, SoftLimits, way_rad};
 use crate::settings::{JointSettings, Settings};
 use crate::span;
@@ -317,6 +317,18 @@ impl Leader {
 }
 
 /// See [`crate::group::DriveGroup::check_drive`].
+/// Limits of fingers that a motor moves between two angles, with those of a joint for the rest.
+pub(super) fn finger_limits(own: &JointSettings, [one, other]: [f32; 2], v_max_rad_s: f32) -> JointSettings {
+    JointSettings {
+        inverted: false,
+        offset_rad: 0.0,
+        q_min_rad: at_most(one, other),
+        q_max_rad: at_least(one, other),
+        v_max_rad_s,
+        ..*own
+    }
+}
+
 pub(super) fn check_drive(joint: JointIndex, is_homed: bool, is_fit: bool) -> Result<(), Refusal> {
     match (is_homed, is_fit) {
         (false, _) => Err(Refusal::at(Cause::NotHomed, joint)),

@@ -4,10 +4,12 @@ use protocol::powercube::BaudRate;
 use protocol::{Duration, Instant, ModuleId};
 use robot_model::{Drive, JointVec, RobotModel};
 
-use super::drives::{Drives, MitArm, axes, servos};
+use super::drives::{Arm, Drives, servos};
 use super::finger_release::FingerRelease;
 use super::throw::Throw;
 use super::{Cell, Mounting};
+use crate::drive::mit::MitMotor;
+use crate::drive::odrive::OdriveAxis;
 use crate::drive::{DriveOptions, Nameplate, PowerCubeDrive};
 use crate::mechanics::perturb::JointDeviation;
 use crate::mechanics::{
@@ -126,9 +128,11 @@ impl Cell {
             Some(described) => {
                 Drives::PowerCubes(powercubes(model, options, described, &deviations, &q, seed)?)
             }
-            None if model.odrive_axes().is_some() => Drives::Odrive(axes(model, options, q.as_slice())),
+            None if model.odrive_axes().is_some() => {
+                Drives::Odrive(Box::new(Arm::<OdriveAxis>::new(model, options, q.as_slice())))
+            }
             None if model.cia402_servos().is_some() => Drives::Cia402(servos(model, options, q.as_slice())?),
-            None => Drives::Mit(Box::new(MitArm::new(model, options, q.as_slice())?)),
+            None => Drives::Mit(Box::new(Arm::<MitMotor>::new(model, options, q.as_slice())?)),
         };
         let plant = options.mechanics.build(model, q, &deviations);
         let supplies: Vec<Supply> = model
@@ -140,7 +144,7 @@ impl Cell {
         let world = *model.world();
         let mut gripper = options.gripper;
         // Fingers with a motor take the time that they take.
-        if matches!(drives, Drives::Mit(_)) {
+        if matches!(drives, Drives::Mit(_) | Drives::Odrive(_)) {
             (gripper.delay, gripper.jitter) = (Duration::ZERO, Duration::ZERO);
         }
         gripper.delay = options.scatter.draw_gripper_delay(seed, gripper.delay);
@@ -158,7 +162,12 @@ impl Cell {
             world.gravity_m_s2,
             gripper.landing_z_m.unwrap_or(world.floor_z_m),
         );
-        Self::assemble(drives, Box::new(plant), supplies, supply_of, throw, options)
+        let mut cell = Self::assemble(drives, Box::new(plant), supplies, supply_of, throw, options)?;
+        if model.drives().is_none() {
+            let nodes = model.addresses().unwrap_or_default().into_iter();
+            cell.addresses = nodes.filter_map(|node| ModuleId::new(node).ok()).collect();
+        }
+        Ok(cell)
     }
 
     /// A bench with `modules` modules, at most [`robot_model::JOINTS_MAX`], addresses from 1. Each turns a wheel of
@@ -229,6 +238,7 @@ impl Cell {
             loads_a: vec![0.0; supplies.len()],
             mounting: (0..drives.joints()).map(|joint| options.mounting_of(joint)).collect(),
             drives,
+            addresses: Vec::new(),
             plant,
             supplies,
             supply_of,

@@ -2,9 +2,10 @@
 
 use std::borrow::Cow;
 
+use mit_protocol::Status;
 use protocol::powercube::{Address, BaudRate, Channel};
 use protocol::{Duration, Frame, Id, Instant, ModuleId, Node};
-use robot_model::{MitGripper, MitMotor as Described, OdriveAxis as DescribedAxis, RobotModel};
+use robot_model::{FingerTravel, MitMotor as Described, OdriveAxis as DescribedAxis, RobotModel};
 
 use super::{CellError, CellOptions};
 use crate::bus::TxOrder;
@@ -13,37 +14,43 @@ use crate::drive::bench::{ShaftMotor, turn};
 use crate::drive::cia402::{CanopenServo, ServoOptions};
 use crate::drive::mit::{MitMotor, MitOptions};
 use crate::drive::odrive::{OdriveAxis, OdriveOptions};
+use crate::fault::PhysicalFault;
 use crate::mechanics::{AxisInput, AxisState};
 use crate::participants::BusConnection;
 
 /// Time without a frame after which an ODrive gives no torque.
 const ODRIVE_WATCHDOG: Duration = Duration::from_millis(50);
 
+/// Codes of a current that is too high: of an emergency, and of an axis of 0.6.
+const SERVO_OVER_CURRENT: u16 = 0x2310;
+const AXIS_OVER_CURRENT: u32 = 0x1000;
+
 /// The drives of a cell, base first.
 pub(super) enum Drives {
     PowerCubes(Vec<PowerCubeDrive>),
-    Mit(Box<MitArm>),
+    Mit(Box<Arm<MitMotor>>),
     Cia402(Vec<CanopenServo>),
-    Odrive(Vec<OdriveAxis>),
+    Odrive(Box<Arm<OdriveAxis>>),
 }
 
 /// One motor for each joint, and perhaps one for the fingers.
-pub(super) struct MitArm {
-    pub(super) joints: Vec<MitMotor>,
-    fingers: Option<Fingers>,
+pub(super) struct Arm<M> {
+    pub(super) joints: Vec<M>,
+    fingers: Option<Fingers<M>>,
 }
 
-/// Fingers with the inertia of their motor's rotor. The ball is free as soon as they are open by [`MitGripper::FREE_SHARE`].
-struct Fingers {
-    motor: MitMotor,
+/// Fingers with the inertia of their motor's rotor. The ball is free as soon as they are open by [`FingerTravel::FREE_SHARE`].
+struct Fingers<M> {
+    motor: M,
     axis: AxisState,
-    described: MitGripper,
+    rotor_kg_m2: f64,
+    travel: FingerTravel,
     is_open: bool,
     /// When that changed.
     changed: Instant,
 }
 
-impl MitArm {
+impl Arm<MitMotor> {
     /// Motors at rest; the fingers are closed.
     pub(super) fn new(model: &RobotModel, options: &CellOptions, q_rad: &[f64]) -> Result<Self, CellError> {
         let Some(described) = model.mit_motors() else {
@@ -54,20 +61,60 @@ impl MitArm {
             .map(|(joint, (motor, q_rad))| motor_of(motor, options.mounting_of(joint).drive_rad(*q_rad)))
             .collect::<Result<_, _>>()?;
         let fingers = described.gripper.map(|gripper| {
-            Ok(Fingers {
-                motor: motor_of(&gripper.motor, gripper.closed_rad)?,
-                axis: AxisState { q_rad: gripper.closed_rad, ..AxisState::default() },
-                described: gripper,
-                is_open: false,
-                changed: Instant::ZERO,
-            })
+            let motor = motor_of(&gripper.motor, gripper.travel.closed_rad)?;
+            Ok(Fingers::closed(motor, gripper.motor.rotor_kg_m2, gripper.travel))
         });
         Ok(Self { joints, fingers: fingers.transpose()? })
     }
+}
 
+impl Arm<OdriveAxis> {
+    /// Axes at rest, configured as `docs/moving.md` says: their watchdog is on, estimates come when they are asked for. The fingers are closed.
+    pub(super) fn new(model: &RobotModel, options: &CellOptions, q_rad: &[f64]) -> Self {
+        let described = model.odrive_axes().unwrap_or_default().iter().zip(q_rad).enumerate();
+        let joints = described
+            .map(|(joint, (axis, q_rad))| axis_of(axis, options.mounting_of(joint).drive_rad(*q_rad)));
+        let fingers = model.odrive_gripper().map(|gripper| {
+            let motor = axis_of(&gripper.axis, gripper.travel.closed_rad);
+            Fingers::closed(motor, gripper.axis.rotor_kg_m2, gripper.travel)
+        });
+        Self { joints: joints.collect(), fingers }
+    }
+}
+
+impl<M: ShaftMotor> Arm<M> {
     /// The motors, the one of the fingers last.
-    pub(super) fn motors_mut(&mut self) -> impl Iterator<Item = &mut MitMotor> {
+    pub(super) fn motors_mut(&mut self) -> impl Iterator<Item = &mut M> {
         self.joints.iter_mut().chain(self.fingers.as_mut().map(|fingers| &mut fingers.motor))
+    }
+
+    fn len(&self) -> usize {
+        self.joints.len() + usize::from(self.fingers.is_some())
+    }
+
+    fn node(&mut self, index: usize) -> &mut dyn Node {
+        match &mut self.fingers {
+            Some(fingers) if index == self.joints.len() => &mut fingers.motor,
+            _ => &mut self.joints[index],
+        }
+    }
+
+    fn name(&self, index: usize) -> String {
+        match &self.fingers {
+            Some(fingers) if index == self.joints.len() => format!("gripper ({})", fingers.motor.name()),
+            _ => format!("joint {} ({})", index + 1, self.joints[index].name()),
+        }
+    }
+
+    fn step_fingers(&mut self, dt_s: f64, end: Instant) {
+        if let Some(fingers) = &mut self.fingers {
+            fingers.step(dt_s, end);
+        }
+    }
+
+    /// Whether the fingers are open, and since when.
+    fn is_open(&self) -> Option<(bool, Instant)> {
+        self.fingers.as_ref().map(|fingers| (fingers.is_open, fingers.changed))
     }
 }
 
@@ -78,11 +125,16 @@ fn motor_of(described: &Described, q_rad: f64) -> Result<MitMotor, CellError> {
     Ok(MitMotor::new(MitOptions { rotor_kg_m2: described.rotor_kg_m2, ..options }, q_rad))
 }
 
-impl Fingers {
+impl<M: ShaftMotor> Fingers<M> {
+    fn closed(motor: M, rotor_kg_m2: f64, travel: FingerTravel) -> Self {
+        let axis = AxisState { q_rad: travel.closed_rad, ..AxisState::default() };
+        Self { motor, axis, rotor_kg_m2, travel, is_open: false, changed: Instant::ZERO }
+    }
+
     fn step(&mut self, dt_s: f64, end: Instant) {
-        turn(&mut self.axis, &self.motor.input(), self.described.motor.rotor_kg_m2, dt_s);
+        turn(&mut self.axis, &self.motor.input(), self.rotor_kg_m2, dt_s);
         self.motor.tick(self.axis, dt_s);
-        let is_open = self.described.open_share(self.axis.q_rad) >= MitGripper::FREE_SHARE;
+        let is_open = self.travel.open_share(self.axis.q_rad) >= FingerTravel::FREE_SHARE;
         if is_open != self.is_open {
             (self.is_open, self.changed) = (is_open, end);
         }
@@ -115,6 +167,7 @@ pub(super) fn servos(
             stiffness_nm_rad: tuned[joint] * wn_rad_s * wn_rad_s,
             damping_nms_rad: 2.0 * damping * wn_rad_s * tuned[joint],
             is_absolute: described.is_absolute,
+            gripper_bit: model.cia402_output().filter(|own| own.joint == joint).map(|own| own.bit),
             ..ServoOptions::of(described.node)
         };
         CanopenServo::new(options_of, options.mounting_of(joint).drive_rad(q_rad[joint]))
@@ -122,23 +175,18 @@ pub(super) fn servos(
     Ok((0..described.len()).map(servo).collect())
 }
 
-/// The axes of `[joint.odrive]`, configured as `docs/moving.md` says: their watchdog is on, estimates come when they are asked for.
-pub(super) fn axes(model: &RobotModel, options: &CellOptions, q_rad: &[f64]) -> Vec<OdriveAxis> {
-    let described = model.odrive_axes().unwrap_or_default();
-    let axis = |(joint, described): (usize, &DescribedAxis)| {
-        let options_of = OdriveOptions {
-            gear: described.gear_ratio,
-            counted: described.counted(),
-            torque_nm_a: described.torque_nm_a,
-            current_max_a: described.current_max_a,
-            brakes: described.brake,
-            watchdog: Some(ODRIVE_WATCHDOG),
-            estimates: None,
-            ..OdriveOptions::new(described.node, described.version)
-        };
-        OdriveAxis::new(options_of, options.mounting_of(joint).drive_rad(q_rad[joint]))
+fn axis_of(described: &DescribedAxis, q_rad: f64) -> OdriveAxis {
+    let options = OdriveOptions {
+        gear: described.gear_ratio,
+        counted: described.counted(),
+        torque_nm_a: described.torque_nm_a,
+        current_max_a: described.current_max_a,
+        brakes: described.brake,
+        watchdog: Some(ODRIVE_WATCHDOG),
+        estimates: None,
+        ..OdriveOptions::new(described.node, described.version)
     };
-    described.iter().enumerate().map(axis).collect()
+    OdriveAxis::new(options, q_rad)
 }
 
 impl Drives {
@@ -160,9 +208,9 @@ impl Drives {
     pub(super) fn len(&self) -> usize {
         match self {
             Self::PowerCubes(drives) => drives.len(),
-            Self::Mit(arm) => arm.joints.len() + usize::from(arm.fingers.is_some()),
+            Self::Mit(arm) => arm.len(),
             Self::Cia402(servos) => servos.len(),
-            Self::Odrive(axes) => axes.len(),
+            Self::Odrive(arm) => arm.len(),
         }
     }
 
@@ -172,19 +220,16 @@ impl Drives {
             Self::PowerCubes(drives) => drives.len(),
             Self::Mit(arm) => arm.joints.len(),
             Self::Cia402(servos) => servos.len(),
-            Self::Odrive(axes) => axes.len(),
+            Self::Odrive(arm) => arm.joints.len(),
         }
     }
 
     pub(super) fn node(&mut self, index: usize) -> &mut dyn Node {
         match self {
             Self::PowerCubes(drives) => &mut drives[index],
-            Self::Mit(arm) => match &mut arm.fingers {
-                Some(fingers) if index == arm.joints.len() => &mut fingers.motor,
-                _ => &mut arm.joints[index],
-            },
+            Self::Mit(arm) => arm.node(index),
             Self::Cia402(servos) => &mut servos[index],
-            Self::Odrive(axes) => &mut axes[index],
+            Self::Odrive(arm) => arm.node(index),
         }
     }
 
@@ -194,12 +239,9 @@ impl Drives {
                 let plate = drives[index].nameplate();
                 format!("drive {} ({})", plate.address, plate.module)
             }
-            Self::Mit(arm) => match &arm.fingers {
-                Some(fingers) if index == arm.joints.len() => format!("gripper ({})", fingers.motor.name()),
-                _ => format!("motor {} ({})", index + 1, arm.joints[index].name()),
-            },
+            Self::Mit(arm) => arm.name(index),
             Self::Cia402(servos) => format!("joint {} ({})", index + 1, servos[index].name()),
-            Self::Odrive(axes) => format!("joint {} ({})", index + 1, axes[index].name()),
+            Self::Odrive(arm) => arm.name(index),
         })
     }
 
@@ -229,22 +271,72 @@ impl Drives {
         self.powercubes().get(index).map(PowerCubeDrive::address)
     }
 
+    /// Begins a fault of the drive of a joint; false: such a drive has no such fault.
+    pub(super) fn begin(&mut self, joint: usize, now: Instant, fault: &PhysicalFault) -> bool {
+        match (self, fault) {
+            (Self::PowerCubes(drives), fault) => return drives[joint].begin(now, fault),
+            (Self::Mit(arm), PhysicalFault::Restart) => {
+                arm.joints[joint].set_power(false);
+                arm.joints[joint].set_power(true);
+            }
+            (Self::Mit(arm), PhysicalFault::Frozen) => {
+                arm.joints[joint].faults_mut().answers_are_stale = true;
+            }
+            (Self::Mit(arm), PhysicalFault::OverCurrent) => arm.joints[joint].fail(Status::OverCurrent),
+            (Self::Cia402(servos), PhysicalFault::Restart) => {
+                servos[joint].set_power(now, false);
+                servos[joint].set_power(now, true);
+            }
+            (Self::Cia402(servos), PhysicalFault::Frozen) => {
+                servos[joint].faults_mut().answers_are_stale = true;
+            }
+            (Self::Cia402(servos), PhysicalFault::OverCurrent) => servos[joint].fail(now, SERVO_OVER_CURRENT),
+            (Self::Odrive(arm), PhysicalFault::Restart) => {
+                arm.joints[joint].set_power(now, false);
+                arm.joints[joint].set_power(now, true);
+            }
+            (Self::Odrive(arm), PhysicalFault::Frozen) => {
+                arm.joints[joint].faults_mut().estimates_are_stale = true;
+            }
+            (Self::Odrive(arm), PhysicalFault::OverCurrent) => arm.joints[joint].fail(AXIS_OVER_CURRENT),
+            _ => return false,
+        }
+        true
+    }
+
+    /// Ends a fault of the drive of a joint; what it latched stays.
+    pub(super) fn end(&mut self, joint: usize, fault: &PhysicalFault) {
+        match (self, fault) {
+            (Self::PowerCubes(drives), fault) => drives[joint].end(fault),
+            (Self::Mit(arm), PhysicalFault::Frozen) => {
+                arm.joints[joint].faults_mut().answers_are_stale = false;
+            }
+            (Self::Cia402(servos), PhysicalFault::Frozen) => {
+                servos[joint].faults_mut().answers_are_stale = false;
+            }
+            (Self::Odrive(arm), PhysicalFault::Frozen) => {
+                arm.joints[joint].faults_mut().estimates_are_stale = false;
+            }
+            _ => {}
+        }
+    }
+
     /// What the power stage of a joint does around `middle`, the middle of a step.
     pub(super) fn input(&self, joint: usize, middle: Instant) -> AxisInput {
         match self {
             Self::PowerCubes(drives) => drives[joint].input(middle),
             Self::Mit(arm) => arm.joints[joint].input(),
             Self::Cia402(servos) => servos[joint].input_at(middle),
-            Self::Odrive(axes) => axes[joint].input(),
+            Self::Odrive(arm) => arm.joints[joint].input(),
         }
     }
 
     /// Moves the fingers on to `end`, if a motor moves them.
     pub(super) fn step_fingers(&mut self, dt_s: f64, end: Instant) {
-        if let Self::Mit(arm) = self
-            && let Some(fingers) = &mut arm.fingers
-        {
-            fingers.step(dt_s, end);
+        match self {
+            Self::Mit(arm) => arm.step_fingers(dt_s, end),
+            Self::Odrive(arm) => arm.step_fingers(dt_s, end),
+            Self::PowerCubes(_) | Self::Cia402(_) => {}
         }
     }
 
@@ -268,9 +360,9 @@ impl Drives {
                 let drive = axis.map_or(drives.last(), |axis| drives.get(axis))?;
                 Some((drive.outputs() >> line & 1 != 0, drive.outputs_changed()))
             }
-            Self::Mit(arm) => arm.fingers.as_ref().map(|fingers| (fingers.is_open, fingers.changed)),
-            // Nothing opens the hand.
-            Self::Cia402(_) | Self::Odrive(_) => None,
+            Self::Mit(arm) => arm.is_open(),
+            Self::Odrive(arm) => arm.is_open(),
+            Self::Cia402(servos) => servos.iter().find_map(CanopenServo::gripper),
         }
     }
 }

@@ -29,8 +29,8 @@ impl FaultTarget for Cell {
                 let Some(index) = self.index_of(module) else { return refused(NO_MODULE) };
                 if *fault == PhysicalFault::Blocked {
                     self.plant.set_blocked(index, true);
-                } else if !self.drives.powercubes_mut()[index].begin(now, fault) {
-                    return refused("it is no fault of a module");
+                } else if !self.drives.begin(index, now, fault) {
+                    return refused("it is no fault of such a drive");
                 }
             }
             (Place::Supply(index), PhysicalFault::SupplyLoss { remaining }) => {
@@ -58,7 +58,7 @@ impl FaultTarget for Cell {
             }
             (Place::Module(module), fault) => {
                 if let Some(index) = self.index_of(module) {
-                    self.drives.powercubes_mut()[index].end(fault);
+                    self.drives.end(index, fault);
                 }
             }
             (Place::Supply(index), PhysicalFault::SupplyLoss { .. }) => {

@@ -50,6 +50,8 @@ const LOGIC_SHARE_MIN: f64 = 0.4;
 /// Drives with everything behind them.
 pub struct Cell {
     drives: Drives,
+    /// Of drives other than PowerCubes, which know their own.
+    addresses: Vec<ModuleId>,
     /// On their joints.
     mounting: Vec<Mounting>,
     plant: Box<dyn Plant>,
@@ -88,9 +90,10 @@ impl Cell {
         if let Drives::Cia402(servos) = &mut self.drives { servos } else { &mut [] }
     }
 
-    /// The axes of ODrives, in joint order; none in an arm of other drives.
-    pub fn odrives_mut(&mut self) -> &mut [OdriveAxis] {
-        if let Drives::Odrive(axes) = &mut self.drives { axes } else { &mut [] }
+    /// The axes of ODrives, in joint order, the one of the gripper last; empty for an arm with other drives.
+    pub fn odrives_mut(&mut self) -> impl Iterator<Item = &mut OdriveAxis> {
+        let arm = if let Drives::Odrive(arm) = &mut self.drives { Some(arm) } else { None };
+        arm.into_iter().flat_map(|arm| arm.motors_mut())
     }
 
     pub fn plant(&self) -> &dyn Plant {
@@ -153,7 +156,12 @@ impl Cell {
     }
 
     fn index_of(&self, module: ModuleId) -> Option<usize> {
-        self.drives().iter().position(|drive| drive.address() == module)
+        (0..self.drives.joints()).find(|index| self.module_of(*index) == Some(module))
+    }
+
+    /// Address or node of the drive of a joint.
+    fn module_of(&self, index: usize) -> Option<ModuleId> {
+        self.drives.module(index).or(self.addresses.get(index).copied())
     }
 
     fn take_step(&mut self) {
@@ -171,8 +179,8 @@ impl Cell {
                     motor.tick(self.mounting[index].axis(self.plant.axis(index)), dt_s);
                 }
             }
-            Drives::Odrive(axes) => {
-                for (index, axis) in axes.iter_mut().enumerate() {
+            Drives::Odrive(arm) => {
+                for (index, axis) in arm.joints.iter_mut().enumerate() {
                     axis.tick(self.mounting[index].axis(self.plant.axis(index)), dt_s);
                 }
             }
@@ -253,7 +261,7 @@ impl Participants for Cell {
     }
 
     fn module(&self, index: usize) -> Option<ModuleId> {
-        self.drives.module(index)
+        self.module_of(index)
     }
 
     fn physics(&mut self) -> Option<&mut dyn FaultTarget> {

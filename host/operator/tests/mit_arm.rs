@@ -52,13 +52,13 @@ fn fingers_stay_until_they_are_ordered_and_the_ball_is_free_when_the_settings_sa
     let mut session = open(&cell);
     found(&mut session);
     pass(&mut session, 500);
-    assert!(fingers(&mut session, |motor| motor.shaft_rad() - gripper.closed_rad).abs() < 5e-3);
+    assert!(fingers(&mut session, |motor| motor.shaft_rad() - gripper.travel.closed_rad).abs() < 5e-3);
     assert!(BallSeen::of(session.sim().unwrap().cell()).landing.is_none());
 
     order(&mut session, true);
     let ordered_s = session.now().as_secs_f64();
     pass(&mut session, 2_000);
-    assert!(fingers(&mut session, |motor| motor.shaft_rad() - gripper.open_rad).abs() < 5e-3);
+    assert!(fingers(&mut session, |motor| motor.shaft_rad() - gripper.travel.open_rad).abs() < 5e-3);
     let released_at = session.sim().unwrap().cell().throw().released_at.unwrap();
     let took_s = released_at.as_secs_f64() - ordered_s;
     // The answer to the order is on its way for some milliseconds; damping slows the fingers down.
@@ -66,7 +66,7 @@ fn fingers_stay_until_they_are_ordered_and_the_ball_is_free_when_the_settings_sa
 
     order(&mut session, false);
     pass(&mut session, 2_000);
-    assert!(fingers(&mut session, |motor| motor.shaft_rad() - gripper.closed_rad).abs() < 5e-3);
+    assert!(fingers(&mut session, |motor| motor.shaft_rad() - gripper.travel.closed_rad).abs() < 5e-3);
 }
 
 #[test]

@@ -114,7 +114,7 @@ fn a_drive_without_power_is_a_fault_of_its_joint_and_brakes_hold_the_arm() {
         world
             .with_participants(|all, now| match arm {
                 Arm::Cia402 => all.0.0.0.servos_mut()[1].set_power(now, false),
-                Arm::Odrive => all.0.0.0.odrives_mut()[1].set_power(now, false),
+                Arm::Odrive => all.0.0.0.odrives_mut().nth(1).unwrap().set_power(now, false),
             })
             .unwrap();
         let until = session.now() + Duration::from_secs(1);
@@ -173,4 +173,20 @@ fn a_node_with_ids_of_powercubes_is_refused_at_the_start_with_numbers_that_do() 
         CanDrives::of(&RobotModel::from_toml("arm.toml", &text).unwrap()).is_err(),
         "its emergencies are at 0xA1"
     );
+}
+
+/// The port of a controller sends in the order in which it was given frames: those of the host link must not pile up before set points.
+#[test]
+fn a_host_that_reads_every_register_does_not_stop_an_arm_that_is_held_at_its_shortest_period() {
+    for arm in ARMS {
+        let cell = arm.cell();
+        let mut session = ready(&cell, arm.periods()[0]);
+        let node = session.find_controller(None).unwrap();
+        let names = session.register_names(node).unwrap();
+        assert!(names.len() > 50, "{names:?}");
+        for name in &names {
+            session.register(node, name).unwrap();
+        }
+        assert_eq!(session.group().unwrap().state, State::Ready);
+    }
 }

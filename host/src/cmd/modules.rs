@@ -8,7 +8,7 @@ use protocol::{Duration, ModuleId};
 use serde::{Deserialize, Serialize};
 
 use super::counted;
-use super::survey::{Modules, modules_on};
+use super::survey::{Modules, modules_on, require_powercubes};
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::{BusArgs, Session};
@@ -171,6 +171,7 @@ fn read_all(session: &mut Session, found: &[ModuleReport]) -> Result<ConfigFile,
 
 fn dump(args: &DumpArgs) -> Result<(), ExpectedError> {
     let mut session = args.bus.open()?;
+    require_powercubes(&mut session, &args.bus, &args.bus.cell.load()?.robot)?;
     let found =
         modules_on(&mut session, args.modules.as_ref().map(|modules| modules.0.as_slice()), args.bus.beside)?;
     let file = read_all(&mut session, &found)?;
@@ -258,6 +259,7 @@ fn compare(path: &Path, bus: &BusArgs) -> Result<Compared, ExpectedError> {
         );
     }
     let mut session = bus.open()?;
+    require_powercubes(&mut session, bus, &bus.cell.load()?.robot)?;
     let found = modules_on(&mut session, Some(&ids), bus.beside)?;
     let present = read_all(&mut session, &found)?;
     let (mut changes, mut missing) = (Vec::new(), Vec::new());

@@ -42,6 +42,28 @@ pub(super) fn nobody(bus: &str) -> ExpectedError {
     )
 }
 
+/// Refuses to ask drives that answer a controller only, unless somebody else speaks on the bus, to whom a verb listens.
+pub(super) fn require_powercubes(
+    session: &mut Session,
+    bus: &BusArgs,
+    robot: &RobotModel,
+) -> Result<(), ExpectedError> {
+    let Some(drives) = robot.drives_of_controller() else { return Ok(()) };
+    if !bus.beside && session.hears_other_host()? {
+        return Ok(());
+    }
+    let (name, file) = (robot.name(), bus.cell.robot.as_deref().unwrap_or("FILE"));
+    let on = if bus.bus == BusSpec::Sim { String::new() } else { format!(" --bus {}", bus.bus) };
+    Err(ExpectedError::new(
+        exit::DRIVE,
+        format!("the drives of robot {name} are {drives}: they answer a controller only, and nothing was asked"),
+    )
+    .next(format!(
+        "`cubectl home --robot {file}{on}` starts a controller, which finds the drives, compares their settings and names the one \
+         that is wrong; `cubectl run` and `cubectl move` report what the drives measured"
+    )))
+}
+
 /// Some of the modules that were named are silent.
 pub(super) fn missing(bus: &str, modules: &[ModuleId]) -> ExpectedError {
     let wanted = Wanted::named(modules);
@@ -136,6 +158,7 @@ pub(super) fn look(
     let wanted = named.map_or_else(|| Wanted::of_robot(&cell.robot), Wanted::named);
     let mut session = bus.open_cell_until(&cell, None, stop)?;
     let name = session.name().to_owned();
+    require_powercubes(&mut session, bus, &cell.robot)?;
     let seen = match listen_beside(&mut session, named, bus.beside)? {
         Some(beside) => Seen::Heard(beside),
         None => {

@@ -20,6 +20,8 @@ pub const TARGET_TORQUE: u16 = 0x6071;
 pub const VELOCITY_OFFSET: u16 = 0x60B1;
 /// Object 60B2: torque that is fed forward, per mille.
 pub const TORQUE_OFFSET: u16 = 0x60B2;
+/// Object 60FE: digital outputs; sub 1 their state, sub 2 which of them a host switches.
+pub const OUTPUTS: u16 = 0x60FE;
 /// Object 60C2: period of set points: sub 1 times ten to the power of sub 2, s.
 pub const INTERPOLATION_TIME: u16 = 0x60C2;
 /// Object 6502: modes that the drive has; bit n - 1 for mode n.

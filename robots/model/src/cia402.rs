@@ -2,6 +2,15 @@
 
 use canopen_protocol::NodeId;
 
+/// The digital output of a servo that opens the hand (object 60FE).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Cia402Output {
+    /// Joint whose servo has it, base first.
+    pub joint: usize,
+    /// Bit of the object, 16 to 31: 1 opens.
+    pub bit: u8,
+}
+
 /// The servo of a joint; all values at the joint, behind the gear.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cia402Servo {

@@ -108,12 +108,20 @@ pub enum Problem {
         /// Joint that has it first.
         owner: String,
     },
-    /// The gripper has an MIT motor, but the joints do not.
-    #[error("the gripper has an MIT motor, but the joints have none")]
-    MitGripperAlone,
+    /// The gripper has a drive of this family, but the joints do not.
+    #[error("the gripper has an {0}, but the joints have none")]
+    GripperAlone(&'static str),
+    /// The servo whose output opens the hand moves no joint.
+    #[error("node {0} is the servo of no joint: name one whose output opens the hand")]
+    NoServoOfOutput(u8),
+    /// The axis of the gripper counts the shaft of its motor.
+    #[error(
+        "the axis of the gripper counts its motor and forgets its turns without power: it needs encoder = \"joint\""
+    )]
+    GripperTurns,
     /// A gripper that does not move.
     #[error("open and closed are the same angle")]
-    MitGripperStill,
+    GripperStill,
     /// Two motors share an id, for commands or answers.
     #[error("id {id:#x} already belongs to {owner}")]
     DuplicateMitId {

@@ -69,10 +69,11 @@ mod per_joint;
 mod pose;
 pub mod release;
 pub mod survey;
+mod travel;
 pub mod urdf;
 pub mod uses;
 
-pub use cia402::Cia402Servo;
+pub use cia402::{Cia402Output, Cia402Servo};
 pub use dynamics::InverseDynamicsGradient;
 pub use error::{FamilyMismatch, LoadError, Problem};
 pub use family::{Family, OrthoParallel, TurntablePlanar};
@@ -88,6 +89,7 @@ pub use mit::{MitGripper, MitMotor, MitMotors};
 pub use model::{
     Drive, DriveLoop, Gripper, Joint, JointLimits, Link, LinkInertia, RobotModel, Supply, World,
 };
-pub use odrive::OdriveAxis;
+pub use odrive::{OdriveAxis, OdriveGripper};
 pub use per_joint::{JOINTS_MAX, JointVec, PerJoint};
 pub use pose::Pose;
+pub use travel::FingerTravel;

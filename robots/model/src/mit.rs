@@ -3,6 +3,8 @@
 use mit_protocol::{MotorId, MotorType};
 use protocol::StandardId;
 
+use crate::travel::FingerTravel;
+
 /// The motors of an arm: one for each joint, and perhaps one for the gripper.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MitMotors {
@@ -34,10 +36,8 @@ pub struct MitMotor {
 pub struct MitGripper {
     /// The motor.
     pub motor: MitMotor,
-    /// Angle of open fingers, rad.
-    pub open_rad: f64,
-    /// Angle of closed fingers, rad.
-    pub closed_rad: f64,
+    /// How far it turns.
+    pub travel: FingerTravel,
 }
 
 impl MitMotors {
@@ -48,18 +48,9 @@ impl MitMotors {
 }
 
 impl MitGripper {
-    /// Share of the way from closed to open after which the ball is free: 4 mm of each finger of an OpenArm.
-    pub const FREE_SHARE: f64 = 0.1;
-
-    /// How far the fingers are open at an angle: 0 closed, 1 open.
-    #[must_use]
-    pub fn open_share(&self, q_rad: f64) -> f64 {
-        (q_rad - self.closed_rad) / (self.open_rad - self.closed_rad)
-    }
-
     /// From the order to open to the free ball, s: the rotor under the position gain alone.
     #[must_use]
     pub fn opening_s(&self) -> f64 {
-        (2.0 * Self::FREE_SHARE * self.motor.rotor_kg_m2 / self.motor.kp_nm_rad).sqrt()
+        (2.0 * FingerTravel::FREE_SHARE * self.motor.rotor_kg_m2 / self.motor.kp_nm_rad).sqrt()
     }
 }

@@ -3,11 +3,11 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::boxes::{BodyBox, CollisionModel};
-use crate::cia402::Cia402Servo;
+use crate::cia402::{Cia402Output, Cia402Servo};
 use crate::family::Family;
 use crate::fingers::Fingers;
 use crate::mit::MitMotors;
-use crate::odrive::OdriveAxis;
+use crate::odrive::{OdriveAxis, OdriveGripper};
 use crate::per_joint::{JointVec, PerJoint};
 use crate::pose::Pose;
 
@@ -29,7 +29,9 @@ pub struct RobotModel {
     pub(crate) drives: Option<Vec<Drive>>,
     pub(crate) mit_motors: Option<MitMotors>,
     pub(crate) cia402_servos: Option<Vec<Cia402Servo>>,
+    pub(crate) cia402_output: Option<Cia402Output>,
     pub(crate) odrive_axes: Option<Vec<OdriveAxis>>,
+    pub(crate) odrive_gripper: Option<OdriveGripper>,
     pub(crate) supplies: Vec<Supply>,
     pub(crate) drive_loop: Option<DriveLoop>,
     pub(crate) world: World,
@@ -338,10 +340,22 @@ impl RobotModel {
         self.cia402_servos.as_deref()
     }
 
+    /// The output of a CANopen servo that opens the hand, if the robot file describes one.
+    #[must_use]
+    pub fn cia402_output(&self) -> Option<Cia402Output> {
+        self.cia402_output
+    }
+
     /// Axes of ODrives, base first, if the robot file describes them (all joints or none).
     #[must_use]
     pub fn odrive_axes(&self) -> Option<&[OdriveAxis]> {
         self.odrive_axes.as_deref()
+    }
+
+    /// The ODrive that moves the fingers, if the robot file describes one.
+    #[must_use]
+    pub fn odrive_gripper(&self) -> Option<&OdriveGripper> {
+        self.odrive_gripper.as_ref()
     }
 
     /// True if the drives are computed from speed and torque of the joints (`[generic_drives]`): the file describes no real

@@ -1,6 +1,10 @@
 //! ODrives that speak CANSimple, as a robot file describes them.
 
+use std::f64::consts::TAU;
+
 use odrive_protocol::{NodeId, Version};
+
+use crate::travel::FingerTravel;
 
 /// The axis of a joint. Turns are those of the shaft that the axis counts.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,6 +31,36 @@ pub struct OdriveAxis {
     pub brake: bool,
     /// Inertia that the rotor adds behind the gear, kg·m².
     pub rotor_kg_m2: f64,
+}
+
+/// The axis that moves the fingers, which it counts itself.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OdriveGripper {
+    /// The axis.
+    pub axis: OdriveAxis,
+    /// How far it turns.
+    pub travel: FingerTravel,
+}
+
+impl OdriveGripper {
+    /// From the order to open to the free ball, s: the loops of the axis move its rotor, within the current. Integrated with steps of 10 us,
+    /// for at most a second.
+    #[must_use]
+    pub fn opening_s(&self) -> f64 {
+        const STEP_S: f64 = 1e-5;
+        let (axis, FingerTravel { open_rad, closed_rad }) = (&self.axis, self.travel);
+        let damping_nms_rad = axis.gear_ratio * axis.velocity_gain_nm_s * axis.counted() / TAU;
+        let (mut q_rad, mut v_rad_s, mut t_s) = (closed_rad, 0.0, 0.0);
+        while self.travel.open_share(q_rad) < FingerTravel::FREE_SHARE && t_s < 1.0 {
+            let wanted_rad_s = axis.position_gain_1_s * (open_rad - q_rad);
+            let torque_nm = (damping_nms_rad * (wanted_rad_s - v_rad_s))
+                .clamp(-axis.torque_max_nm(), axis.torque_max_nm());
+            v_rad_s += torque_nm / axis.rotor_kg_m2 * STEP_S;
+            q_rad += v_rad_s * STEP_S;
+            t_s += STEP_S;
+        }
+        t_s
+    }
 }
 
 impl OdriveAxis {

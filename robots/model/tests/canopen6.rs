@@ -77,3 +77,18 @@ fn servos_on_some_joints_only_or_beside_other_drives_are_refused() {
     let error = refused("[drive_loop]", "[generic_drives]\nvoltage_v = 48\n\n[drive_loop]");
     assert_eq!(error.problem, Problem::GenericBeside("[joint.cia402]"));
 }
+
+#[test]
+fn every_mistake_in_the_output_of_the_hand_is_named_with_its_key() {
+    assert_eq!(arm().cia402_output().map(|output| (output.joint, output.bit)), Some((5, 16)));
+    for (from, to, key, message) in [
+        ("output_of = 8", "output_of = 9", "gripper.cia402.output_of", "node 9 is the servo of no joint"),
+        ("bit = 16", "bit = 15", "gripper.cia402.bit", "15"),
+        ("bit = 16", "bit = 32", "gripper.cia402.bit", "32"),
+        (", bit = 16", "", "gripper.cia402.bit", "missing"),
+    ] {
+        let error = refused(from, to);
+        assert_eq!(error.key, key, "{error}");
+        assert!(error.to_string().contains(message), "{error}");
+    }
+}

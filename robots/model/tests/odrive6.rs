@@ -54,6 +54,39 @@ fn every_mistake_in_an_axis_is_named_with_its_key() {
     }
 }
 
+#[test]
+fn every_mistake_in_the_axis_of_the_hand_is_named_with_its_key() {
+    let fingers = "closed_deg = 0 }";
+    for (from, to, key, message) in [
+        ("node = 15", "node = 12", "gripper.odrive.node", "node 12 already belongs to forearm"),
+        (
+            "gear_ratio = 8, encoder = \"joint\"",
+            "gear_ratio = 8, encoder = \"motor\"",
+            "gripper.odrive.encoder",
+            "forgets its turns",
+        ),
+        ("rotor_kg_m2 = 0.003", "rotor_kg_m2 = 0", "gripper.odrive.rotor_kg_m2", "0"),
+        (fingers, "closed_deg = -60 }", "gripper.odrive.open_deg", "same angle"),
+        (fingers, "}", "gripper.odrive.closed_deg", "missing"),
+    ] {
+        let error = refused(from, to);
+        assert_eq!(error.key, key, "{error}");
+        assert!(error.to_string().contains(message), "{error}");
+    }
+}
+
+#[test]
+fn the_hand_opens_within_the_time_that_its_current_and_its_gains_allow() {
+    let arm = arm();
+    let gripper = arm.odrive_gripper().expect("a hand");
+    let (axis, way_rad) = (gripper.axis, 60_f64.to_radians());
+    let at_constant_s = |torque_nm: f64| (2.0 * 0.1 * way_rad * axis.rotor_kg_m2 / torque_nm).sqrt();
+    let opening_s = gripper.opening_s();
+    assert!(opening_s > at_constant_s(axis.torque_max_nm()) && opening_s < 0.03, "{opening_s}");
+    assert_eq!(arm.opening_s(), Some(opening_s));
+    assert!(arm.opens_its_hand());
+}
+
 /// 72 deg/s are 0.2 turns/s of the joint, and 32.8 turns/s of a motor behind a gear of 164: the field ends at 32.767.
 #[test]
 fn a_speed_or_a_torque_that_the_set_points_cannot_hold_is_refused_when_the_file_is_read() {

@@ -78,7 +78,9 @@ fn the_motor_of_a_gripper_comes_last_with_its_angles() {
     let motors = arm.mit_motors().expect("motors");
     assert_eq!(motors.all().last().expect("the gripper").id.get(), 8);
     let gripper = motors.gripper.expect("the gripper");
-    assert!((gripper.open_rad + 60_f64.to_radians()).abs() < 1e-12 && gripper.closed_rad == 0.0);
+    assert!(
+        (gripper.travel.open_rad + 60_f64.to_radians()).abs() < 1e-12 && gripper.travel.closed_rad == 0.0
+    );
 }
 
 #[test]
@@ -146,7 +148,7 @@ fn motors_on_some_joints_only_or_beside_drives_are_refused() {
     let error =
         RobotModel::from_toml("arm.toml", &bare.replacen("[gripper]", &format!("[gripper]\n{GRIPPER}"), 1))
             .expect_err("a lone gripper");
-    assert_eq!(error.problem, Problem::MitGripperAlone);
+    assert_eq!(error.problem, Problem::GripperAlone("MIT motor"));
 }
 
 #[test]

@@ -11,7 +11,7 @@ use hil_sim::scenario::write::fault_lines;
 use lab::trust::judge::Judge;
 use lab::trust::matrix::{Entry, entries};
 use lab::trust::phases::{Phase, Phases};
-use lab::trust::{Bench, Evidence, ReportedOutcome, Verdict};
+use lab::trust::{Bench, Evidence, Family, ReportedOutcome, Verdict};
 use rayon::prelude::*;
 
 /// Cell and nominal run of one kind of start.
@@ -37,7 +37,11 @@ struct Matrix {
 
 impl Matrix {
     fn new() -> Self {
-        let bench = Bench::new().unwrap();
+        Self::of(Family::PowerCube)
+    }
+
+    fn of(family: Family) -> Self {
+        let bench = Bench::of(family).unwrap();
         let homed = Start::new(&bench, bench.scenario(1));
         let unhomed = Start::new(&bench, bench.scenario_without_zeros(1));
         Self { bench, homed, unhomed }
@@ -48,7 +52,7 @@ impl Matrix {
     }
 
     fn entries(&self) -> Vec<Entry> {
-        entries(|phase| self.start(phase).phases.at(phase))
+        entries(&self.bench, |phase| self.start(phase).phases.at(phase))
     }
 
     fn run(&self, entry: &Entry) -> (Verdict, ReportedOutcome) {
@@ -225,6 +229,29 @@ fn a_sample_of_the_matrix_is_told_as_it_is_seen() {
     let matrix = Matrix::new();
     let (wrong, _) = run(&matrix, &sample(matrix.entries(), 41));
     assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn a_sample_of_the_matrix_of_drives_that_follow_positions_is_told_as_it_is_seen() {
+    for family in Family::FOLLOWING {
+        let matrix = Matrix::of(family);
+        let (wrong, _) = run(&matrix, &sample(matrix.entries(), 97));
+        assert!(wrong.is_empty(), "{family:?}: {wrong:#?}");
+    }
+}
+
+#[test]
+#[ignore = "minutes: run by its CI stage"]
+fn every_fault_of_drives_that_follow_positions_is_told_as_it_is_seen() {
+    let step = std::env::var("STEP").ok().and_then(|text| text.parse().ok()).unwrap_or(1);
+    let mut all = Vec::new();
+    for family in Family::FOLLOWING {
+        let matrix = Matrix::of(family);
+        println!("{family:?}");
+        let (wrong, _) = run(&matrix, &sample(matrix.entries(), step));
+        all.extend(wrong.into_iter().map(|line| format!("{family:?}: {line}")));
+    }
+    assert!(all.is_empty(), "{}: {all:#?}", all.len());
 }
 
 #[test]

@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 
 use firmware::spline::KNOTS_MAX;
 use hil_sim::fault::{Fault, FaultKind, PhysicalFault};
-use lab::trust::Bench;
 use lab::trust::matrix::{Entry, entries};
 use lab::trust::phases::Phase;
+use lab::trust::{Bench, Family};
 use operator::bus::args::Cell;
 use operator::bus::period::settings_with_gains;
 use operator::bus::sim::SimSetup;
@@ -25,8 +25,11 @@ use protocol::{Duration, Instant};
 use rayon::prelude::*;
 use robot_model::collision::Scene;
 
-/// The controller has found its drives by then; the stream begins some tenths of a second later and takes two seconds.
-const BEGIN: Duration = Duration::from_millis(500);
+/// The controller has found its drives by then, and they are at home; the stream begins some tenths of a second later and takes two seconds.
+const fn begins(family: Family) -> Duration {
+    Duration::from_millis(if matches!(family, Family::PowerCube) { 500 } else { 2_500 })
+}
+
 const COMMANDS: u32 = 100;
 /// The cell goes on, so that what still moves is seen.
 const AFTER: Duration = Duration::from_millis(1_500);
@@ -36,12 +39,13 @@ const STILL_RAD: f64 = 2e-3;
 const STILL: Duration = Duration::from_millis(200);
 
 /// A wave of all joints, fifty commands a second.
-struct Wave {
+struct Wave<'a> {
+    bench: &'a Bench,
     from: Joints,
     sent: u32,
 }
 
-impl Stream for Wave {
+impl Stream for Wave<'_> {
     fn next(&mut self, t_s: f64) -> Next {
         let due_s = f64::from(self.sent) * 0.02;
         if self.sent == COMMANDS {
@@ -52,7 +56,7 @@ impl Stream for Wave {
         }
         self.sent += 1;
         let by_rad = 0.25 * (1.0 - (3.0 * due_s).cos());
-        Next::Command(Command::Joints(self.from.map(|q| q - by_rad.copysign(q))))
+        Next::Command(Command::Joints(self.bench.turned(&self.from, by_rad)))
     }
 
     fn refused(&mut self, _t_s: f64, _why: Refused) {}
@@ -69,7 +73,7 @@ enum Motion {
 }
 
 impl Motion {
-    /// When the faults begin, ms after [`BEGIN`]: before the run, during it, while the arm brakes at its end, and after it.
+    /// When the faults begin, ms after [`begins`]: before the run, during it, while the arm brakes at its end, and after it.
     const fn faults_ms(self) -> [u64; 5] {
         match self {
             Self::Stream => [0, 400, 900, 2_300, 2_600],
@@ -80,19 +84,19 @@ impl Motion {
 
     /// The motion, reported by the job; where it ends.
     fn job(self, session: &mut Session, bench: &Bench) -> Result<Followed, Failed> {
-        let from = begin(session).map_err(|error| Failed::of(&error))?;
+        let from = begin(session, bench).map_err(|error| Failed::of(&error))?;
         match self {
             Self::Stream => stream(session, bench, from).map_err(|error| match error {
                 ServoError::Operator(error) => Failed::of(&error),
                 other => Failed { is_stop: false, text: other.to_string() },
             }),
             Self::Move => {
-                let to = from.map(|q| q - 0.4_f64.copysign(q));
+                let to = bench.turned(&from, 0.4);
                 let travel = Travel { share: 0.5, ..Travel::default() };
                 let motion = way(&bench.arm, &Scene::default(), &travel, &from, &to);
                 run_motion(session, bench, motion.unwrap().unwrap())
             }
-            Self::Path => run_motion(session, bench, dense_path(from)),
+            Self::Path => run_motion(session, bench, dense_path(bench, from)),
         }
     }
 }
@@ -114,17 +118,13 @@ impl Failed {
 }
 
 /// A path of three seconds with more knots than a controller holds: there and back for each joint.
-fn dense_path(from: Joints) -> planner::motion::Motion {
+fn dense_path(bench: &Bench, from: Joints) -> planner::motion::Motion {
     let (end_s, per_s) = (3.1, 100.0);
     let knot = |k: u32| {
         let t_s = f64::from(k) / per_s;
         let turn = std::f64::consts::PI / end_s;
         let (by_rad, slope) = (0.4 * (turn * t_s).sin().powi(2), 0.4 * turn * (2.0 * turn * t_s).sin());
-        Knot {
-            t_s,
-            q_rad: from.map(|q| q - by_rad.copysign(q)),
-            qd_rad_s: from.map(|q| -slope * 1.0_f64.copysign(q)),
-        }
+        Knot { t_s, q_rad: bench.turned(&from, by_rad), qd_rad_s: bench.turned(&from, slope) - from }
     };
     let knots: Vec<Knot> = (0..=(per_s * end_s) as u32).map(knot).collect();
     assert!(knots.len() > KNOTS_MAX);
@@ -165,7 +165,7 @@ fn moved(motion: Motion, bench: &Bench, entry: Option<&Entry>) -> Seen {
     faults.extend(entry.map(|entry| entry.fault.clone()));
     let (cell, bus, actions) = (scenario.cell.clone(), scenario.bus, scenario.actions.clone());
     let setup = SimSetup { cell, bus, faults, actions };
-    let cell = Cell { robot_source: "powercube6".to_owned(), robot: bench.arm.clone(), seed: 1, setup };
+    let cell = Cell { robot_source: bench.robot_source.to_owned(), robot: bench.arm.clone(), seed: 1, setup };
     let settings = settings_with_gains(&bench.arm).unwrap();
     let mut session = BusArgs::default().open_cell(&cell, Some(&settings)).unwrap();
     session.sim().unwrap().world().with_participants(|all, _| all.0.0.0.record_trace()).unwrap();
@@ -201,11 +201,17 @@ fn moved(motion: Motion, bench: &Bench, entry: Option<&Entry>) -> Seen {
 }
 
 /// Where the arm stands when it can move.
-fn begin(session: &mut Session) -> Result<Joints, OperatorError> {
+fn begin(session: &mut Session, bench: &Bench) -> Result<Joints, OperatorError> {
     session.watch_stops();
     let node = session.find_controller(None)?;
     session.wait_for(Duration::from_secs(10), &|state| state != State::Boot)?;
-    session.pass(BEGIN.saturating_sub(session.now().saturating_since(Instant::ZERO)))?;
+    if bench.family != Family::PowerCube {
+        // PowerCubes keep their zeros.
+        let mut operator = OnBus::new(session, None, 1_000_000);
+        operator.connect()?;
+        operator.home(((1_u16 << bench.arm.n()) - 1) as u8, Duration::from_secs(5))?;
+    }
+    session.pass(begins(bench.family).saturating_sub(session.now().saturating_since(Instant::ZERO)))?;
     Ok(Joints::from_slice(&session.measured_pose(node)?))
 }
 
@@ -218,7 +224,7 @@ fn stream(session: &mut Session, bench: &Bench, from: Joints) -> Result<Followed
         hold: Duration::from_millis(200),
         scene: Scene::default(),
     };
-    let streamed = follow(&mut operator, &bench.arm, &keeps, &mut Wave { from, sent: 0 })?;
+    let streamed = follow(&mut operator, &bench.arm, &keeps, &mut Wave { bench, from, sent: 0 })?;
     let name = if streamed.restarts > 0 { "followed, begun anew" } else { "followed" };
     Ok(Followed { end_rad: Joints::from_slice(&streamed.end_rad), name })
 }
@@ -232,15 +238,17 @@ fn lost_rad(fault: &Fault) -> f64 {
 }
 
 /// What is wrong with a run; and how it was reported.
-fn judged(seen: &Seen, fault: Option<&Fault>) -> (&'static str, Vec<String>) {
+fn judged(bench: &Bench, seen: &Seen, fault: Option<&Fault>) -> (&'static str, Vec<String>) {
     let mut wrong = Vec::new();
     let lost_rad = fault.map_or(0.0, lost_rad);
     let moved_rad = (seen.at_end_rad - seen.before_rad).amax();
     // After an encoder has lost counts, the drive itself moves the joint: its position no longer agrees with its set point.
-    if moved_rad > STILL_RAD && lost_rad == 0.0 {
+    // A motor without a brake that is switched off lets its joint fall.
+    let falls = bench.family == Family::Mit && fault.is_some();
+    if moved_rad > STILL_RAD && lost_rad == 0.0 && !falls {
         wrong.push(format!("the arm still moves: {moved_rad:.4} rad in {STILL:?}"));
     }
-    if seen.outside_rad > lost_rad {
+    if seen.outside_rad > lost_rad && !falls {
         wrong.push(format!("a joint was {:.4} rad outside its range", seen.outside_rad));
     }
     let name = match &seen.reported {
@@ -258,25 +266,28 @@ fn judged(seen: &Seen, fault: Option<&Fault>) -> (&'static str, Vec<String>) {
 }
 
 /// The faults of the matrix at each of the times.
-fn all(motion: Motion) -> Vec<Entry> {
+fn all(motion: Motion, bench: &Bench) -> Vec<Entry> {
     let one = Phase::ALL.into_iter().find(|phase| !phase.needs_homing());
     let at = |ms: u64| {
-        entries(|phase| (Some(phase) == one).then_some(Instant::ZERO + BEGIN + Duration::from_millis(ms)))
+        entries(bench, |phase| {
+            (Some(phase) == one).then_some(Instant::ZERO + begins(bench.family) + Duration::from_millis(ms))
+        })
     };
     motion.faults_ms().into_iter().flat_map(at).collect()
 }
 
-fn run(motion: Motion, step: usize) {
-    let entries: Vec<Entry> = all(motion).into_iter().step_by(step).collect();
-    let bench = Bench::new().unwrap();
+fn run(family: Family, motion: Motion, step: usize) {
+    let bench = Bench::of(family).unwrap();
+    let entries: Vec<Entry> = all(motion, &bench).into_iter().step_by(step).collect();
     let nominal = moved(motion, &bench, None);
-    let (name, wrong) = judged(&nominal, None);
-    assert!(name == "followed" && wrong.is_empty() && nominal.travel_rad > 0.3, "{name} {wrong:?}");
+    let (name, wrong) = judged(&bench, &nominal, None);
+    let why = nominal.reported.as_ref().err().map_or("", |failed| failed.text.as_str());
+    assert!(name == "followed" && wrong.is_empty() && nominal.travel_rad > 0.3, "{name} {wrong:?} {why}");
     let results: Vec<(&Entry, Seen)> =
         entries.par_iter().map(|entry| (entry, moved(motion, &bench, Some(entry)))).collect();
     let (mut rows, mut wrong): (BTreeMap<&str, usize>, Vec<String>) = Default::default();
     for (entry, seen) in &results {
-        let (name, findings) = judged(seen, Some(&entry.fault));
+        let (name, findings) = judged(&bench, seen, Some(&entry.fault));
         *rows.entry(name).or_default() += 1;
         if !findings.is_empty() {
             let (variant, fault) = (entry.variant, &entry.fault);
@@ -287,21 +298,21 @@ fn run(motion: Motion, step: usize) {
             ));
         }
     }
-    println!("{motion:?}: {} runs with a fault: {rows:?}; {} wrong", results.len(), wrong.len());
+    println!("{family:?} {motion:?}: {} runs with a fault: {rows:?}; {} wrong", results.len(), wrong.len());
     assert!(wrong.is_empty(), "{} of {}: {wrong:#?}", wrong.len(), results.len());
 }
 
 #[test]
 fn a_sample_of_faults_in_a_stream_a_move_and_a_long_path_is_reported_as_the_plant_shows_it() {
-    run(Motion::Stream, 37);
-    run(Motion::Move, 74);
-    run(Motion::Path, 74);
+    run(Family::PowerCube, Motion::Stream, 37);
+    run(Family::PowerCube, Motion::Move, 74);
+    run(Family::PowerCube, Motion::Path, 74);
 }
 
 #[test]
 #[ignore = "a minute: run by its CI stage"]
 fn every_fault_in_a_stream_is_reported_as_the_plant_shows_it() {
-    run(Motion::Stream, 1);
+    run(Family::PowerCube, Motion::Stream, 1);
 }
 
 /// `STEP=1` in the environment runs every fault.
@@ -309,6 +320,21 @@ fn every_fault_in_a_stream_is_reported_as_the_plant_shows_it() {
 #[ignore = "a minute: run by its CI stage"]
 fn every_eighth_fault_in_a_move_and_in_a_long_path_is_reported_as_the_plant_shows_it() {
     let step = std::env::var("STEP").ok().and_then(|step| step.parse().ok()).unwrap_or(8);
-    run(Motion::Move, step);
-    run(Motion::Path, step);
+    run(Family::PowerCube, Motion::Move, step);
+    run(Family::PowerCube, Motion::Path, step);
+}
+
+#[test]
+fn a_sample_of_faults_in_a_move_of_drives_that_follow_positions_is_reported_as_the_plant_shows_it() {
+    Family::FOLLOWING.into_iter().for_each(|family| run(family, Motion::Move, 97));
+}
+
+/// `STEP=1` in the environment runs every fault.
+#[test]
+#[ignore = "minutes: run by its CI stage"]
+fn every_eighth_fault_in_motions_of_drives_that_follow_positions_is_reported_as_the_plant_shows_it() {
+    let step = std::env::var("STEP").ok().and_then(|step| step.parse().ok()).unwrap_or(8);
+    for family in Family::FOLLOWING {
+        [Motion::Stream, Motion::Move, Motion::Path].into_iter().for_each(|motion| run(family, motion, step));
+    }
 }

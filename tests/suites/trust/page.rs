@@ -4,13 +4,14 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use cell_tests::page;
+use lab::trust::Bench;
 use lab::trust::matrix::entries;
 use protocol::Instant;
 
 #[test]
 fn the_page_lists_every_kind_of_the_matrix_with_its_number_of_runs() {
     let mut runs: BTreeMap<String, usize> = BTreeMap::new();
-    for entry in entries(|_| Some(Instant::ZERO)) {
+    for entry in entries(&Bench::new().unwrap(), |_| Some(Instant::ZERO)) {
         *runs.entry(entry.variant.to_owned()).or_default() += 1;
     }
     runs.insert("all".to_owned(), runs.values().sum());

@@ -201,23 +201,30 @@ fn rows(
         row(Set, cia402::INTERPOLATION_TIME, 1, 1, mantissa.into()),
         row(Set, cia402::INTERPOLATION_TIME, 2, 1, (exponent as u8).into()),
     ];
-    let others = [0x1401, 0x1402, 0x1403, 0x1801, 0x1802, 0x1803].map(|index: u16| {
+    let gripper = options.gripper().filter(|gripper| gripper.joint == joint);
+    let unused = [0x1401, 0x1402, 0x1403, 0x1801, 0x1802, 0x1803].into_iter();
+    let others = unused.filter(move |index| *index != 0x1401 || gripper.is_none()).map(move |index: u16| {
         let base = if index < 0x1800 { 0x200 } else { 0x180 };
         let id = base + 0x100 * u32::from(index & 3) + u32::from(servo.node.get());
         row(Off, index, 1, 4, NOT_VALID | id)
     });
-    let ways =
-        [(Direction::Receive, options.to_servo()), (Direction::Transmit, Options::from_servo())].into_iter();
-    let maps =
-        ways.filter_map(|(direction, map)| Some((direction, map?))).flat_map(move |(direction, map)| {
-            set_up(servo.node, direction, 1, map, Transmission::Sync(1)).map(|(object, value)| {
-                let bytes = value.get().len() as u8;
-                Row { object, kind: Set, value: little_endian(value.get()), bytes }
-            })
-        });
+    let ways = [
+        (Direction::Receive, 1, options.to_servo(), Transmission::Sync(1)),
+        (Direction::Transmit, 1, Options::from_servo(), Transmission::Sync(1)),
+        // An output is switched when it is ordered.
+        (Direction::Receive, 2, gripper.and_then(|_| Options::to_outputs()), Transmission::Event),
+    ];
+    let ways = ways.into_iter().filter_map(|(way, number, map, when)| Some((way, number, map?, when)));
+    let maps = ways.flat_map(move |(direction, number, map, when)| {
+        set_up(servo.node, direction, number, map, when).map(|(object, value)| {
+            let bytes = value.get().len() as u8;
+            Row { object, kind: Set, value: little_endian(value.get()), bytes }
+        })
+    });
+    let output = gripper.map(|gripper| row(Set, cia402::OUTPUTS, 2, 4, gripper.mask()));
     let mode = mode_number(DriveMode::CyclicPosition);
     let last = [row(Set, cia402::MODE, 0, 1, mode), row(Shows, cia402::MODE_DISPLAY, 0, 1, mode)];
-    compared.into_iter().chain(others).chain(maps).chain(last)
+    compared.into_iter().chain(others).chain(maps).chain(output).chain(last)
 }
 
 /// The place where the joint stands becomes zero, between these rows: [`Step::Zero`] follows the fourth.

@@ -16,6 +16,11 @@
 //! servo that answers has taken its halt, and goes on being held. If the controller dies, its heartbeat stays away. A servo whose
 //! link is lost goes to fault by itself: its own ramp, then its brake. That is proven before the first motion.
 //!
+//! # Gripper
+//!
+//! An output of a servo opens the hand ([`GripperOutput`]). It stays as it is until the first order, which leaves at once and then again in
+//! each period. The servo takes it when it comes, not with the next SYNC.
+//!
 //! # Answers
 //!
 //! Process data hold no number of their SYNC. They count if they come after the SYNC can have been on the bus, once per SYNC and before
@@ -44,7 +49,7 @@ use protocol::{Duration, Frame, Id, Instant, JointIndex};
 use self::drive::Drive;
 pub use self::finding::{Found, Mismatch};
 use self::finding::{HEARTBEAT, Step};
-pub use self::options::{Home, Options, OptionsError, Servo};
+pub use self::options::{GripperOutput, Home, Options, OptionsError, Servo};
 use super::answers::Worth;
 use super::leading::{Leader, Mode, check_drive};
 use crate::fault::{Cause, Fault, Refusal};
@@ -75,6 +80,8 @@ pub struct Cia402 {
     leader: Leader,
     /// Its zero is looked for until then.
     homing: Option<(JointIndex, Instant)>,
+    /// Last order to the gripper.
+    gripper_open: Option<bool>,
     events: Deque<GroupEvent, 32>,
     out: Deque<Frame, 40>,
     due: Instant,
@@ -111,6 +118,7 @@ impl Cia402 {
             drives: PerJoint(core::array::from_fn(|_| Drive::default())),
             leader: Leader::new(Mode::Finding { reset: false }),
             homing: None,
+            gripper_open: None,
             events: Deque::new(),
             out: Deque::new(),
             due: Instant::ZERO,
@@ -295,6 +303,10 @@ impl Cia402 {
         }
     }
 
+    fn have_answered(&self, settings: &Settings) -> bool {
+        settings.joints().all(|joint| !self.drives.at(joint).answers.awaited)
+    }
+
     fn is_own(&self, frame: &Frame) -> bool {
         let Id::Standard(id) = frame.id() else { return false };
         self.options.ids().any(|own| own == id)
@@ -368,7 +380,7 @@ impl DriveGroup for Cia402 {
             return;
         }
         let late = now.saturating_since(self.due);
-        let overrun = !self.is_cycle_done(settings) || late >= half;
+        let overrun = !self.have_answered(settings) || late >= half;
         // A SYNC that is due already waits until the set points of this step are sent.
         let next = self.sync_due + period;
         (self.is_half, self.due) = (false, if next > now { next } else { now + half });
@@ -395,6 +407,10 @@ impl DriveGroup for Cia402 {
             if self.leader.moves() && self.drives.at(joint).is_held() {
                 self.counters.motions = self.counters.motions.saturating_add(1);
             }
+            self.send(frame);
+        }
+        // Again in each period: a frame may be lost.
+        if let Some(frame) = self.data_to_gripper() {
             self.send(frame);
         }
     }
@@ -449,6 +465,17 @@ impl DriveGroup for Cia402 {
         self.due + SYNC_FRAME
     }
 
+    fn set_gripper(&mut self, settings: &Settings, open: bool) -> bool {
+        if self.options.gripper().is_none_or(|gripper| !settings.joints().any(|own| own == gripper.joint)) {
+            return false;
+        }
+        self.gripper_open = Some(open);
+        if let Some(frame) = self.data_to_gripper() {
+            self.send(frame);
+        }
+        true
+    }
+
     fn profile(&self, settings: &Settings) -> Profile {
         let period = settings.cycle_period();
         // The servos interpolate: positions do not lag behind a steady motion.
@@ -498,10 +525,12 @@ impl DriveGroup for Cia402 {
     }
 
     fn is_keeping_time(&self) -> bool {
-        self.leader.mode == Mode::Tracking
+        // Also at rest: a servo that is held takes a set point in each period.
+        !self.leader.is_finding() && self.options.joints().all(|joint| self.drives.at(joint).is_held())
     }
 
     fn is_cycle_done(&self, settings: &Settings) -> bool {
-        settings.joints().all(|joint| !self.drives.at(joint).answers.awaited)
+        // From the control step on the set points come, then the SYNC: what is queued before them delays it.
+        self.is_half && self.have_answered(settings)
     }
 }

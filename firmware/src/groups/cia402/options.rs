@@ -46,6 +46,22 @@ impl Servo {
     }
 }
 
+/// The digital output of a servo that opens the hand (object 60FE).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GripperOutput {
+    /// Joint whose servo has it.
+    pub joint: JointIndex,
+    /// Its bit, 0 to 31: 1 opens.
+    pub bit: u8,
+}
+
+impl GripperOutput {
+    /// Value of the object with this output on.
+    pub(super) const fn mask(self) -> u32 {
+        1_u32.wrapping_shl(self.bit as u32)
+    }
+}
+
 /// Why a group cannot be made of these servos.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OptionsError {
@@ -60,6 +76,8 @@ pub enum OptionsError {
     },
     /// A turn has no counts, or a servo no torque.
     Units(JointIndex),
+    /// The output that opens the hand is of no servo, or has no such bit.
+    Output,
 }
 
 impl fmt::Display for OptionsError {
@@ -71,6 +89,9 @@ impl fmt::Display for OptionsError {
                 "node {node} of joint {joint} is used twice: give each servo a node of its own, other than {HOST_NODE}, the controller's"
             ),
             Self::Units(joint) => write!(f, "counts per turn and rated torque of joint {joint} are above 0"),
+            Self::Output => {
+                f.write_str("the output that opens the hand is bit 0 to 31 of a servo of the group")
+            }
         }
     }
 }
@@ -81,6 +102,7 @@ impl core::error::Error for OptionsError {}
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Options {
     servos: Vec<Servo, JOINTS_MAX>,
+    gripper: Option<GripperOutput>,
     model: Option<ArmModel>,
 }
 
@@ -101,7 +123,7 @@ impl Options {
                 return Err(OptionsError::Units(joint));
             }
         }
-        Ok(Self { servos: all, model: None })
+        Ok(Self { servos: all, gripper: None, model: None })
     }
 
     /// With the arm that the servos move: they get the torque that their set points need (object 60B2).
@@ -111,6 +133,19 @@ impl Options {
     pub fn with_model(self, model: ArmModel) -> Result<Self, OptionsError> {
         let fits = model.bodies.len() == self.servos.len();
         if fits { Ok(Self { model: Some(model), ..self }) } else { Err(OptionsError::Count) }
+    }
+
+    /// With an output that opens the hand.
+    ///
+    /// # Errors
+    /// [`OptionsError::Output`].
+    pub fn with_gripper(self, gripper: GripperOutput) -> Result<Self, OptionsError> {
+        let fits = gripper.joint.get() < self.servos.len() && gripper.bit < 32;
+        if fits { Ok(Self { gripper: Some(gripper), ..self }) } else { Err(OptionsError::Output) }
+    }
+
+    pub(super) const fn gripper(&self) -> Option<GripperOutput> {
+        self.gripper
     }
 
     pub(super) const fn model(&self) -> Option<&ArmModel> {
@@ -132,12 +167,19 @@ impl Options {
         };
         let host = NodeId::new(HOST_NODE).map(Function::Heartbeat);
         let common = [Function::Nmt, Function::Sync].into_iter().chain(host);
-        let all = self.servos.iter().flat_map(own).chain(common);
+        let outputs = self.gripper.and_then(|own| self.servo(own.joint));
+        let outputs = outputs.map(|servo| Function::Rpdo(2, servo.node));
+        let all = self.servos.iter().flat_map(own).chain(common).chain(outputs);
         all.map(|function| StandardId::from_low_bits(function.id()))
     }
 
     pub(super) fn servo(&self, joint: JointIndex) -> Option<Servo> {
         self.servos.get(joint.get()).copied()
+    }
+
+    /// Joints that have a servo.
+    pub(super) fn joints(&self) -> impl Iterator<Item = JointIndex> + use<> {
+        JointIndex::first(self.servos.len())
     }
 
     /// Joint of a node.
@@ -154,6 +196,11 @@ impl Options {
             Some(_) => Map::new(&[control, target, Entry::new(cia402::TORQUE_OFFSET, 0, 2)]),
             None => Map::new(&position),
         }
+    }
+
+    /// What goes to the servo whose output opens the hand, beside that: its outputs.
+    pub(super) fn to_outputs() -> Option<Map> {
+        Map::new(&[Entry::new(cia402::OUTPUTS, 1, 4)])
     }
 
     /// What comes from a servo: status word and position.
@@ -183,6 +230,11 @@ mod tests {
         assert_eq!(Options::new(&[]), Err(OptionsError::Count));
         assert_eq!(Options::new(&[servo(1); 9]), Err(OptionsError::Count));
         let joint = JointIndex::new(0).unwrap();
+        let output = |index, bit| GripperOutput { joint: JointIndex::new(index).unwrap(), bit };
+        let with = |output| Options::new(&[servo(1), servo(2)]).and_then(|all| all.with_gripper(output));
+        assert!(with(output(1, 31)).is_ok());
+        assert_eq!(with(output(2, 16)), Err(OptionsError::Output));
+        assert_eq!(with(output(1, 32)), Err(OptionsError::Output));
         assert_eq!(Options::new(&[Servo { rated_mnm: 0, ..servo(1) }]), Err(OptionsError::Units(joint)));
     }
 

@@ -5,7 +5,7 @@ use canopen_protocol::{Function, nmt};
 use protocol::{Duration, Frame, Id, Instant, JointIndex, StandardId};
 
 use super::finding::{self, Step};
-use super::{Cia402, SYNC_FRAME};
+use super::{Cia402, Options, SYNC_FRAME};
 use crate::groups::dynamics::{Motion, torques_ahead_nm};
 use crate::joints::{PerJoint, clamp};
 use crate::settings::Settings;
@@ -48,6 +48,16 @@ impl Cia402 {
         let torque = if drive.is_held() { libm::roundf(share) as i32 } else { 0 };
         let data = map.pack(&[i32::from(control), target, torque]);
         let id = Id::Standard(StandardId::from_low_bits(Function::Rpdo(1, servo.node).id()));
+        Frame::new(id, data.get()).ok()
+    }
+
+    /// The order to the gripper, if one was given and its servo takes process data.
+    pub(super) fn data_to_gripper(&self) -> Option<Frame> {
+        let (gripper, open, map) = (self.options.gripper()?, self.gripper_open?, Options::to_outputs()?);
+        let servo =
+            self.options.servo(gripper.joint).filter(|_| self.drives.at(gripper.joint).has_process_data())?;
+        let data = map.pack(&[if open { gripper.mask() as i32 } else { 0 }]);
+        let id = Id::Standard(StandardId::from_low_bits(Function::Rpdo(2, servo.node).id()));
         Frame::new(id, data.get()).ok()
     }
 

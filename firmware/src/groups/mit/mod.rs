@@ -48,13 +48,13 @@ pub use self::finding::Mismatch;
 use self::finding::{STEP_PERIODS, Step};
 pub use self::options::{GripperMotor, Motor, Options, OptionsError};
 use super::answers::Worth;
-use super::leading::{Leader, Mode, check_drive};
+use super::leading::{Leader, Mode, check_drive, finger_limits};
 use crate::fault::{Cause, Fault, Refusal};
 use crate::group::{
     Command, DriveGroup, GroupCounters, GroupEvent, Law, Measured, PositionSample, Profile, Readings,
     SetPoint, Standing, Taken,
 };
-use crate::joints::{PerJoint, at_least, at_most, clamp};
+use crate::joints::{PerJoint, clamp};
 use crate::settings::{JointSettings, Settings};
 
 /// From the order to run to the start of the plan.
@@ -154,15 +154,8 @@ impl Mit {
         let own = *settings.joint.at(place);
         match self.gripper(settings) {
             Some((fingers, gripper)) if fingers == place => {
-                let (open, closed) = (gripper.open_rad, gripper.closed_rad);
-                JointSettings {
-                    inverted: false,
-                    offset_rad: 0.0,
-                    q_min_rad: at_most(open, closed),
-                    q_max_rad: at_least(open, closed),
-                    v_max_rad_s: gripper.motor.ranges.v_max_rad_s(),
-                    ..own
-                }
+                let v_max_rad_s = gripper.motor.ranges.v_max_rad_s();
+                finger_limits(&own, [gripper.open_rad, gripper.closed_rad], v_max_rad_s)
             }
             _ => own,
         }
@@ -437,10 +430,11 @@ impl DriveGroup for Mit {
     }
 
     fn is_keeping_time(&self) -> bool {
-        self.leader.mode == Mode::Tracking
+        // Also at rest: a motor that is held takes a command in each period.
+        !self.leader.is_finding() && self.options.places().all(|place| self.drives.at(place).is_held())
     }
 
     fn is_cycle_done(&self, settings: &Settings) -> bool {
-        settings.joints().all(|joint| !self.drives.at(joint).answers.awaited)
+        self.places(settings).all(|place| !self.drives.at(place).answers.awaited)
     }
 }

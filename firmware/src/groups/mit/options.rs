@@ -143,6 +143,11 @@ impl Options {
         self.motors.iter().chain(self.gripper.as_ref().map(|gripper| &gripper.motor))
     }
 
+    /// Places of the motors.
+    pub(super) fn places(&self) -> impl Iterator<Item = JointIndex> + use<> {
+        JointIndex::first(self.all().count())
+    }
+
     /// Every id on which the group or one of its motors sends. No other node of the bus may use one of them.
     pub fn ids(&self) -> impl Iterator<Item = StandardId> + '_ {
         let own = |motor: &Motor| [StandardId::from_low_bits(motor.id.get().into()), motor.master];

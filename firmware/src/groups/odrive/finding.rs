@@ -26,7 +26,7 @@ use super::options::{Axis, Parameter, VELOCITY_MAX_REV_S};
 use crate::fault::Cause;
 use crate::groups::answers::Answers;
 use crate::groups::leading::Mode;
-use crate::settings::Settings;
+use crate::settings::{JointSettings, Settings};
 
 /// Time for an axis to start and to send a heartbeat.
 const BOOT_MAX: Duration = Duration::from_millis(3_000);
@@ -43,7 +43,7 @@ const CLOSINGS_MAX: u8 = 5;
 /// Periods without an answer that are one.
 const ASKED_MAX: u8 = 20;
 /// Room above the speed of the joint: the loop of the axis corrects with it.
-const SPEED_ROOM: f32 = 1.25;
+pub(super) const SPEED_ROOM: f32 = 1.25;
 /// Steps in a unit of a field that is fed forward.
 const STEPS: u32 = 1_000;
 /// Error of an axis that starves.
@@ -149,16 +149,11 @@ fn time_out(settings: &Settings) -> Duration {
     Duration::from_micros(settings.watchdog_timeout_us.into())
 }
 
-/// Largest speed that is counted, turns/s.
-pub(super) fn speed_rev_s(axis: Axis, settings: &Settings, joint: JointIndex) -> f32 {
-    axis.to_rev(settings.joint.at(joint).v_max_rad_s)
-}
-
 /// What is set before the loop is closed. Orders that nothing answers come twice: a frame may be lost.
-fn rows(axis: Axis, settings: &Settings, joint: JointIndex) -> [Row; 15] {
+fn rows(axis: Axis, settings: &Settings, limits: &JointSettings) -> [Row; 15] {
     let whole = u32::to_le_bytes;
     let time_out_s = settings.watchdog_timeout_us as f32 * 1e-6;
-    let rev_s = SPEED_ROOM * speed_rev_s(axis, settings, joint);
+    let rev_s = SPEED_ROOM * axis.to_rev(limits.v_max_rad_s);
     let limits = Row::Order(Order::Limits { rev_s, current_a: axis.current_max_a });
     let position = Row::Order(Order::PositionGain(axis.position_gain_1_s));
     let velocity = Row::Order(Order::VelocityGains(axis.velocity_gain_nm_s, axis.integral_gain_nm));
@@ -230,7 +225,7 @@ impl Odrive {
             Row::Set(..) | Row::Is(..) => self.options.endpoints().is_some(),
         };
         let Step::Row(number) = self.drives.at(joint).step else { return None };
-        rows(axis, settings, joint).into_iter().filter(is_there).nth(number.into())
+        rows(axis, settings, &self.limits(settings, joint)).into_iter().filter(is_there).nth(number.into())
     }
 
     /// What an axis is sent while it is looked for.
@@ -242,6 +237,7 @@ impl Odrive {
         axis: Axis,
     ) -> [Option<Message>; 2] {
         let row = self.row(settings, joint, axis);
+        let is_gripper = self.gripper_place(settings) == Some(joint);
         let endpoint = |parameter| self.options.endpoints().and_then(|all| all.number(parameter));
         let drive = self.drives.at_mut(joint);
         let is_due = drive.ordered_at.is_none_or(|at| now.saturating_since(at) >= ORDER_EVERY);
@@ -267,6 +263,7 @@ impl Odrive {
             // The input first.
             Step::Close if drive.asked == 0 => [Some(Message::SetPoint), None],
             Step::Close => [state(AxisState::ClosedLoop), Some(Message::SetPoint)],
+            Step::Held if is_gripper => [Some(Message::SetPoint), None],
             Step::Held => [Some(Message::SetPoint), Some(Message::Request(Request::Estimates))],
             Step::Off => [Some(Message::Order(Order::Estop)), Some(Message::Request(Request::Estimates))],
         };
@@ -366,7 +363,7 @@ impl Odrive {
     }
 
     fn begin_rows(&mut self, now: Instant, settings: &Settings, joint: JointIndex, axis: Axis) {
-        let needed_rev_s = speed_rev_s(axis, settings, joint);
+        let needed_rev_s = axis.to_rev(self.limits(settings, joint).v_max_rad_s);
         if needed_rev_s <= VELOCITY_MAX_REV_S {
             self.drives.at_mut(joint).go_to(now, Step::Row(0));
         } else {
@@ -420,8 +417,8 @@ impl Odrive {
                 drive.go_to(now, Step::Place);
             }
             (Step::Place, _) => {
-                let limits = settings.joint.at(joint);
-                if let Some(q_rad) = self.drives.at_mut(joint).stand_here(axis, limits) {
+                let limits = self.limits(settings, joint);
+                if let Some(q_rad) = self.drives.at_mut(joint).stand_here(axis, &limits) {
                     self.leader.stand(joint, q_rad);
                     let drive = self.drives.at_mut(joint);
                     drive.closings = drive.closings.saturating_add(1);

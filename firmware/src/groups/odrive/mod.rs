@@ -17,6 +17,12 @@
 //! before the next period (`groups/answers.rs` has the rest). They show the joint when the request came. Ones that nobody asked for are refused while the axis is looked for:
 //! their time is not known. Estimates that are no numbers, which an axis without an encoder sends, are implausible.
 //!
+//! # Gripper
+//!
+//! The axis of the fingers has the place after the last joint. It stands where it is until the first order, then holds the fingers open or
+//! closed, also in a halt. While it is held its heartbeats alone are heard: where the fingers are is not asked. One that is silent or has an
+//! error stops the group along its plan ([`Cause::GripperUnanswered`]).
+//!
 //! # Map
 //!
 //! | file | is |
@@ -37,10 +43,12 @@ use protocol::{Duration, Frame, Id, Instant, JointIndex};
 
 use self::drive::Drive;
 pub use self::finding::Mismatch;
-use self::finding::Step;
-pub use self::options::{Axis, Endpoints, Home, Options, OptionsError, Parameter, VELOCITY_MAX_REV_S};
+use self::finding::{Message, SPEED_ROOM, Step};
+pub use self::options::{
+    Axis, Endpoints, GripperAxis, Home, Options, OptionsError, Parameter, VELOCITY_MAX_REV_S,
+};
 use super::answers::Worth;
-use super::leading::{Leader, Mode, check_drive};
+use super::leading::{Leader, Mode, check_drive, finger_limits};
 use crate::fault::{Cause, Fault, Refusal};
 use crate::group::{
     Command, DriveGroup, GroupCounters, GroupEvent, Law, Measured, PositionSample, Profile, Readings,
@@ -66,6 +74,8 @@ pub struct Odrive {
     leader: Leader,
     /// Its zero is looked for until then.
     homing: Option<(JointIndex, Instant)>,
+    /// Last order to the gripper.
+    gripper_open: Option<bool>,
     events: Deque<GroupEvent, 32>,
     out: Deque<Frame, FRAMES_MAX>,
     due: Instant,
@@ -93,6 +103,7 @@ impl Odrive {
             drives: PerJoint::default(),
             leader: Leader::new(Mode::Finding { reset: false }),
             homing: None,
+            gripper_open: None,
             events: Deque::new(),
             out: Deque::new(),
             due: Instant::ZERO,
@@ -118,13 +129,41 @@ impl Odrive {
         self.push(GroupEvent::Trouble(Fault::at(cause, joint)));
     }
 
+    /// Place and axis of the gripper, unless the settings have a joint at that place.
+    fn gripper(&self, settings: &Settings) -> Option<(JointIndex, &GripperAxis)> {
+        self.options.gripper().filter(|(place, _)| place.get() == settings.joints as usize)
+    }
+
+    fn gripper_place(&self, settings: &Settings) -> Option<JointIndex> {
+        self.gripper(settings).map(|(place, _)| place)
+    }
+
+    /// Places of all axes: the joints, base first, then the gripper.
+    fn places(&self, settings: &Settings) -> impl Iterator<Item = JointIndex> + use<> {
+        settings.joints().chain(self.gripper_place(settings))
+    }
+
+    /// Limits of a joint, or of the fingers.
+    fn limits(&self, settings: &Settings, place: JointIndex) -> JointSettings {
+        let own = settings.joint.at(place);
+        match self.gripper(settings) {
+            Some((fingers, gripper)) if fingers == place => {
+                let v_max_rad_s = gripper.axis.to_rad(VELOCITY_MAX_REV_S) / SPEED_ROOM;
+                finger_limits(own, [gripper.open_rad, gripper.closed_rad], v_max_rad_s)
+            }
+            _ => *own,
+        }
+    }
+
     fn trouble(&self, now: Instant, joint: JointIndex) -> Option<Cause> {
         self.options.axis(joint).and_then(|axis| self.drives.at(joint).trouble(now, axis.version))
     }
 
     /// Stops an axis that is lost or does not do what it should, and reports it; each axis once in a search.
-    fn watch(&mut self, now: Instant, joint: JointIndex) {
+    fn watch(&mut self, now: Instant, settings: &Settings, joint: JointIndex) {
         let Some(cause) = self.trouble(now, joint) else { return };
+        let is_gripper = self.gripper_place(settings) == Some(joint);
+        let cause = if is_gripper { Cause::GripperUnanswered } else { cause };
         let drive = self.drives.at_mut(joint);
         drive.go_to(now, Step::Off);
         if core::mem::replace(&mut drive.is_reported, true) {
@@ -140,7 +179,7 @@ impl Odrive {
     /// Counts the answers that did not come.
     fn count_missed(&mut self, settings: &Settings) -> bool {
         let mut any = false;
-        for joint in settings.joints() {
+        for joint in self.places(settings) {
             let drive = self.drives.at_mut(joint);
             if let Some(in_row) = drive.answers.close()
                 && drive.is_held()
@@ -156,7 +195,7 @@ impl Odrive {
         let drive = self.drives.at_mut(joint);
         (drive.heartbeat, drive.heard_at) = (Some(heartbeat), now);
         self.take_search_heartbeat(now, settings, joint, &heartbeat);
-        self.watch(now, joint);
+        self.watch(now, settings, joint);
     }
 
     fn take_estimates(
@@ -168,7 +207,7 @@ impl Odrive {
         frame: &Frame,
         rev: f32,
     ) {
-        let (began_at, limits) = (self.at, settings.joint.at(joint));
+        let (began_at, limits) = (self.at, &self.limits(settings, joint));
         let drive = self.drives.at_mut(joint);
         if !drive.has_asked() {
             // Until the parameter that ends them is written they are no fault.
@@ -201,8 +240,8 @@ impl Odrive {
 
     /// Events of modes that end by themselves, and what the axes owe.
     fn proceed(&mut self, now: Instant, settings: &Settings) {
-        for joint in settings.joints() {
-            self.watch(now, joint);
+        for joint in self.places(settings) {
+            self.watch(now, settings, joint);
             if let Some(axis) = self.options.axis(joint).filter(|_| self.leader.is_finding()) {
                 self.proceed_search(now, settings, joint, axis);
             }
@@ -219,7 +258,7 @@ impl Odrive {
         }
         let all_rest = settings.joints().all(|joint| self.is_at_rest(now, settings, joint));
         if self.leader.is_finding() {
-            if all_rest && settings.joints().all(|joint| self.drives.at(joint).is_held()) {
+            if all_rest && self.places(settings).all(|place| self.drives.at(place).is_held()) {
                 self.leader.mode = Mode::Standing;
                 self.push(GroupEvent::Found);
             }
@@ -234,7 +273,7 @@ impl DriveGroup for Odrive {
 
     fn handle_packet(&mut self, now: Instant, settings: &Settings, frame: &Frame) {
         let Id::Standard(id) = frame.id() else { return };
-        let of = self.options.axis_of(id).filter(|(joint, _)| settings.joints().any(|own| own == *joint));
+        let of = self.options.axis_of(id).filter(|(place, _)| self.places(settings).any(|own| own == *place));
         let Some((joint, axis)) = of else { return };
         // Only 0.6 reports its version: also where 0.5 is expected.
         let report = Report::decode(frame, axis.version).or_else(|| {
@@ -298,7 +337,7 @@ impl DriveGroup for Odrive {
         match command {
             Command::Find { .. } => {
                 (self.abandoned, self.mismatch) = (false, None);
-                for joint in settings.joints() {
+                for joint in self.places(settings) {
                     if let Some(axis) = self.options.axis(joint) {
                         self.drives.at_mut(joint).find(now, settings.reply_missed_max, axis.version);
                     }
@@ -327,6 +366,22 @@ impl DriveGroup for Odrive {
 
     fn acts_at(&self, joint: JointIndex) -> Instant {
         self.at + self.drives.at(joint).acts_after
+    }
+
+    fn set_gripper(&mut self, settings: &Settings, open: bool) -> bool {
+        let Some(place) = self.gripper_place(settings) else { return false };
+        self.gripper_open = Some(open);
+        // At once: the next burst may be a period away. It repeats the order.
+        self.lead_fingers(settings, place);
+        if self.drives.at(place).is_held()
+            && let Some(axis) = self.options.axis(place)
+            && let Some(frame) = self.frame_of(settings, place, axis, Message::SetPoint)
+        {
+            self.counters.bits = self.counters.bits.wrapping_add(frame.nominal_bits());
+            // Without room the burst carries it.
+            let _ = self.out.push_back(frame);
+        }
+        true
     }
 
     fn profile(&self, settings: &Settings) -> Profile {
@@ -378,7 +433,8 @@ impl DriveGroup for Odrive {
     }
 
     fn is_keeping_time(&self) -> bool {
-        self.leader.mode == Mode::Tracking
+        // Also at rest: an axis that is held takes a set point in each period.
+        !self.leader.is_finding() && self.options.places().all(|place| self.drives.at(place).is_held())
     }
 
     fn is_cycle_done(&self, settings: &Settings) -> bool {

@@ -45,6 +45,17 @@ pub struct Axis {
     pub integral_gain_nm: f32,
 }
 
+/// The axis that moves the fingers, which it counts itself ([`Home::Joint`]). It has the place after the last joint, also in faults.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GripperAxis {
+    /// Node, gear and gains; current and gains bound the force of the fingers.
+    pub axis: Axis,
+    /// Angle of open fingers, rad.
+    pub open_rad: f32,
+    /// Angle of closed fingers, rad.
+    pub closed_rad: f32,
+}
+
 impl Axis {
     /// Turns that are counted in a turn of the joint.
     pub(super) const fn turns(self) -> f32 {
@@ -114,7 +125,7 @@ impl Endpoints {
 /// Why a group cannot be made of these axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OptionsError {
-    /// No axis, or more than [`JOINTS_MAX`].
+    /// No axis of a joint, or more than [`JOINTS_MAX`] with the gripper's.
     Count,
     /// Two axes have one node.
     Overlap {
@@ -125,6 +136,8 @@ pub enum OptionsError {
     },
     /// A gear, a current or a gain is not above zero (the integral: is below zero).
     Value(JointIndex),
+    /// The axis of the gripper counts its motor: it does not know after power-up where the fingers are.
+    GripperTurns,
 }
 
 impl fmt::Display for OptionsError {
@@ -138,6 +151,9 @@ impl fmt::Display for OptionsError {
                 f,
                 "gear, current, position gain and velocity gain of joint {joint} are above 0, its integral gain is not below"
             ),
+            Self::GripperTurns => f.write_str(
+                "the axis of the gripper counts the shaft of its motor: it needs an encoder at the fingers",
+            ),
         }
     }
 }
@@ -148,6 +164,7 @@ impl core::error::Error for OptionsError {}
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Options {
     axes: Vec<Axis, JOINTS_MAX>,
+    gripper: Option<GripperAxis>,
     model: Option<ArmModel>,
     endpoints: Option<Endpoints>,
 }
@@ -160,8 +177,26 @@ impl Options {
         if all.is_empty() {
             return Err(OptionsError::Count);
         }
-        for (joint, axis) in JointIndex::first(all.len()).zip(axes) {
-            if axes.iter().filter(|other| other.node == axis.node).count() > 1 {
+        Self { axes: all, gripper: None, model: None, endpoints: None }.checked()
+    }
+
+    /// With an axis for the fingers.
+    ///
+    /// # Errors
+    /// See [`OptionsError`].
+    pub fn with_gripper(self, gripper: GripperAxis) -> Result<Self, OptionsError> {
+        if self.axes.is_full() {
+            return Err(OptionsError::Count);
+        }
+        if gripper.axis.home != Home::Joint {
+            return Err(OptionsError::GripperTurns);
+        }
+        Self { gripper: Some(gripper), ..self }.checked()
+    }
+
+    fn checked(self) -> Result<Self, OptionsError> {
+        for (joint, axis) in JointIndex::first(JOINTS_MAX).zip(self.all()) {
+            if self.all().filter(|other| other.node == axis.node).count() > 1 {
                 return Err(OptionsError::Overlap { node: axis.node, joint });
             }
             let above = [axis.gear, axis.current_max_a, axis.position_gain_1_s, axis.velocity_gain_nm_s];
@@ -170,7 +205,7 @@ impl Options {
                 return Err(OptionsError::Value(joint));
             }
         }
-        Ok(Self { axes: all, model: None, endpoints: None })
+        Ok(self)
     }
 
     /// With the arm that the axes move: they get the torque that their set points need.
@@ -202,16 +237,32 @@ impl Options {
             let first = u16::from(axis.node.get()) * COMMANDS;
             (first..first + COMMANDS).map(StandardId::from_low_bits)
         };
-        self.axes.iter().flat_map(own)
+        self.all().flat_map(own)
     }
 
-    pub(super) fn axis(&self, joint: JointIndex) -> Option<Axis> {
-        self.axes.get(joint.get()).copied()
+    /// Places of the axes.
+    pub(super) fn places(&self) -> impl Iterator<Item = JointIndex> + use<> {
+        JointIndex::first(self.all().count())
     }
 
-    /// Joint and axis of the node of an id.
+    /// Of the joints, base first, then of the gripper.
+    fn all(&self) -> impl Iterator<Item = &Axis> {
+        self.axes.iter().chain(self.gripper.as_ref().map(|gripper| &gripper.axis))
+    }
+
+    pub(super) fn axis(&self, place: JointIndex) -> Option<Axis> {
+        self.all().nth(place.get()).copied()
+    }
+
+    /// Place and axis of the gripper.
+    pub(super) fn gripper(&self) -> Option<(JointIndex, &GripperAxis)> {
+        let place = JointIndex::new(self.axes.len()).ok()?;
+        self.gripper.as_ref().map(|gripper| (place, gripper))
+    }
+
+    /// Place and axis of the node of an id.
     pub(super) fn axis_of(&self, id: StandardId) -> Option<(JointIndex, Axis)> {
-        let mut all = JointIndex::first(self.axes.len()).zip(&self.axes);
+        let mut all = JointIndex::first(JOINTS_MAX).zip(self.all());
         let (joint, axis) = all.find(|(_, axis)| u16::from(axis.node.get()) == id.get() / COMMANDS)?;
         Some((joint, *axis))
     }
@@ -246,6 +297,23 @@ mod tests {
         assert_eq!(Options::new(&[axis(9), soft]), Err(OptionsError::Value(joint(1))));
         let unknown = Axis { integral_gain_nm: f32::NAN, ..axis(9) };
         assert_eq!(Options::new(&[unknown]), Err(OptionsError::Value(joint(0))));
+    }
+
+    #[test]
+    fn a_gripper_needs_a_node_of_its_own_and_an_encoder_at_its_fingers() {
+        let hand = |axis| GripperAxis { axis, open_rad: -1.0, closed_rad: 0.0 };
+        let first = axis(9);
+        let with = |axis| Options::new(&[first]).and_then(|all| all.with_gripper(hand(axis)));
+        assert!(with(axis(10)).is_ok());
+        let overlap =
+            OptionsError::Overlap { node: NodeId::new(9).unwrap(), joint: JointIndex::new(0).unwrap() };
+        assert_eq!(with(axis(9)), Err(overlap));
+        assert_eq!(with(Axis { home: Home::Motor, ..axis(10) }), Err(OptionsError::GripperTurns));
+        let soft = Axis { velocity_gain_nm_s: 0.0, ..axis(10) };
+        assert_eq!(with(soft), Err(OptionsError::Value(JointIndex::new(1).unwrap())));
+        let eight: std::vec::Vec<Axis> = (9..17).map(axis).collect();
+        let full = Options::new(&eight).and_then(|all| all.with_gripper(hand(axis(17))));
+        assert_eq!(full, Err(OptionsError::Count));
     }
 
     #[test]

@@ -40,11 +40,25 @@ impl Odrive {
             };
             motion.set(joint, at);
         }
+        if let Some(place) = self.gripper_place(settings) {
+            self.lead_fingers(settings, place);
+        }
         let torques = torques_ahead_nm(self.options.model(), &motion);
         settings.joints().for_each(|joint| self.drives.at_mut(joint).ahead_nm = torques.get(joint));
     }
 
-    fn frame_of(
+    /// The set point of the fingers: where they were ordered to, or where they were found.
+    pub(super) fn lead_fingers(&mut self, settings: &Settings, place: JointIndex) {
+        let Some((_, gripper)) = self.gripper(settings) else { return };
+        let (open_rad, closed_rad) = (gripper.open_rad, gripper.closed_rad);
+        let drive = self.drives.at_mut(place);
+        if let Some(open) = self.gripper_open.filter(|_| drive.is_held()) {
+            drive.middle = Set { q_rad: if open { open_rad } else { closed_rad }, v_rad_s: 0.0 };
+            drive.answers.sent = drive.middle;
+        }
+    }
+
+    pub(super) fn frame_of(
         &self,
         settings: &Settings,
         joint: JointIndex,
@@ -55,8 +69,8 @@ impl Odrive {
             Message::Request(request) => return Some(request.encode(axis.node)),
             Message::Order(order) => order,
             Message::SetPoint => {
-                let (drive, limits) = (self.drives.at(joint), settings.joint.at(joint));
-                let (rev, rev_s) = drive.for_axis(axis, limits);
+                let (drive, limits) = (self.drives.at(joint), self.limits(settings, joint));
+                let (rev, rev_s) = drive.for_axis(axis, &limits);
                 let turned_nm = if limits.inverted { -drive.ahead_nm } else { drive.ahead_nm };
                 Order::Position { rev, rev_s, nm: turned_nm / axis.gear }
             }
@@ -69,7 +83,7 @@ impl Odrive {
         self.out.clear();
         self.lead_all(settings);
         let mut frames: Vec<Option<(Frame, JointIndex)>, FRAMES_MAX> = Vec::new();
-        for joint in settings.joints() {
+        for joint in self.places(settings) {
             let Some(axis) = self.options.axis(joint) else { continue };
             let step = self.drives.at(joint).step;
             let may_ask = match step {

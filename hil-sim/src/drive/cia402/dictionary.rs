@@ -144,6 +144,9 @@ fn of_drive(options: &ServoOptions) -> Vec<(u16, u8, Row)> {
         (drive::INTERPOLATION_TIME, 1, row(1, false, 1).writable().within(1, 255)),
         (drive::INTERPOLATION_TIME, 2, row(1, true, -3).writable().within(-6, 0)),
         (0x60F4, 0, row(4, true, 0).mapped(Transmit)),
+        (drive::OUTPUTS, 0, row(1, false, 2)),
+        (drive::OUTPUTS, 1, row(4, false, 0).writable().mapped(Receive)),
+        (drive::OUTPUTS, 2, row(4, false, 0).writable()),
         (drive::SUPPORTED_MODES, 0, row(4, false, options.modes.into())),
     ]
 }

@@ -47,6 +47,8 @@ pub struct ServoOptions {
     pub missing: MissingTarget,
     /// Maps of PDOs cannot be changed.
     pub maps_are_fixed: bool,
+    /// Bit of the outputs (object 60FE:1) that opens a gripper; `None`: no gripper hangs on it.
+    pub gripper_bit: Option<u8>,
     /// From power to the first heartbeat.
     pub boot: Duration,
     /// From service data to their answer.
@@ -78,6 +80,7 @@ impl ServoOptions {
             modes: Self::MODES,
             missing: MissingTarget::Hold,
             maps_are_fixed: false,
+            gripper_bit: None,
             boot: Duration::from_millis(200),
             answer_after: Duration::from_micros(800),
             process_after: Duration::from_micros(60),

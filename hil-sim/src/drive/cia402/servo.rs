@@ -58,6 +58,8 @@ pub struct CanopenServo {
     /// Status word in the process data that are sent by event.
     shown: i64,
     last: [Option<Frame>; PDOS as usize],
+    /// Outputs that are switched, and since when.
+    outputs: (u32, Instant),
 }
 
 impl CanopenServo {
@@ -89,6 +91,7 @@ impl CanopenServo {
             transmitted: 0,
             shown: 0,
             last: [None; PDOS as usize],
+            outputs: (0, Instant::ZERO),
         };
         servo.set_power(Instant::ZERO, true);
         servo
@@ -114,6 +117,20 @@ impl CanopenServo {
         self.axis.q_rad - self.origin_rad
     }
 
+    /// Whether it has its gripper open, and since when; `None`: no gripper hangs on it.
+    pub fn gripper(&self) -> Option<(bool, Instant)> {
+        let (outputs, since) = self.outputs;
+        self.options.gripper_bit.map(|bit| (outputs >> bit & 1 != 0, since))
+    }
+
+    /// Outputs that are wanted and released.
+    fn switch_outputs(&mut self, now: Instant) {
+        let [wanted, mask] = [1, 2].map(|sub| self.dictionary.get(cia402::OUTPUTS, sub) as u32);
+        if self.outputs.0 != wanted & mask {
+            self.outputs = (wanted & mask, now);
+        }
+    }
+
     /// Value of an object, for tests; `None`: the object does not exist.
     pub fn object(&self, index: u16, sub: u8) -> Option<Vec<u8>> {
         self.dictionary.read(Object::new(index, sub)).ok()
@@ -137,6 +154,7 @@ impl CanopenServo {
         (self.away_since, self.homing_done, self.heard_at) = (None, None, None);
         self.path = Path::Hold(self.axis.q_rad);
         self.boots_at = Some(now + self.options.boot);
+        self.switch_outputs(now);
     }
 
     fn communicates(&self) -> bool {
@@ -293,6 +311,7 @@ impl CanopenServo {
             cia402::CONTROL => self.take_control(now),
             cia402::MODE => self.take_mode(now),
             cia402::TARGET_POSITION => self.target_is_new = true,
+            cia402::OUTPUTS => self.switch_outputs(now),
             0x1016 => self.heard_at = None,
             0x1017 => self.heartbeat_at = now,
             _ => {}

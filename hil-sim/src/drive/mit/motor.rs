@@ -93,6 +93,11 @@ impl MitMotor {
         self.axis.q_rad - self.origin_rad
     }
 
+    /// A fault with this status: no torque until it is cleared.
+    pub fn fail(&mut self, status: Status) {
+        (self.status, self.wanted) = (status, None);
+    }
+
     /// Switches the power off or on. Registers that were not stored and the count of whole turns are lost.
     pub fn set_power(&mut self, on: bool) {
         self.powered = on;

@@ -17,8 +17,8 @@ use operator::dialogue::operator::OperatorError;
 use operator::job::cell::take_plan;
 use operator::job::{Answer, JobError, Judge, Order, Outcome, Record, Step, default_tolerance_m, perform};
 use operator::port::OnBus;
-use planner::plan::Arm;
 use planner::plan::file::PlanFile;
+use planner::plan::{Arm, Joints};
 use planner::way::Travel;
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant};
@@ -28,16 +28,49 @@ use tuner::gains::gains_file::GainsFile;
 use super::evidence::{BusTap, Evidence, ReportedOutcome, Seen};
 
 pub const ROBOT: &str = "powercube6";
-/// A throw to (1, 1, -1) m in the default form. It is kept as a file: what a scenario shows depends on the path of the arm,
-/// and must not change with the planner.
-const THROW: &str = include_str!("throw.json");
+
+/// Drives of the arm that throws.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Family {
+    PowerCube,
+    Cia402,
+    Mit,
+    Odrive,
+}
+
+impl Family {
+    /// Those that follow positions.
+    pub const FOLLOWING: [Self; 3] = [Self::Cia402, Self::Mit, Self::Odrive];
+
+    /// The robot, by name or file, and a throw. It is kept as a file: what a scenario shows depends on the path of the arm, and must not
+    /// change with the planner.
+    const fn throw(self) -> (&'static str, &'static str) {
+        macro_rules! robot {
+            ($name:literal) => {
+                concat!(env!("CARGO_MANIFEST_DIR"), "/../../robots/", $name, ".toml")
+            };
+        }
+        match self {
+            // To (1, 1, -1) m in the default form.
+            Self::PowerCube => (ROBOT, include_str!("throw.json")),
+            Self::Cia402 => (robot!("canopen6"), include_str!("throw_canopen6.json")),
+            Self::Mit => (robot!("openarm7"), include_str!("throw_openarm7.json")),
+            Self::Odrive => (robot!("odrive6"), include_str!("throw_odrive6.json")),
+        }
+    }
+}
 /// The cell runs on after the job, so that what still moves is seen.
 const AFTER: Duration = Duration::from_millis(1_500);
-/// The arm starts this far from the start of the plan, towards the middle of the ranges, so that there is an approach.
+/// The arm starts this far from the start of the plan, towards zero, so that there is an approach.
 const START_OFFSET_RAD: f64 = 0.15;
+
+/// Motions beside the throw turn each joint by less.
+const ROOM_RAD: f64 = 0.55;
 
 /// What all throws have in common.
 pub struct Bench {
+    pub family: Family,
+    pub robot_source: &'static str,
     pub arm: Arm,
     robot: RobotModel,
     settings: Settings,
@@ -48,24 +81,41 @@ pub struct Bench {
 }
 
 impl Bench {
-    /// Loads the throw and the gains for it.
+    /// With PowerCubes.
     pub fn new() -> Result<Self, String> {
-        let robot = RobotModel::load(ROBOT).map_err(|error| error.to_string())?;
+        Self::of(Family::PowerCube)
+    }
+
+    /// Loads the throw and the gains for it.
+    pub fn of(family: Family) -> Result<Self, String> {
+        let (robot_source, throw) = family.throw();
+        let robot = RobotModel::load(robot_source).map_err(|error| error.to_string())?;
         let arm = robot.clone();
-        let path = Path::new("host/lab/src/trust/throw.json");
-        let plan = PlanFile::from_json(path, THROW).map_err(|error| error.to_string())?;
+        let path = Path::new(robot_source);
+        let plan = PlanFile::from_json(path, throw).map_err(|error| error.to_string())?;
         plan.require_robot(path, &arm).map_err(|error| error.to_string())?;
         let mut settings = settings_of(&robot).map_err(|error| error.to_string())?;
         let choice = choose(PeriodRequest::Any, None, &robot, settings.cycle_period_us)
             .map_err(|error| error.to_string())?;
         apply(&choice, &mut settings);
         Ok(Self {
+            family,
+            robot_source,
             tolerance_m: default_tolerance_m(&arm, &plan),
             arm,
             robot,
             settings,
             gains: Some(choice.gains),
             plan,
+        })
+    }
+
+    /// A pose with each joint turned by so much towards zero, or the other way where the range of the joint ends near zero.
+    pub fn turned(&self, q_rad: &Joints, by_rad: f64) -> Joints {
+        Joints::from_fn(q_rad.len(), |joint| {
+            let (limits, q) = (&self.arm.joints()[joint].limits, q_rad[joint]);
+            let has_room = (limits.q_min_rad..=limits.q_max_rad).contains(&(q - ROOM_RAD.copysign(q)));
+            q - if has_room { by_rad * 1.0_f64.copysign(q) } else { -by_rad * 1.0_f64.copysign(q) }
         })
     }
 
@@ -79,7 +129,7 @@ impl Bench {
         scenario.duration = Duration::from_secs(60);
         scenario.cell.drive.starts_homed = true;
         let start = self.plan.motion.to_motion().start_rad();
-        scenario.cell.start_q_rad = Some(start.iter().map(|q| q - START_OFFSET_RAD.copysign(*q)).collect());
+        scenario.cell.start_q_rad = Some(self.turned(&start, START_OFFSET_RAD).as_slice().to_vec());
         scenario
     }
 
@@ -112,8 +162,12 @@ impl Bench {
             actions: scenario.actions.clone(),
         };
         take_plan(&mut setup.cell, &self.plan);
-        let cell =
-            Cell { robot_source: ROBOT.to_owned(), robot: self.robot.clone(), seed: scenario.seed, setup };
+        let cell = Cell {
+            robot_source: self.robot_source.to_owned(),
+            robot: self.robot.clone(),
+            seed: scenario.seed,
+            setup,
+        };
         let mut session = BusArgs::default().open_cell(&cell, Some(&self.settings))?;
         let tap = BusTap::new(&self.arm);
         session.add_tap(Box::new(tap.clone()));

@@ -108,9 +108,9 @@ impl Judge<'_> {
             found(Rule::Command, first.clone());
         }
         self.limits(scenario, run, &mut found);
-        let excursion = self.excursion(run);
+        let excursion = self.excursion(scenario, run);
         let excursion_rad = excursion.rad;
-        if excursion_rad > EXCURSION_MAX_RAD + encoder_slack_rad(&scenario.faults) {
+        if excursion_rad > self.excursion_max_rad() + encoder_slack_rad(&scenario.faults) {
             let Excursion { joint, at, .. } = excursion;
             found(
                 Rule::Excursion,
@@ -119,7 +119,7 @@ impl Judge<'_> {
         }
         let hidden = Window::hidden(self.arm, &scenario.faults);
         rest(run, &hidden, &mut found);
-        supervised(run, &hidden, &mut found);
+        supervised(self.arm, run, &hidden, &mut found);
         ball(scenario, run, &mut found);
         if let Some(what) = outcome(scenario, run) {
             found(Rule::Outcome, what);
@@ -133,9 +133,25 @@ impl Judge<'_> {
         Verdict { findings, reported: in_words(&run.reported), silent, excursion_rad }
     }
 
+    /// See [`EXCURSION_MAX_RAD`]; of other arms by their own speeds in the nominal run.
+    fn excursion_max_rad(&self) -> f64 {
+        if self.arm.drives().is_some() {
+            return EXCURSION_MAX_RAD;
+        }
+        let trace = &self.nominal.trace;
+        let brake_rad = |(joint, limits): (usize, &robot_model::JointLimits)| {
+            let speeds = (0..trace.len()).map(|index| trace.sample(index)[joint][1].abs());
+            let v_rad_s = speeds.fold(0.0, f64::max);
+            v_rad_s * v_rad_s / (2.0 * limits.a_control_max_rad_s2)
+        };
+        let limits = self.arm.joints().iter().map(|joint| &joint.limits).enumerate();
+        limits.map(brake_rad).fold(0.0, f64::max) + 0.01
+    }
+
     /// Largest distance of any joint from the nearest pose of the nominal run, rad. From a homing to the throw only the limits
     /// hold: the search may take the whole range, and the way to the start of the throw is chosen again from where it ends.
-    fn excursion(&self, run: &Evidence) -> Excursion {
+    fn excursion(&self, scenario: &Scenario, run: &Evidence) -> Excursion {
+        let limp: Vec<Window> = Window::limp(self.arm, &scenario.faults).collect();
         let mut largest = Excursion::default();
         let path = &self.nominal.trace;
         let Some(last) = path.len().checked_sub(1) else { return largest };
@@ -156,7 +172,9 @@ impl Judge<'_> {
             let range = near.map_or(first..=last, |near: usize| {
                 near.saturating_sub(WINDOW).max(first)..=(near + WINDOW).min(last)
             });
-            let (found, joint, rad) = nearest(run.trace.sample(index), path, range);
+            let at = run.trace.at(index);
+            let falls = |joint| limp.iter().any(|window| window.joint == joint && window.covers(at));
+            let (found, joint, rad) = nearest(run.trace.sample(index), path, range, falls);
             near = Some(found);
             if rad > largest.rad {
                 largest = Excursion { rad, joint, at: run.trace.at(index) };
@@ -168,10 +186,14 @@ impl Judge<'_> {
     fn limits(&self, scenario: &Scenario, run: &Evidence, found: &mut impl FnMut(Rule, String)) {
         let slack_rad = POSITION_SLACK_RAD + encoder_slack_rad(&scenario.faults);
         let released = Window::released(self.arm, &scenario.faults);
+        let limp: Vec<Window> = Window::limp(self.arm, &scenario.faults).collect();
         let (mut worst_q, mut worst_v) = ((0.0, String::new()), (0.0, String::new()));
         for index in 0..run.trace.len() {
             for (j, (joint, [q, v])) in self.arm.joints().iter().zip(run.trace.sample(index)).enumerate() {
                 let limits = &joint.limits;
+                if limp.iter().any(|window| window.joint == j && window.covers(run.trace.at(index))) {
+                    continue;
+                }
                 let beyond_q = (limits.q_min_rad - slack_rad - q).max(q - limits.q_max_rad - slack_rad);
                 if beyond_q > worst_q.0 {
                     worst_q = (beyond_q, format!("joint {} at {q:.3} rad at {}", j + 1, run.trace.at(index)));
@@ -217,7 +239,24 @@ impl Window {
             let lasts = Duration::from_secs_f64(offset_rad.abs() / COUNT_LOSS_RAD_S) + SETTLING;
             Some(Self { joint: joint_of(arm, fault.target)?, from: fault.start, to: fault.start + lasts })
         };
-        faults.iter().filter_map(hidden).collect()
+        // A joint that falls swings the others against the gains of their motors.
+        let swings = Self::limp(arm, faults).map(|limp| limp.from).min();
+        let swung =
+            (0..arm.n()).filter_map(|joint| Some(Self { joint, from: swings?, to: Instant::FAR_FUTURE }));
+        faults.iter().filter_map(hidden).chain(swung).collect()
+    }
+
+    /// An arm of motors without brakes: a motor whose frames are lost or wrong, or that restarts, is switched off and its joint falls. A
+    /// fault of the bus may switch all of them off.
+    fn limp<'a>(arm: &'a Arm, faults: &'a [Fault]) -> impl Iterator<Item = Self> + 'a {
+        let faults = faults.iter().filter(|_| arm.mit_motors().is_some());
+        faults.flat_map(|fault| {
+            let joints = match fault.target {
+                Target::Bus => 0..arm.n(),
+                target => joint_of(arm, target).map_or(0..0, |joint| joint..joint + 1),
+            };
+            joints.map(|joint| Self { joint, from: fault.start, to: Instant::FAR_FUTURE })
+        })
     }
 
     /// An axis that was held and is let go is thrown back to its set-point by the drive's own position loop. The first
@@ -234,7 +273,7 @@ impl Window {
 
 fn joint_of(arm: &Arm, target: Target) -> Option<usize> {
     let Target::Module(module) = target else { return None };
-    arm.drives()?.iter().position(|drive| drive.address == module.get())
+    arm.addresses()?.iter().position(|address| *address == module.get())
 }
 
 /// The fastest joint whose motion the bus can show.
@@ -279,6 +318,7 @@ fn nearest(
     here: &[[f64; 2]],
     nominal: &Trace,
     range: std::ops::RangeInclusive<usize>,
+    falls: impl Fn(usize) -> bool,
 ) -> (usize, usize, f64) {
     let mut best = (*range.start(), f64::INFINITY);
     for index in range.step_by(STRIDE) {
@@ -290,7 +330,9 @@ fn nearest(
         }
     }
     let distances = here.iter().zip(nominal.sample(best.0)).map(|(a, b)| (a[0] - b[0]).abs()).enumerate();
-    let (joint, rad) = distances.fold((0, 0.0), |best, next| if next.1 > best.1 { next } else { best });
+    let (joint, rad) = distances
+        .filter(|(joint, _)| !falls(*joint))
+        .fold((0, 0.0), |best, next| if next.1 > best.1 { next } else { best });
     (best.0, joint, rad)
 }
 
@@ -305,9 +347,14 @@ fn rest(run: &Evidence, hidden: &[Window], found: &mut impl FnMut(Rule, String))
     }
 }
 
+/// Drives other than PowerCubes lose their torque in the proof of their time-outs: until brakes and loops hold again a joint sinks.
+fn may_move(arm: &Arm, state: State) -> bool {
+    state.may_move() || (state == State::Boot && arm.drives().is_none())
+}
+
 /// Between two messages that both report a standing state nothing may have moved; after a fault no longer than it takes to
 /// brake.
-fn supervised(run: &Evidence, hidden: &[Window], found: &mut impl FnMut(Rule, String)) {
+fn supervised(arm: &Arm, run: &Evidence, hidden: &[Window], found: &mut impl FnMut(Rule, String)) {
     let trace = &run.trace;
     let mut fault_since = None;
     for (k, (at, group)) in run.bus.states.iter().enumerate() {
@@ -321,7 +368,7 @@ fn supervised(run: &Evidence, hidden: &[Window], found: &mut impl FnMut(Rule, St
         // Without further messages the state stands until the end.
         let (until, next_state) =
             next.map_or((run.end, group.state), |(at, group)| (made_at(*at, group), group.state));
-        if group.state.may_move() || next_state.may_move() {
+        if [group.state, next_state].into_iter().any(|state| may_move(arm, state)) {
             continue;
         }
         let from = match fault_since {

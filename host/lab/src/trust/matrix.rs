@@ -3,11 +3,13 @@
 use hil_sim::fault::{Fault, FaultKind, PhysicalFault, Place, Target, WireFault, WrongPart};
 use protocol::{Duration, Frame, Instant, ModuleId, StandardId};
 
+use planner::plan::Arm;
+
+use super::bench::{Bench, Family};
 use super::phases::Phase;
 
 /// Length of a short fault.
 pub const SHORT: Duration = Duration::from_millis(50);
-const JOINTS: u8 = 6;
 const SUPPLIES: u8 = 2;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,7 +52,8 @@ const fn ms(ms: u64) -> Duration {
     Duration::from_millis(ms)
 }
 
-pub fn variants() -> Vec<Variant> {
+/// The variants of PowerCubes.
+fn variants() -> Vec<Variant> {
     use PhysicalFault as P;
     use Where::{Bus, Gripper, Joints, Supplies};
     use WireFault as W;
@@ -105,12 +108,30 @@ pub struct Entry {
 }
 
 impl Variant {
+    /// Whether drives of this family have it: lost counts, an axis that is held, hall sensors, slow answers and supplies are simulated for
+    /// PowerCubes only.
+    fn is_of(&self, family: Family) -> bool {
+        use PhysicalFault as P;
+        family == Family::PowerCube
+            || match self.kind {
+                Kind::Wire(_) => true,
+                Kind::Physical(fault) => {
+                    matches!(
+                        fault,
+                        P::Frozen | P::Restart | P::OverCurrent | P::StuckGripper | P::LateRelease(_)
+                    )
+                }
+            }
+    }
+
     /// The faults of this variant at each of its places, from `start` on.
-    fn faults(&self, start: Instant, length: Option<Duration>) -> Vec<Fault> {
+    fn faults(&self, arm: &Arm, start: Instant, length: Option<Duration>) -> Vec<Fault> {
+        let modules = arm.addresses().unwrap_or_default();
         let module = |n: u8| ModuleId::new(n).ok();
         let places: Vec<(Target, Option<Place>)> = match self.acts_on {
             Where::Bus => vec![(Target::Bus, None)],
-            Where::Joints => (1..=JOINTS)
+            Where::Joints => modules
+                .into_iter()
                 .filter_map(module)
                 .map(|module| (Target::Module(module), Some(Place::Module(module))))
                 .collect(),
@@ -141,13 +162,13 @@ impl Variant {
     }
 }
 
-/// All runs; `at` gives the instant of each phase.
-pub fn entries(at: impl Fn(Phase) -> Option<Instant>) -> Vec<Entry> {
+/// All runs of a bench; `at` gives the instant of each phase.
+pub fn entries(bench: &Bench, at: impl Fn(Phase) -> Option<Instant>) -> Vec<Entry> {
     let mut all = Vec::new();
-    for variant in variants() {
+    for variant in variants().into_iter().filter(|variant| variant.is_of(bench.family)) {
         for (phase, start) in Phase::ALL.into_iter().filter_map(|phase| Some((phase, at(phase)?))) {
             for length in [None, Some(SHORT)] {
-                let faults = variant.faults(start, length);
+                let faults = variant.faults(&bench.arm, start, length);
                 all.extend(faults.into_iter().map(|fault| Entry { variant: variant.name, phase, fault }));
             }
         }

@@ -24,7 +24,7 @@ pub mod phases;
 pub mod shrink;
 pub mod swarm;
 
-pub use bench::Bench;
+pub use bench::{Bench, Family};
 pub use evidence::{Evidence, ReportedOutcome, Seen};
 pub use judge::{Finding, Rule, Verdict};
 pub use swarm::Swarm;

@@ -5,10 +5,10 @@ use firmware::group::{
     Command, DriveGroup, GroupCounters, GroupEvent, PositionSample, Profile, Readings, SetPoint, Standing,
     Taken,
 };
-use firmware::groups::cia402::{self, Cia402, Home, Servo};
+use firmware::groups::cia402::{self, Cia402, GripperOutput, Home, Servo};
 use firmware::groups::dynamics::{ArmModel, Body};
 use firmware::groups::mit::{GripperMotor, Mit, Motor, Options};
-use firmware::groups::odrive::{self, Axis, Odrive};
+use firmware::groups::odrive::{self, Axis, GripperAxis, Odrive};
 use firmware::groups::powercube::PowerCubes;
 use firmware::settings::Settings;
 use nalgebra::{Matrix3, Vector3};
@@ -56,6 +56,13 @@ impl CanDrives {
         if let Some(servos) = robot.cia402_servos() {
             let joints: Vec<Servo> = servos.iter().map(servo_of).collect();
             let options = cia402::Options::new(&joints).and_then(|all| all.with_model(model_of(robot)));
+            let options = options.and_then(|all| match robot.cia402_output() {
+                Some(own) => {
+                    let joint = JointIndex::new(own.joint).map_err(|_| cia402::OptionsError::Output)?;
+                    all.with_gripper(GripperOutput { joint, bit: own.bit })
+                }
+                None => Ok(all),
+            });
             let options = options.map_err(|error| invalid(error.to_string()))?;
             alone(options.ids()).map_err(invalid)?;
             return Ok(Self::Cia402(Cia402::new(options)));
@@ -63,6 +70,14 @@ impl CanDrives {
         if let Some(axes) = robot.odrive_axes() {
             let joints: Vec<Axis> = axes.iter().map(axis_of).collect();
             let options = odrive::Options::new(&joints).and_then(|all| all.with_model(model_of(robot)));
+            let options = options.and_then(|all| match robot.odrive_gripper() {
+                Some(gripper) => all.with_gripper(GripperAxis {
+                    axis: axis_of(&gripper.axis),
+                    open_rad: gripper.travel.open_rad as f32,
+                    closed_rad: gripper.travel.closed_rad as f32,
+                }),
+                None => Ok(all),
+            });
             let options = options.map_err(|error| invalid(error.to_string()))?;
             alone(options.ids()).map_err(invalid)?;
             return Ok(Self::Odrive(Odrive::new(options)));
@@ -73,8 +88,8 @@ impl CanDrives {
         let options = options.and_then(|options| match motors.gripper {
             Some(gripper) => options.with_gripper(GripperMotor {
                 motor: motor_of(&gripper.motor),
-                open_rad: gripper.open_rad as f32,
-                closed_rad: gripper.closed_rad as f32,
+                open_rad: gripper.travel.open_rad as f32,
+                closed_rad: gripper.travel.closed_rad as f32,
             }),
             None => Ok(options),
         });

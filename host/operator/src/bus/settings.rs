@@ -99,8 +99,8 @@ pub fn settings_of(model: &RobotModel) -> Result<Settings, NoSettings> {
     }
     // The gripper hangs on the last PowerCube, as in the simulated cell.
     settings.gripper_address = model.drives().and(addresses.last().copied()).unwrap_or(0).into();
-    if let Some(gripper) = model.mit_motors().and_then(|motors| motors.gripper) {
-        settings.gripper_opening_us = (1e6 * gripper.opening_s()).round() as u32;
+    if let Some(opening_s) = model.opening_s() {
+        settings.gripper_opening_us = (1e6 * opening_s).round() as u32;
     }
     if let Some(drive) = model.drive_loop() {
         settings.drive_lag_us = (2e6 * drive.damping_ratio / drive.natural_frequency_rad_s).round() as u32;

@@ -8,7 +8,7 @@ use odrive_protocol::{Report, Request as Asked};
 use protocol::bits;
 use protocol::powercube::{MotionCommand, Parameter, Reply, Request, Value};
 use protocol::{Duration, Frame, Instant};
-use robot_model::{Cia402Servo, MitMotor, OdriveAxis};
+use robot_model::{Cia402Servo, Joint, MitMotor, OdriveAxis};
 
 use super::drives::Drives;
 use super::{
@@ -21,6 +21,9 @@ use planner::throw::Arm;
 
 /// Time of the first frame of a state message at 1 Mbit/s: extended, eight bytes, few stuff bits.
 const FIRST_FRAME: Duration = Duration::from_micros(bits::best_case(true, 8).frame() as u64);
+
+/// A joint that stands a little beyond its range is not a turn away, rad.
+const BESIDE_RAD: f64 = 0.1;
 
 impl Samples {
     /// Samples of a log in ascending time; `drives` are those of the joints of `arm`.
@@ -37,6 +40,7 @@ impl Samples {
         let mut watch = Watch::new(names.collect());
         let mut reader = Reader {
             drives,
+            joints: arm.joints(),
             motors: arm.mit_motors().map_or(&[], |motors| &motors.joints),
             servos: arm.cia402_servos().unwrap_or_default(),
             synchronized_at: None,
@@ -62,6 +66,13 @@ impl Samples {
     }
 }
 
+/// A shaft knows its place within a turn after power-up; which turn of the joint that is, its range says.
+fn in_range(joint: &Joint, q_rad: f64) -> f64 {
+    let (low, high) = (joint.limits.q_min_rad - BESIDE_RAD, joint.limits.q_max_rad + BESIDE_RAD);
+    let turns = [q_rad, q_rad - TAU, q_rad + TAU];
+    turns.into_iter().find(|q| (low..=high).contains(q)).unwrap_or(q_rad)
+}
+
 /// Speed and acceleration that were written last, of the joint.
 #[derive(Clone, Copy, Default)]
 struct Ramp {
@@ -82,6 +93,7 @@ struct Axis {
 
 struct Reader<'a> {
     drives: &'a Drives,
+    joints: &'a [Joint],
     /// Of the joints, if they have MIT frames.
     motors: &'a [MitMotor],
     /// Of the joints, if they are CANopen servos.
@@ -132,7 +144,8 @@ impl Reader<'_> {
         let state = |motor: &MitMotor| State::decode(frame, motor.id, motor.answers_on, &motor.motor.ranges);
         for ((joint, motor), of_joint) in self.motors.iter().enumerate().zip(&mut self.samples.joints) {
             if let Some(state) = state(motor).filter(|state| state.status == Status::Enabled) {
-                let q_rad = self.drives.joint_rad(joint, f64::from(state.p_rad));
+                let q_rad =
+                    in_range(&self.joints[joint], self.drives.joint_rad(joint, f64::from(state.p_rad)));
                 of_joint.positions.push(At { at, value: q_rad });
                 let hottest_c = state.transistors_c.max(state.rotor_c);
                 of_joint.temperatures.push(At { at, value: hottest_c.into() });

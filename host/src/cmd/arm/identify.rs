@@ -14,7 +14,7 @@ use crate::cmd::meaning::{Deed, Given};
 use crate::cmd::plan::follow::is_industrial;
 use crate::cmd::print_json;
 use crate::cmd::rsi::RobotIdentification;
-use crate::cmd::survey::modules_on;
+use crate::cmd::survey::{modules_on, require_powercubes};
 use crate::cmd::values::{positive, share, within};
 use crate::error::ExpectedError;
 use crate::exit;
@@ -140,6 +140,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     let (mut session, robot) = open(args)?;
     session.watch_stops();
+    require_powercubes(&mut session, &args.bus, &robot)?;
     modules_on(&mut session, None, args.bus.beside)?;
     let mounting = mounting(args, &mut session)?;
     let wish = JointExperiments {

@@ -11,7 +11,7 @@ use protocol::{Duration, Instant, ModuleId};
 use crate::cmd::arm::stop::halt;
 use crate::cmd::fixed;
 use crate::cmd::log::report::BIT_RATE;
-use crate::cmd::survey::{Modules, modules_on};
+use crate::cmd::survey::{Modules, modules_on, require_powercubes};
 use crate::cmd::web::WebArgs;
 use crate::error::ExpectedError;
 use crate::exit;
@@ -71,6 +71,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let mut modules: Vec<ModuleId> = if listens {
         Vec::new()
     } else {
+        require_powercubes(&mut session, &args.bus, &cell.robot)?;
         let found =
             modules_on(&mut session, args.modules.as_ref().map(|modules| modules.0.as_slice()), true)?;
         found.iter().map(|report| report.module).collect()

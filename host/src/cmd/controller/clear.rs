@@ -5,7 +5,7 @@ use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;
 use protocol::powercube::SimpleCommand;
 
-use crate::cmd::survey::{require_alone, survey_with_progress};
+use crate::cmd::survey::{require_alone, require_powercubes, survey_with_progress};
 use crate::cmd::values::node_id;
 use crate::error::ExpectedError;
 use crate::exit;
@@ -38,6 +38,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let text = match session.find_controller(args.controller) {
         Ok(node) => of_controller(&mut session, node)?,
         Err(OperatorError::NoController) if args.controller.is_none() => {
+            require_powercubes(&mut session, &args.bus, &args.bus.cell.load()?.robot)?;
             of_modules(&mut session, args.bus.beside)?
         }
         Err(error) => return Err(error.into()),

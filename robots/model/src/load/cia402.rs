@@ -1,15 +1,18 @@
-//! `[joint.cia402]`: CANopen servos.
+//! `[joint.cia402]` and `[gripper.cia402]`: CANopen servos.
 
 use canopen_protocol::NodeId;
 use toml_reader::Value;
 
 use super::{Section, families};
-use crate::cia402::Cia402Servo;
-use crate::error::LoadError;
+use crate::cia402::{Cia402Output, Cia402Servo};
+use crate::error::{LoadError, Problem};
 use crate::model::Joint;
 
 /// Highest node of a servo: the one above is the controller's.
 const NODE_MAX: i64 = 0x7E;
+
+/// Outputs for what hangs on the servo; the lower bits are the brake and others of the profile.
+const OUTPUT_BITS: std::ops::RangeInclusive<i64> = 16..=31;
 
 /// The servos of all joints, or of no joint.
 pub(super) fn read(
@@ -18,6 +21,25 @@ pub(super) fn read(
 ) -> Result<Option<Vec<Cia402Servo>>, LoadError> {
     let node = |servo: &Cia402Servo| servo.node.get();
     families::read(("cia402", "CANopen servo"), sections, joints, node, |part, _, _| read_servo(part))
+}
+
+/// The output that opens the hand, or nothing.
+pub(super) fn read_output(
+    gripper: &Section<'_>,
+    servos: Option<&[Cia402Servo]>,
+) -> Result<Option<Cia402Output>, LoadError> {
+    let Some(part) = gripper.optional("cia402", Value::section)? else { return Ok(None) };
+    let Some(servos) = servos else {
+        return Err(gripper.error("cia402", Problem::GripperAlone("output of a CANopen servo")));
+    };
+    let node = part.required("output_of", |v| v.integer(1..=NODE_MAX))?;
+    let joint = servos.iter().position(|servo| i64::from(servo.node.get()) == node);
+    let Some(joint) = joint else {
+        return Err(part.error("output_of", Problem::NoServoOfOutput(node as u8)));
+    };
+    let bit = part.required("bit", |v| v.integer(OUTPUT_BITS))? as u8;
+    part.finish()?;
+    Ok(Some(Cia402Output { joint, bit }))
 }
 
 fn read_servo(part: &Section<'_>) -> Result<Cia402Servo, LoadError> {

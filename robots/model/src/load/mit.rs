@@ -8,6 +8,7 @@ use super::Section;
 use crate::error::{LoadError, Problem};
 use crate::mit::{MitGripper, MitMotor, MitMotors};
 use crate::model::Joint;
+use crate::travel::FingerTravel;
 
 /// Ids in use: which, and by what.
 #[derive(Default)]
@@ -46,7 +47,7 @@ pub(super) fn read(
         (Some((section, joint)), _) if !motors.is_empty() => {
             Err(section.error("mit", Problem::FamilyMissing { what: "MIT motor", joint: joint.name.clone() }))
         }
-        (Some(_), Some(_)) => Err(gripper.error("mit", Problem::MitGripperAlone)),
+        (Some(_), Some(_)) => Err(gripper.error("mit", Problem::GripperAlone("MIT motor"))),
         (Some(_), None) => Ok(None),
         (None, part) => {
             let gripper = part.map(|part| read_gripper(&part, &mut ids)).transpose()?;
@@ -85,12 +86,12 @@ fn read_gripper(part: &Section<'_>, ids: &mut Ids) -> Result<MitGripper, LoadErr
     let motor = read_motor(part, "gripper", ids)?;
     let p_max_deg = f64::from(motor.motor.ranges.p_max_rad()).to_degrees();
     let angle = |key| part.required(key, |v| v.number_in(-p_max_deg, p_max_deg)).map(f64::to_radians);
-    let gripper = MitGripper { motor, open_rad: angle("open_deg")?, closed_rad: angle("closed_deg")? };
-    if gripper.open_rad == gripper.closed_rad {
-        return Err(part.error("open_deg", Problem::MitGripperStill));
+    let travel = FingerTravel { open_rad: angle("open_deg")?, closed_rad: angle("closed_deg")? };
+    if travel.open_rad == travel.closed_rad {
+        return Err(part.error("open_deg", Problem::GripperStill));
     }
     part.finish()?;
-    Ok(gripper)
+    Ok(MitGripper { motor, travel })
 }
 
 /// The limits of the joint must fit into the fields of the frames: a larger value is clipped, and nothing on the wire shows it.

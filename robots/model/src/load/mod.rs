@@ -137,7 +137,9 @@ fn read_model(root: &Section<'_>) -> Result<RobotModel, LoadError> {
     families::require_one(&joint_sections, &joints)?;
     let mit_motors = mit::read(&joint_sections, &gripper_section, &joints)?;
     let cia402_servos = cia402::read(&joint_sections, &joints)?;
+    let cia402_output = cia402::read_output(&gripper_section, cia402_servos.as_deref())?;
     let odrive_axes = odrive::read(&joint_sections, &joints)?;
+    let odrive_gripper = odrive::read_gripper(&gripper_section, odrive_axes.as_deref(), &joints)?;
     let mut drives = read_drives(&joint_sections)?;
     let mut supplies = read_supplies(root, &joints, drives.is_some())?;
     if let Some(section) = root.optional("generic_drives", Value::section)? {
@@ -174,7 +176,9 @@ fn read_model(root: &Section<'_>) -> Result<RobotModel, LoadError> {
         drives,
         mit_motors,
         cia402_servos,
+        cia402_output,
         odrive_axes,
+        odrive_gripper,
         supplies,
         drive_loop,
         world,

@@ -1,4 +1,4 @@
-//! `[joint.odrive]`: ODrives.
+//! `[joint.odrive]` and `[gripper.odrive]`: ODrives.
 
 use odrive_protocol::{NodeId, Version};
 use toml_reader::Value;
@@ -6,7 +6,8 @@ use toml_reader::Value;
 use super::{Section, families};
 use crate::error::{LoadError, Problem};
 use crate::model::Joint;
-use crate::odrive::OdriveAxis;
+use crate::odrive::{OdriveAxis, OdriveGripper};
+use crate::travel::FingerTravel;
 
 /// Highest node: addresses of a controller are 1 to 31.
 const NODE_MAX: i64 = 31;
@@ -19,6 +20,35 @@ pub(super) fn read(sections: &[Section<'_>], joints: &[Joint]) -> Result<Option<
         require_range(section, joint, &axis)?;
         Ok(axis)
     })
+}
+
+/// The axis of the fingers, or nothing.
+pub(super) fn read_gripper(
+    gripper: &Section<'_>,
+    axes: Option<&[OdriveAxis]>,
+    joints: &[Joint],
+) -> Result<Option<OdriveGripper>, LoadError> {
+    let Some(part) = gripper.optional("odrive", Value::section)? else { return Ok(None) };
+    let Some(axes) = axes else {
+        return Err(gripper.error("odrive", Problem::GripperAlone("ODrive axis")));
+    };
+    let axis = read_axis(&part)?;
+    if let Some(first) = axes.iter().position(|other| other.node == axis.node) {
+        let owner = joints[first].name.clone();
+        return Err(part.error("node", Problem::DuplicateNode { node: axis.node.get(), owner }));
+    }
+    if !axis.is_at_joint {
+        return Err(part.error("encoder", Problem::GripperTurns));
+    }
+    // Without an inertia the fingers would take no time.
+    part.required("rotor_kg_m2", Value::positive)?;
+    let angle = |key| part.required(key, |v| v.number_in(-180.0, 180.0)).map(f64::to_radians);
+    let travel = FingerTravel { open_rad: angle("open_deg")?, closed_rad: angle("closed_deg")? };
+    if travel.open_rad == travel.closed_rad {
+        return Err(part.error("open_deg", Problem::GripperStill));
+    }
+    part.finish()?;
+    Ok(Some(OdriveGripper { axis, travel }))
 }
 
 fn read_axis(part: &Section<'_>) -> Result<OdriveAxis, LoadError> {

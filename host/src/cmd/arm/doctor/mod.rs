@@ -11,7 +11,7 @@ use protocol::{Duration, Frame, ModuleId};
 use crate::advice::Place;
 use crate::cmd::finding::{Finding, Level, finding, grouped, of_modules};
 use crate::cmd::print_json;
-use crate::cmd::survey::{Wanted, listen_beside, module_json, survey_with_progress};
+use crate::cmd::survey::{Wanted, listen_beside, module_json, require_powercubes, survey_with_progress};
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::period::PERIOD_MAX_US;
@@ -71,6 +71,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         None => Wanted::of_robot(&cell.robot),
     };
     let mut session = args.bus.open_cell(&cell, None)?;
+    require_powercubes(&mut session, &args.bus, &cell.robot)?;
     let (modules, mut findings) = look(&mut session, &wanted, args.probe, args.bus.beside)?;
     let place = Place::of_bus(&args.bus);
     for found in &mut findings {

@@ -1,0 +1,339 @@
+//! The families of drives that the sequences are played with: two of each on a bench, and their group.
+
+use std::borrow::Cow;
+use std::f64::consts::TAU;
+
+use canopen_protocol::cia402::State;
+use firmware::group::DriveGroup;
+use firmware::groups::cia402::{self, Cia402, GripperOutput, Servo};
+use firmware::groups::mit::{self, Mit, Motor};
+use firmware::groups::odrive::{self, Axis, Home, Odrive};
+use firmware::groups::powercube::PowerCubes;
+use firmware::settings::Settings;
+use hil_sim::bus::TxOrder;
+use hil_sim::drive::bench::ShaftMotor;
+use hil_sim::drive::cia402::{CanopenServo, ServoOptions};
+use hil_sim::drive::mit::{MitMotor, MitOptions};
+use hil_sim::drive::odrive::{OdriveAxis, OdriveOptions};
+use hil_sim::mechanics::{Body, JointMechanics, Mechanism, Plant};
+use hil_sim::participants::Participants;
+use hil_sim::{Cell, CellOptions};
+use mit_protocol::{MotorId, Ranges, Status};
+use protocol::powercube::{Config, CubeState, Parameter};
+use protocol::{Duration, Frame, Instant, JointIndex, ModuleId, Node, StandardId};
+use robot_model::JointVec;
+
+use crate::lab::{JOINTS, OPENING_MS};
+
+/// Inertia at each joint, half of it in the rotor, kg·m².
+const INERTIA_KG_M2: f64 = 0.2;
+/// Step of the mechanics.
+const STEP: Duration = Duration::from_micros(500);
+/// Bit of the servo's outputs that opens the hand.
+const OUTPUT: u8 = 16;
+const TIME_OUT: Duration = Duration::from_millis(50);
+
+/// A family, with what the judge must see of its drives.
+pub(crate) trait Family: 'static {
+    type Group: DriveGroup<Packet = Frame>;
+    type Drives: Participants;
+    /// Its frames are those of PowerCubes, which the judge reads.
+    const IS_POWERCUBE: bool = false;
+    /// From the end of a jog to a drive that brakes, s.
+    const REACTION_S: f64 = 0.03;
+    /// Time for finding the drives, ms.
+    const BOOT_MS: u16;
+
+    fn group() -> Self::Group;
+    fn drives(start_rad: [f64; JOINTS], seed: u64) -> Self::Drives;
+    /// Settings of the arm of PowerCubes as this family needs them.
+    fn adapt(_settings: &mut Settings) {}
+    /// Angle and speed of each joint.
+    fn plant(drives: &Self::Drives) -> [(f64, f64); JOINTS];
+    /// A drive loses its power and gets it back.
+    fn restart(drives: &mut Self::Drives, drive: usize, now: Instant);
+    /// Joints that know their zero; `None`: no drive shows it, and the judge holds the controller to what it publishes.
+    fn homed(_drives: &Self::Drives, _now: Instant) -> Option<[bool; JOINTS]> {
+        None
+    }
+    /// `None`: nothing opens a hand.
+    fn is_open(drives: &Self::Drives) -> Option<bool>;
+    /// What a drive holds of an armed group, and should not.
+    fn held_wrong(drives: &Self::Drives, joint: usize, current_a: f64, watchdog: bool) -> Option<String>;
+}
+
+impl Family for PowerCubes {
+    type Group = Self;
+    type Drives = Cell;
+    const IS_POWERCUBE: bool = true;
+    const BOOT_MS: u16 = 900;
+
+    fn group() -> Self {
+        Self::default()
+    }
+
+    fn drives(start_rad: [f64; JOINTS], seed: u64) -> Cell {
+        let mut options = CellOptions::default();
+        options.drive.starts_homed = true;
+        options.start_q_rad = Some(start_rad.to_vec());
+        Cell::bench(JOINTS, 0x4614, &options, seed).expect("two drives on a bench")
+    }
+
+    fn plant(cell: &Cell) -> [(f64, f64); JOINTS] {
+        let plant = cell.plant();
+        std::array::from_fn(|joint| (plant.link_q_rad(joint), plant.axis(joint).v_rad_s))
+    }
+
+    fn restart(cell: &mut Cell, drive: usize, now: Instant) {
+        cell.drive_mut(drive).expect("a drive of the bench").restart(now);
+    }
+
+    fn homed(cell: &Cell, now: Instant) -> Option<[bool; JOINTS]> {
+        let homed = |joint: usize| cell.drives()[joint].state_word(now).contains(CubeState::HOME_OK);
+        Some(std::array::from_fn(homed))
+    }
+
+    fn is_open(cell: &Cell) -> Option<bool> {
+        Some(cell.drives()[1].outputs() & 1 == 1)
+    }
+
+    fn held_wrong(cell: &Cell, joint: usize, current_a: f64, watchdog: bool) -> Option<String> {
+        let drive = &cell.drives()[joint];
+        let held_a = drive.held(Parameter::MaxCur);
+        let watched = drive.held_config().contains(Config::WATCHDOG_ENABLE);
+        ((held_a - current_a).abs() > 0.01 || watched != watchdog).then(|| {
+            format!("joint {joint} holds {held_a} A, watchdog {watched}, and not {current_a} A, watchdog {watchdog}")
+        })
+    }
+}
+
+/// Wheels on the shafts of two motors.
+pub(crate) struct Wheels<M> {
+    motors: Vec<M>,
+    plant: Mechanism,
+    grid: Instant,
+}
+
+impl<M: ShaftMotor> Wheels<M> {
+    fn new(motors: Vec<M>) -> Self {
+        let joint = JointMechanics {
+            coulomb_nm: 5.0 * INERTIA_KG_M2,
+            viscous_nms_rad: 0.1,
+            brake_nm: 20.0,
+            ..JointMechanics::ideal(0.5 * INERTIA_KG_M2)
+        };
+        let q = JointVec::from_fn(JOINTS, |i| motors[i].q_rad());
+        let wheels = Body::Wheels(JointVec::repeat(JOINTS, 0.5 * INERTIA_KG_M2));
+        Self { motors, plant: Mechanism::new(wheels, vec![joint; JOINTS], q), grid: Instant::ZERO }
+    }
+
+    fn plant(&self) -> [(f64, f64); JOINTS] {
+        std::array::from_fn(|joint| (self.plant.link_q_rad(joint), self.plant.axis(joint).v_rad_s))
+    }
+}
+
+impl<M: ShaftMotor> Participants for Wheels<M> {
+    fn len(&self) -> usize {
+        self.motors.len()
+    }
+
+    fn node(&mut self, index: usize) -> &mut dyn Node {
+        &mut self.motors[index]
+    }
+
+    fn name(&self, index: usize) -> Cow<'_, str> {
+        self.motors[index].name().into()
+    }
+
+    fn advance(&mut self, to: Instant) {
+        let dt_s = STEP.as_secs_f64();
+        while self.grid + STEP <= to {
+            let inputs: Vec<_> = self.motors.iter().map(ShaftMotor::input).collect();
+            self.plant.step(dt_s, &inputs);
+            for (joint, motor) in self.motors.iter_mut().enumerate() {
+                motor.tick(self.plant.axis(joint), dt_s);
+            }
+            self.grid += STEP;
+        }
+    }
+
+    fn accepts(&self, _: usize, frame: &Frame) -> bool {
+        !frame.is_extended()
+    }
+
+    fn tx_order(&self, _: usize) -> Option<TxOrder> {
+        Some(TxOrder::Priority)
+    }
+
+    fn module(&self, index: usize) -> Option<ModuleId> {
+        ModuleId::new(index as u8 + 1).ok()
+    }
+}
+
+/// The certificate of the gains for another time-out of the drives.
+fn timed(settings: &mut Settings, time_out: Duration) {
+    settings.watchdog_timeout_us = time_out.as_micros() as u32;
+    settings.watchdog_refresh_us = 10_000;
+}
+
+/// Lost torque is what a drive of an armed group may not have.
+fn without_torque(joint: usize, has_torque: bool) -> Option<String> {
+    (!has_torque).then(|| format!("joint {joint} has no torque"))
+}
+
+impl Family for Cia402 {
+    type Group = Self;
+    type Drives = Wheels<CanopenServo>;
+    /// A set point is reached two and a half periods of 3 ms after it is made, and the loop of the servo is 500 / 1e5 s behind.
+    const REACTION_S: f64 = 0.03 + 0.0075 + 0.005;
+    const BOOT_MS: u16 = 1_500;
+
+    fn group() -> Self {
+        let servo = |i: usize| Servo {
+            node: canopen_protocol::NodeId::new(i as u8 + 3).expect("a node"),
+            counts_per_turn: 409_600,
+            rated_mnm: 50_000,
+            home: cia402::Home::Absolute,
+        };
+        let gripper = GripperOutput { joint: JointIndex::new(1).expect("two joints"), bit: OUTPUT };
+        let options = cia402::Options::new(&[servo(0), servo(1)]).and_then(|all| all.with_gripper(gripper));
+        Self::new(options.expect("two servos"))
+    }
+
+    fn drives(start_rad: [f64; JOINTS], _: u64) -> Wheels<CanopenServo> {
+        let servo = |i: usize| {
+            let options = ServoOptions::of(canopen_protocol::NodeId::new(i as u8 + 3).expect("a node"));
+            CanopenServo::new(
+                ServoOptions { gripper_bit: (i == 1).then_some(OUTPUT), ..options },
+                start_rad[i],
+            )
+        };
+        Wheels::new((0..JOINTS).map(servo).collect())
+    }
+
+    fn adapt(settings: &mut Settings) {
+        timed(settings, TIME_OUT);
+        settings.gripper_opening_us = u32::from(OPENING_MS) * 1_000;
+    }
+
+    fn plant(drives: &Self::Drives) -> [(f64, f64); JOINTS] {
+        drives.plant()
+    }
+
+    fn restart(drives: &mut Self::Drives, drive: usize, now: Instant) {
+        drives.motors[drive].set_power(now, false);
+        drives.motors[drive].set_power(now, true);
+    }
+
+    fn is_open(drives: &Self::Drives) -> Option<bool> {
+        drives.motors[1].gripper().map(|(open, _)| open)
+    }
+
+    fn held_wrong(drives: &Self::Drives, joint: usize, _: f64, _: bool) -> Option<String> {
+        without_torque(joint, drives.motors[joint].state() == State::OperationEnabled)
+    }
+}
+
+impl Family for Mit {
+    type Group = Self;
+    type Drives = Wheels<MitMotor>;
+    const BOOT_MS: u16 = 1_500;
+
+    fn group() -> Self {
+        let motor = |i: usize| Motor {
+            id: MotorId::new(i as u8 + 1).expect("an id"),
+            master: StandardId::from_low_bits(i as u16 + 0x11),
+            ranges: Ranges::new(12.5, 45.0, 54.0).expect("ranges of an 8009"),
+            kp_nm_rad: 200.0,
+            kd_nm_s_rad: 5.0,
+        };
+        Self::new(mit::Options::new(&[motor(0), motor(1)]).expect("two motors"))
+    }
+
+    fn drives(start_rad: [f64; JOINTS], _: u64) -> Wheels<MitMotor> {
+        let motor = |i: usize| {
+            let id = MotorId::new(i as u8 + 1).expect("an id");
+            let options = MitOptions::of("8009", id, StandardId::from_low_bits(i as u16 + 0x11));
+            MitMotor::new(options.expect("figures of an 8009"), start_rad[i])
+        };
+        Wheels::new((0..JOINTS).map(motor).collect())
+    }
+
+    fn adapt(settings: &mut Settings) {
+        timed(settings, TIME_OUT);
+    }
+
+    fn plant(drives: &Self::Drives) -> [(f64, f64); JOINTS] {
+        drives.plant()
+    }
+
+    fn restart(drives: &mut Self::Drives, drive: usize, _: Instant) {
+        drives.motors[drive].set_power(false);
+        drives.motors[drive].set_power(true);
+    }
+
+    fn is_open(_: &Self::Drives) -> Option<bool> {
+        None
+    }
+
+    fn held_wrong(drives: &Self::Drives, joint: usize, _: f64, _: bool) -> Option<String> {
+        without_torque(joint, drives.motors[joint].status() == Status::Enabled)
+    }
+}
+
+impl Family for Odrive {
+    type Group = Self;
+    type Drives = Wheels<OdriveAxis>;
+    const BOOT_MS: u16 = 2_000;
+
+    fn group() -> Self {
+        let axis = |i: usize| Axis {
+            node: odrive_protocol::NodeId::new(i as u8 + 9).expect("a node"),
+            version: odrive_protocol::Version::V06,
+            gear: 8.0,
+            home: Home::Joint,
+            current_max_a: 40.0,
+            position_gain_1_s: 30.0,
+            // 100 rad/s of the velocity loop.
+            velocity_gain_nm_s: (100.0 * INERTIA_KG_M2 * TAU / 8.0) as f32,
+            integral_gain_nm: 0.0,
+        };
+        Self::new(odrive::Options::new(&[axis(0), axis(1)]).expect("two axes"))
+    }
+
+    fn drives(start_rad: [f64; JOINTS], _: u64) -> Wheels<OdriveAxis> {
+        let axis = |i: usize| {
+            let node = odrive_protocol::NodeId::new(i as u8 + 9).expect("a node");
+            let options = OdriveOptions {
+                counted: 1.0,
+                brakes: true,
+                watchdog: Some(TIME_OUT),
+                estimates: None,
+                ..OdriveOptions::new(node, odrive_protocol::Version::V06)
+            };
+            OdriveAxis::new(options, start_rad[i])
+        };
+        Wheels::new((0..JOINTS).map(axis).collect())
+    }
+
+    fn adapt(settings: &mut Settings) {
+        timed(settings, TIME_OUT);
+    }
+
+    fn plant(drives: &Self::Drives) -> [(f64, f64); JOINTS] {
+        drives.plant()
+    }
+
+    fn restart(drives: &mut Self::Drives, drive: usize, now: Instant) {
+        drives.motors[drive].set_power(now, false);
+        drives.motors[drive].set_power(now, true);
+    }
+
+    fn is_open(_: &Self::Drives) -> Option<bool> {
+        None
+    }
+
+    fn held_wrong(drives: &Self::Drives, joint: usize, _: f64, _: bool) -> Option<String> {
+        without_torque(joint, drives.motors[joint].state() == odrive_protocol::AxisState::ClosedLoop)
+    }
+}
