@@ -39,8 +39,6 @@ pub(crate) trait Family: 'static {
     type Drives: Participants;
     /// Its frames are those of PowerCubes, which the judge reads.
     const IS_POWERCUBE: bool = false;
-    /// From the end of a jog to a drive that brakes, s.
-    const REACTION_S: f64 = 0.03;
     /// Time for finding the drives, ms.
     const BOOT_MS: u16;
 
@@ -184,8 +182,6 @@ fn without_torque(joint: usize, has_torque: bool) -> Option<String> {
 impl Family for Cia402 {
     type Group = Self;
     type Drives = Wheels<CanopenServo>;
-    /// A set point is reached two and a half periods of 3 ms after it is made, and the loop of the servo is 500 / 1e5 s behind.
-    const REACTION_S: f64 = 0.03 + 0.0075 + 0.005;
     const BOOT_MS: u16 = 1_500;
 
     fn group() -> Self {

@@ -105,8 +105,6 @@ const PORTS: [Port; 4] = [
 pub(crate) struct Judge {
     /// A halt is a frame that it reads.
     sees_halts: bool,
-    /// From the end of a jog to a drive that brakes, s.
-    reaction_s: f64,
     rx: [Receiver<8, 4, 600>; 2],
     sent: Vec<Sent>,
     permits: Vec<Permit>,
@@ -143,7 +141,6 @@ impl Judge {
     pub(crate) fn new<F: Family>() -> Self {
         Self {
             sees_halts: F::IS_POWERCUBE,
-            reaction_s: F::REACTION_S,
             rx: [Receiver::new(), Receiver::new()],
             sent: Vec::new(),
             permits: Vec::new(),

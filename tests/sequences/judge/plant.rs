@@ -80,6 +80,8 @@ impl Judge {
                     && (other.until > permit.until || other.from > permit.until)
             });
             if others {
+                // What the joint does by another order is not this one's.
+                self.permits[index].let_go = None;
                 continue;
             }
             let Some(from) = permit.let_go else {
@@ -89,7 +91,7 @@ impl Judge {
             let (q, v) = from[joint];
             // A drive that was sent on at the speed of the order may still gain it.
             let v = v.abs().max(permit.v_rad_s.abs());
-            let most = 0.5 * v * v / JOG_A_RAD_S2 + 0.25 * (self.reaction_s + excuse.as_secs_f64()) + 3e-3;
+            let most = 0.5 * v * v / JOG_A_RAD_S2 + 0.25 * (0.03 + excuse.as_secs_f64()) + 3e-3;
             let gone = (plant[joint].0 - q).abs();
             if gone > most {
                 far = Some(format!(
