@@ -22,6 +22,8 @@ const FIRST_BOUNCE_S: f64 = 0.06;
 /// Steps of time (s) and of the cup's direction (rad) about a posture that is missed by little.
 const NEARBY: [(f64, f64); 3] = [(0.01, 0.15), (0.005, 0.07), (0.0025, 0.035)];
 const NEARBY_DIRECTIONS: u32 = 8;
+/// About a catch is looked if a ball that enters its cup stays there with less chance than this: another tilt may keep it.
+pub(super) const SURE_TO_STAY: f64 = 0.95;
 /// The law finds no motion to a posture, and does not tell how far the limits are: such a posture counts as missed by this share.
 const UNKNOWN_MISS: f64 = 0.05;
 
@@ -218,22 +220,37 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// As long as there is no catch: looks about the postures that missed one by least, nearer and nearer.
+    /// As long as there is no catch: looks about the postures that missed one by least, nearer and nearer. Then about the best one, as
+    /// long as the ball may bounce out of its cup.
     pub(super) fn look_nearby(&mut self, forecast: &Forecast, limits: &[Limits; 6]) {
-        let Self { arm, settings, start, .. } = *self;
         for (step_s, step_rad) in NEARBY {
             for kind in [Miss::Motion, Miss::CupDown] {
-                let Some((_, t_s, axis)) = self.missed[kind as usize].filter(|_| self.best.is_empty()) else {
-                    continue;
-                };
-                for shift in [-1.0, 0.0, 1.0] {
-                    let Some(ball) = forecast.at(t_s + shift * step_s) else { continue };
-                    if ball.t_s <= start.at_s + settings.freeze_s {
-                        continue;
-                    }
-                    let slot = slot(arm, settings, start, forecast, limits, ball);
-                    self.look(&slot, &about(&slot, &axis, step_rad, settings.cone_rad));
+                if let Some((_, t_s, axis)) = self.missed[kind as usize].filter(|_| self.best.is_empty()) {
+                    self.look_about(forecast, limits, t_s, &axis, (step_s, step_rad));
                 }
+            }
+            if let Some(best) = self.best.first().filter(|best| best.stays < SURE_TO_STAY) {
+                let (t_s, axis) = (best.ball.t_s, best.axis);
+                self.look_about(forecast, limits, t_s, &axis, (step_s, step_rad));
+            }
+        }
+    }
+
+    /// At a time and a step before and after it, with a cup direction and others a step about it.
+    fn look_about(
+        &mut self,
+        forecast: &Forecast,
+        limits: &[Limits; 6],
+        t_s: f64,
+        axis: &Vector3<f64>,
+        (step_s, step_rad): (f64, f64),
+    ) {
+        let Self { arm, settings, start, .. } = *self;
+        for shift in [-1.0, 0.0, 1.0] {
+            let Some(ball) = forecast.at(t_s + shift * step_s) else { continue };
+            if ball.t_s > start.at_s + settings.freeze_s {
+                let slot = slot(arm, settings, start, forecast, limits, ball);
+                self.look(&slot, &about(&slot, axis, step_rad, settings.cone_rad));
             }
         }
     }

@@ -22,7 +22,7 @@ use robot_model::collision::CollisionChecker;
 use super::Joints;
 use super::arm::CatchArm;
 use super::bounce::{CupPath, chance_to_stay};
-use super::candidates::{Candidate, Search, directions};
+use super::candidates::{Candidate, SURE_TO_STAY, Search, directions};
 use super::edge::share_in_reach;
 use super::forecast::{Forecast, Foreseen, across};
 use super::law::{Limits, Pieces};
@@ -32,8 +32,6 @@ use super::task::{Count, Decline, Mode, Settings, Start};
 
 /// Whole motions that are checked for one decision: bounds its time.
 const CHECKS_MAX: usize = 6;
-/// A catch whose ball stays with this chance ends a search; below it the other candidates that may be checked are, too.
-const SURE_TO_STAY: f64 = 0.95;
 /// Candidates that are this near in time fail alike, s.
 const ALIKE_S: f64 = 0.05;
 /// A chosen catch.
