@@ -19,6 +19,8 @@ const SEEN_MIN: usize = 6;
 const GONE_S: f64 = 0.02;
 /// Distance of a ball in the cup from the middle of its cavity, at most, m.
 const IN_CUP_M: f64 = 0.06;
+/// A ball lies still after so long in the cup, s: one that falls from the top of a bounce is 27 mm lower after half of it.
+const STILL_S: f64 = 0.15;
 /// Distance of a ball that lies still from the mean of its places, at most, m.
 const STILL_M: f64 = 0.012;
 
@@ -68,22 +70,30 @@ fn last_seen(catcher: &Catcher<'_>, seen: &[(f64, Vector3<f64>)], now_s: f64) ->
     seen.iter().filter(|(t_s, _)| *t_s > from_s).copied().collect()
 }
 
-/// The newest markers in the cup. A ball may fall into a cup that waits.
+/// The newest markers in the cup, with their times, and when a frame last showed none there. A ball may fall into a cup that waits.
+struct Inside {
+    markers: Vec<(f64, Vector3<f64>)>,
+    outside_s: f64,
+}
+
 fn inside(
     catcher: &Catcher<'_>,
     seen: &[(f64, Vector3<f64>)],
     joints: &JointsNow,
     now_s: f64,
-) -> Vec<Vector3<f64>> {
+) -> Option<Inside> {
     let arm: &CatchArm = catcher.arm();
     let (mouth, axis, _) = arm.mouth(&joints.q, &joints.qd);
     let middle = mouth - axis * (0.5 * arm.cup().length_m());
     let last = last_seen(catcher, seen, now_s);
-    let inside: Vec<_> = last.iter().filter(|(_, p)| (p - middle).norm() < IN_CUP_M).collect();
+    let (markers, others): (Vec<_>, Vec<_>) = last.iter().partition(|(_, p)| (p - middle).norm() < IN_CUP_M);
+    // A false marker elsewhere is no frame without the ball.
+    let empty = others.iter().map(|(t_s, _)| *t_s).filter(|t_s| markers.iter().all(|(in_s, _)| in_s != t_s));
+    let outside_s = empty.fold(f64::NEG_INFINITY, f64::max);
     // A ball that has fallen out is in the cup no longer, however long it was there.
     let newest_s = last.iter().map(|(t_s, _)| *t_s).fold(f64::NEG_INFINITY, f64::max);
-    let gone = inside.iter().all(|(t_s, _)| *t_s < newest_s - GONE_S);
-    if gone || inside.len() < SEEN_MIN { Vec::new() } else { inside.into_iter().map(|(_, p)| *p).collect() }
+    let gone = markers.iter().all(|(t_s, _)| *t_s < newest_s - GONE_S);
+    (!gone && markers.len() >= SEEN_MIN).then_some(Inside { markers, outside_s })
 }
 
 /// Mean of the newest markers in the cup, m.
@@ -93,8 +103,11 @@ pub(super) fn place_in_cup(
     joints: &JointsNow,
     now_s: f64,
 ) -> Option<Vector3<f64>> {
-    let inside = inside(catcher, seen, joints, now_s);
-    (!inside.is_empty()).then(|| inside.iter().sum::<Vector3<f64>>() / inside.len() as f64)
+    inside(catcher, seen, joints, now_s).map(|inside| mean(&inside.markers))
+}
+
+fn mean(markers: &[(f64, Vector3<f64>)]) -> Vector3<f64> {
+    markers.iter().map(|(_, p)| p).sum::<Vector3<f64>>() / markers.len() as f64
 }
 
 /// Whether the ball is seen in the cup.
@@ -104,9 +117,22 @@ pub(super) fn in_cup(
     joints: &JointsNow,
     now_s: f64,
 ) -> InCup {
-    let inside = inside(catcher, seen, joints, now_s);
-    let Some(mean) = place_in_cup(catcher, seen, joints, now_s) else { return InCup::No };
-    if inside.iter().all(|p| (p - mean).norm() < STILL_M) { InCup::Still } else { InCup::Moving }
+    match inside(catcher, seen, joints, now_s) {
+        None => InCup::No,
+        Some(inside) if inside.is_still() => InCup::Still,
+        Some(_) => InCup::Moving,
+    }
+}
+
+impl Inside {
+    /// All markers are near their mean, and were for long enough: also a ball at the top of a bounce hardly moves for some frames.
+    fn is_still(&self) -> bool {
+        let middle = mean(&self.markers);
+        let times = self.markers.iter().map(|(t_s, _)| *t_s).filter(|t_s| *t_s > self.outside_s);
+        let (first_s, last_s) = times
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(first, last), t_s| (t_s.min(first), t_s.max(last)));
+        last_s - first_s >= STILL_S && self.markers.iter().all(|(_, p)| (p - middle).norm() < STILL_M)
+    }
 }
 
 /// The report at the time `now_s`; `seen` are all markers with their times (s) and places (m), in order of arrival.
@@ -130,5 +156,33 @@ pub fn report(
         (InCup::No, Some(_)) if nothing_seen => CatchOutcome::Unknown,
         (InCup::No, Some(_)) => CatchOutcome::Missed,
         (InCup::No, None) => catcher.declined().map_or(CatchOutcome::NothingThrown, CatchOutcome::Declined),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Markers of 120 Hz until time 0.
+    fn seen(from_s: f64, height_m: impl Fn(f64) -> f64) -> Vec<(f64, Vector3<f64>)> {
+        let frames = (from_s * 120.0) as i32..=0;
+        frames.map(|k| f64::from(k) / 120.0).map(|t_s| (t_s, Vector3::z() * height_m(t_s))).collect()
+    }
+
+    #[test]
+    fn a_ball_at_the_top_of_a_bounce_is_not_still_and_one_that_lies_is() {
+        let lies =
+            Inside { markers: seen(-0.3, |t_s| 0.002 * (300.0 * t_s).sin()), outside_s: f64::NEG_INFINITY };
+        assert!(lies.is_still());
+        // It has come back into the cup for 58 ms: no marker is 12 mm from their mean.
+        let top = |t_s: f64| -4.9 * (t_s + 0.029).powi(2);
+        let hangs = Inside { markers: seen(-0.06, top), outside_s: -0.067 };
+        assert!(hangs.markers.len() >= SEEN_MIN && !hangs.is_still());
+        // Seen for longer, it falls.
+        assert!(!Inside { markers: seen(-0.16, top), outside_s: -0.167 }.is_still());
+        // It lay there, jumped out and is back for a moment.
+        let mut back = lies;
+        back.outside_s = -0.05;
+        assert!(!back.is_still());
     }
 }
