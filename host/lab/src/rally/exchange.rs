@@ -20,10 +20,12 @@ use planner::way::{Travel, WayError, way};
 use robot_model::Pose;
 use robot_model::collision::{CollisionChecker, Obb, Scene};
 
-use super::throws::{draw_throws, true_forecast};
+use super::throws::{draw_from, true_forecast};
 
 /// Throws that are drawn for one exchange; the one that is most surely caught is thrown.
 const DRAWS: usize = 24;
+/// Releases that are tried for each: at 3 m one in some hundred thousand is possible.
+const TRIES: usize = 400_000;
 /// A throw is as sure as can be if its catch is foreseen with this probability.
 const SURE: f64 = 0.95;
 /// From this distance between the arms on, m, balls pass so much farther before the catcher, of what the arms are farther apart: at 3 m
@@ -231,7 +233,7 @@ impl Partners {
 
     /// Throws that the other arm can catch, the one with the largest margin first; with `slow` the slowest of the sure ones.
     fn best_throws(&self, pair: &Pair, options: &TrialOptions, slow: bool, seed: u64) -> Vec<Aimed> {
-        let throws = draw_throws(pair, &self.window, DRAWS, seed).unwrap_or_default();
+        let throws = draw_from(pair, &self.window, 0..DRAWS, seed, TRIES).unwrap_or_default();
         let state = std::array::from_fn(|i| State::rest(options.wait[i]));
         let start = Start { at_s: 0.0, state: &state, under_way: None };
         let thrower = &pair.court.arms[0].model;

@@ -366,7 +366,7 @@ fn rallies(court: &CourtOptions, options: &StudyOptions) -> Result<Vec<Rallies>,
         let lengths = played.into_iter().map(|(length, _)| length).collect();
         Ok(Rallies { distance_m, lengths, caught })
     };
-    let distances = [2.0, 2.5, 3.0].into_iter();
+    let distances = [2.0, 2.5].into_iter();
     let wanted = distances.filter(|distance_m| options.wants(&format!("D {distance_m} m, rally")));
     wanted.map(of_distance).collect()
 }

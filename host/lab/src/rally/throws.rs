@@ -32,11 +32,11 @@ const DRAWN_PER_POSSIBLE: usize = 10;
 /// `None` if the thrower cannot reach the window.
 pub fn draw_throws(pair: &Pair, window: &Window, count: usize, seed: u64) -> Option<Vec<Aimed>> {
     let first = count.min(FIRST);
-    let mut throws = draw_from(pair, window, 0..first, seed)?;
+    let mut throws = draw_from(pair, window, 0..first, seed, TRIES)?;
     if throws.is_empty() {
         return None;
     }
-    throws.extend(draw_from(pair, window, first..count, seed)?);
+    throws.extend(draw_from(pair, window, first..count, seed, TRIES)?);
     Some(throws)
 }
 
@@ -68,7 +68,7 @@ impl<'a> Drawn<'a> {
             while self.throws.len() < missing.end {
                 let numbers = self.numbers..self.numbers + missing.end - self.throws.len();
                 self.numbers = numbers.end;
-                let more = draw_from(self.pair, &self.window, numbers, self.seed)?;
+                let more = draw_from(self.pair, &self.window, numbers, self.seed, TRIES)?;
                 if more.is_empty() {
                     return None;
                 }
@@ -84,14 +84,20 @@ impl<'a> Drawn<'a> {
     }
 }
 
-/// One throw for each of these numbers, which seed the draws. A number that finds none in [`TRIES`] tries is left out.
-fn draw_from(pair: &Pair, window: &Window, numbers: Range<usize>, seed: u64) -> Option<Vec<Aimed>> {
+/// One throw for each of these numbers, which seed the draws. A number that finds none in so many tries is left out.
+pub(super) fn draw_from(
+    pair: &Pair,
+    window: &Window,
+    numbers: Range<usize>,
+    seed: u64,
+    tries: usize,
+) -> Option<Vec<Aimed>> {
     let [thrower, catcher] = &pair.court.arms;
     let flight = FlightModel::vacuum(thrower.model.world().gravity_m_s2).ok()?;
     let flight = flight.with_drag(pair.court.ball.drag_1_m).ok()?;
     let throws = numbers.into_par_iter().filter_map(|k| {
         let mut rng = SplitMix64::stream(seed, k as u64);
-        draw(&thrower.model, &thrower.x_wb, &catcher.x_wb, &flight, window, &mut rng, TRIES)
+        draw(&thrower.model, &thrower.x_wb, &catcher.x_wb, &flight, window, &mut rng, tries)
     });
     Some(throws.collect())
 }
