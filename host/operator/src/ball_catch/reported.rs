@@ -12,15 +12,17 @@ use hil_sim::court::JointsNow;
 use crate::flight_estimator::BallWatch;
 
 /// The last part of a trial, in which a caught ball lies still, s.
-const LAST_S: f64 = 0.3;
+const LAST_S: f64 = 0.6;
+/// The place of a ball in the cup is the mean of the markers of this last time, s.
+const PLACE_S: f64 = 0.3;
 /// A ball in the cup is seen there this often in that time.
 const SEEN_MIN: usize = 6;
 /// Newest markers of which none is in the cup, over this long: the ball is out of it, s.
 const GONE_S: f64 = 0.02;
 /// Distance of a ball in the cup from the middle of its cavity, at most, m.
 const IN_CUP_M: f64 = 0.06;
-/// A ball lies still after so long in the cup, s: one that falls from the top of a bounce is 27 mm lower after half of it.
-const STILL_S: f64 = 0.15;
+/// A ball lies still after so long near one place, s. Bounces that are too low to be seen there end in this time, up to a restitution of 0.7.
+const STILL_S: f64 = 0.5;
 /// Distance of a ball that lies still from the mean of its places, at most, m.
 const STILL_M: f64 = 0.012;
 
@@ -103,7 +105,9 @@ pub(super) fn place_in_cup(
     joints: &JointsNow,
     now_s: f64,
 ) -> Option<Vector3<f64>> {
-    inside(catcher, seen, joints, now_s).map(|inside| mean(&inside.markers))
+    let mut markers = inside(catcher, seen, joints, now_s)?.markers;
+    markers.retain(|(t_s, _)| *t_s > now_s - PLACE_S);
+    (!markers.is_empty()).then(|| mean(&markers))
 }
 
 fn mean(markers: &[(f64, Vector3<f64>)]) -> Vector3<f64> {
@@ -172,7 +176,7 @@ mod tests {
     #[test]
     fn a_ball_at_the_top_of_a_bounce_is_not_still_and_one_that_lies_is() {
         let lies =
-            Inside { markers: seen(-0.3, |t_s| 0.002 * (300.0 * t_s).sin()), outside_s: f64::NEG_INFINITY };
+            Inside { markers: seen(-0.6, |t_s| 0.002 * (300.0 * t_s).sin()), outside_s: f64::NEG_INFINITY };
         assert!(lies.is_still());
         // It has come back into the cup for 58 ms: no marker is 12 mm from their mean.
         let top = |t_s: f64| -4.9 * (t_s + 0.029).powi(2);
@@ -180,6 +184,24 @@ mod tests {
         assert!(hangs.markers.len() >= SEEN_MIN && !hangs.is_still());
         // Seen for longer, it falls.
         assert!(!Inside { markers: seen(-0.16, top), outside_s: -0.167 }.is_still());
+        // A cup with restitution 0.7: bounces of 24 mm and less, which end 0.47 s after the first one begins.
+        let bounces = |begins_s: f64| {
+            move |t_s: f64| {
+                let (mut v_m_s, mut since_s) = (0.686, t_s - begins_s);
+                if since_s < 0.0 {
+                    return 0.0;
+                }
+                while v_m_s > 1e-3 && since_s > 2.0 * v_m_s / 9.81 {
+                    since_s -= 2.0 * v_m_s / 9.81;
+                    v_m_s *= 0.7;
+                }
+                if v_m_s > 1e-3 { v_m_s * since_s - 4.905 * since_s * since_s } else { 0.0 }
+            }
+        };
+        let bounced =
+            |begins_s| Inside { markers: seen(-0.6, bounces(begins_s)), outside_s: f64::NEG_INFINITY };
+        assert!(!bounced(-0.53).is_still(), "it lies for 0.06 s");
+        assert!(bounced(-1.07).is_still(), "it lies for 0.6 s");
         // It lay there, jumped out and is back for a moment.
         let mut back = lies;
         back.outside_s = -0.05;
