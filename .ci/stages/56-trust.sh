@@ -2,7 +2,8 @@
 # cores. The test stage runs one in forty of them. And 400 random pairs of faults; without PAIRS it is 2 000. Then 200 perturbed arms, and random throws from a fixed first seed: two
 # minutes.
 . .ci/debug-build.sh
-PAIRS=400 cargo test --workspace --locked --test trust -- --ignored --nocapture
+# The whole matrices of servos, MIT motors and ODrives do not fit in this time: the test stage runs samples, the rest is for a night.
+PAIRS=400 cargo test --workspace --locked --test trust -- --ignored --nocapture --skip drives_that_follow_positions
 # Latencies of stops, and how far from its gate the model of a healthy drive stays, over 200 arms.
 SEEDS=200 cargo test --workspace --locked --test controller two_hundred -- --ignored --nocapture
 rm -rf target/swarm-found

@@ -241,7 +241,7 @@ fn a_sample_of_the_matrix_of_drives_that_follow_positions_is_told_as_it_is_seen(
 }
 
 #[test]
-#[ignore = "minutes: run by its CI stage"]
+#[ignore = "long: run by hand, not by CI"]
 fn every_fault_of_drives_that_follow_positions_is_told_as_it_is_seen() {
     let step = std::env::var("STEP").ok().and_then(|text| text.parse().ok()).unwrap_or(1);
     let mut all = Vec::new();

@@ -331,7 +331,7 @@ fn a_sample_of_faults_in_a_move_of_drives_that_follow_positions_is_reported_as_t
 
 /// `STEP=1` in the environment runs every fault.
 #[test]
-#[ignore = "minutes: run by its CI stage"]
+#[ignore = "long: run by hand, not by CI"]
 fn every_eighth_fault_in_motions_of_drives_that_follow_positions_is_reported_as_the_plant_shows_it() {
     let step = std::env::var("STEP").ok().and_then(|step| step.parse().ok()).unwrap_or(8);
     for family in Family::FOLLOWING {
