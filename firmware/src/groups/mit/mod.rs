@@ -369,7 +369,7 @@ impl DriveGroup for Mit {
     fn set_gripper(&mut self, settings: &Settings, open: bool) -> bool {
         let Some(place) = self.gripper_place(settings) else { return false };
         self.gripper_open = Some(open);
-        // At once: the next burst may be a period away. It repeats the order.
+        // The order leaves at once: the next burst, which repeats it, may be a period away.
         if self.drives.at(place).is_held()
             && let Some(motor) = self.motor(settings, place)
             && let Some(frame) = self.finger_command(place, &motor)

@@ -20,7 +20,7 @@
 //! # Gripper
 //!
 //! The axis of the fingers has the place after the last joint. It stands where it is until the first order, then holds the fingers open or
-//! closed, also in a halt. While it is held its heartbeats alone are heard: where the fingers are is not asked. One that is silent or has an
+//! closed, also in a halt. While it is held, only its heartbeats are read: the group does not ask for its position. One that is silent or has an
 //! error stops the group along its plan ([`Cause::GripperUnanswered`]).
 //!
 //! # Map
@@ -371,7 +371,7 @@ impl DriveGroup for Odrive {
     fn set_gripper(&mut self, settings: &Settings, open: bool) -> bool {
         let Some(place) = self.gripper_place(settings) else { return false };
         self.gripper_open = Some(open);
-        // At once: the next burst may be a period away. It repeats the order.
+        // The order leaves at once: the next burst, which repeats it, may be a period away.
         self.lead_fingers(settings, place);
         if self.drives.at(place).is_held()
             && let Some(axis) = self.options.axis(place)

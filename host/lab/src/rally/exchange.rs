@@ -24,7 +24,7 @@ use super::throws::{draw_from, true_forecast};
 
 /// Throws that are drawn for one exchange; the one that is most surely caught is thrown.
 const DRAWS: usize = 24;
-/// Releases that are tried for each: at 3 m one in some hundred thousand is possible.
+/// Random releases tried for each throw. At 3 m about one in some hundred thousand is possible.
 const TRIES: usize = 400_000;
 /// A throw is as sure as can be if its catch is foreseen with this probability.
 const SURE: f64 = 0.95;

@@ -347,7 +347,7 @@ fn rest(run: &Evidence, hidden: &[Window], found: &mut impl FnMut(Rule, String))
     }
 }
 
-/// Drives other than PowerCubes lose their torque in the proof of their time-outs: until brakes and loops hold again a joint sinks.
+/// Drives other than PowerCubes lose their torque while their time-outs are proven. A joint sinks until brake or loop holds it again.
 fn may_move(arm: &Arm, state: State) -> bool {
     state.may_move() || (state == State::Boot && arm.drives().is_none())
 }

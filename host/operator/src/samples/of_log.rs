@@ -66,7 +66,7 @@ impl Samples {
     }
 }
 
-/// A shaft knows its place within a turn after power-up; which turn of the joint that is, its range says.
+/// After power-up a motor knows its angle within one turn. The range of the joint decides which turn it is.
 fn in_range(joint: &Joint, q_rad: f64) -> f64 {
     let (low, high) = (joint.limits.q_min_rad - BESIDE_RAD, joint.limits.q_max_rad + BESIDE_RAD);
     let turns = [q_rad, q_rad - TAU, q_rad + TAU];
