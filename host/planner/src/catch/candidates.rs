@@ -24,8 +24,6 @@ const NEARBY: [(f64, f64); 3] = [(0.01, 0.15), (0.005, 0.07), (0.0025, 0.035)];
 const NEARBY_DIRECTIONS: u32 = 8;
 /// About a catch is looked if a ball that enters its cup stays there with less chance than this: another tilt may keep it.
 pub(super) const SURE_TO_STAY: f64 = 0.95;
-/// The law finds no motion to a posture, and does not tell how far the limits are: such a posture counts as missed by this share.
-const UNKNOWN_MISS: f64 = 0.05;
 
 /// A posture that can be reached, with its motion.
 #[derive(Clone, Copy)]
@@ -51,7 +49,11 @@ pub(super) struct Candidate {
 /// Why a posture is no catch. What is missed by least is kept for each, because their amounts cannot be compared.
 #[derive(Clone, Copy)]
 enum Miss {
-    /// No motion leads there: share of a limit, or rad beyond a range.
+    /// The least peak of acceleration is above a limit: by this share.
+    Late,
+    /// The way there or the stop after it leaves a range: by this angle, rad.
+    Range,
+    /// The law finds no motion, though the least peak is this share of the limits.
     Motion,
     /// The cup looks down where the hand stops: by what its axis is too low.
     CupDown,
@@ -95,12 +97,12 @@ fn about(slot: &Slot<'_>, axis: &Vector3<f64>, step_rad: f64, cone_rad: f64) -> 
         let (y, x) = (std::f64::consts::TAU * f64::from(k) / f64::from(NEARBY_DIRECTIONS)).sin_cos();
         about + (c * x + d * y) * step_rad
     });
-    turned
-        .chain([about])
-        .map(|direction| direction.normalize())
-        .filter(|direction| direction.z >= cone_rad.cos())
-        .map(Into::into)
-        .collect()
+    let (s, c) = cone_rad.sin_cos();
+    let into_cone = |d: Vector3<f64>| {
+        let across = d.x.hypot(d.y);
+        if d.z >= c * d.norm() { d.normalize() } else { Vector3::new(d.x * s / across, d.y * s / across, c) }
+    };
+    turned.chain([about]).map(into_cone).map(Into::into).collect()
 }
 
 /// Whether the settings allow a mode for a ball of this speed.
@@ -119,7 +121,7 @@ fn allows(settings: &Settings, slot: &Slot<'_>, mode: Mode) -> bool {
 /// Largest share of an acceleration limit that no motion to this state can go below.
 ///
 /// # Errors
-/// It is above 1, or the arm could not stop inside its ranges: by what share of the limit, or by what angle (rad).
+/// It is above 1, or the arm could not stop inside its ranges; and by how much.
 fn least_share(
     arm: &CatchArm,
     start: &Start<'_>,
@@ -127,7 +129,7 @@ fn least_share(
     q: &Joints,
     qd: &Joints,
     count: &mut Count,
-) -> Result<f64, f64> {
+) -> Result<f64, (Miss, f64)> {
     let mut peak = 0.0_f64;
     for i in 0..6 {
         let limit = &slot.limits[i];
@@ -135,13 +137,13 @@ fn least_share(
         let beyond = (limit.q_rad.0 - stop).max(stop - limit.q_rad.1);
         if beyond > 0.0 {
             count.no_stop += 1;
-            return Err(beyond);
+            return Err((Miss::Range, beyond));
         }
         peak = peak.max(least_peak(&start.state[i], q[i], qd[i], slot.left_s) / limit.a_rad_s2);
     }
     if peak > 1.0 {
         count.late += 1;
-        return Err(peak - 1.0);
+        return Err((Miss::Late, peak - 1.0));
     }
     Ok(peak)
 }
@@ -178,14 +180,14 @@ pub(super) struct Search<'a> {
     /// Best first.
     pub(super) best: Vec<Candidate>,
     /// What is missed by least, for each [`Miss`]: by how much, its time (s), its cup direction.
-    missed: [Option<(f64, f64, Vector3<f64>)>; 2],
+    missed: [Option<(f64, f64, Vector3<f64>)>; 4],
     pub(super) count: Count,
 }
 
 impl<'a> Search<'a> {
     pub(super) fn new(arm: &'a CatchArm, settings: &'a Settings, start: &'a Start<'a>) -> Self {
         let best = Vec::with_capacity(SHORTLIST + 1);
-        Self { arm, settings, start, best, missed: [None; 2], count: Count::default() }
+        Self { arm, settings, start, best, missed: [None; 4], count: Count::default() }
     }
 
     /// All postures at one time with these cup directions, given about the reverse of the ball's velocity.
@@ -224,7 +226,7 @@ impl<'a> Search<'a> {
     /// long as the ball may bounce out of its cup.
     pub(super) fn look_nearby(&mut self, forecast: &Forecast, limits: &[Limits; 6]) {
         for (step_s, step_rad) in NEARBY {
-            for kind in [Miss::Motion, Miss::CupDown] {
+            for kind in [Miss::CupDown, Miss::Range, Miss::Motion, Miss::Late] {
                 if let Some((_, t_s, axis)) = self.missed[kind as usize].filter(|_| self.best.is_empty()) {
                     self.look_about(forecast, limits, t_s, &axis, (step_s, step_rad));
                 }
@@ -294,8 +296,8 @@ impl<'a> Search<'a> {
         };
         let least = match least_share(arm, start, slot, &q, &qd, &mut self.count) {
             Ok(least) => least,
-            Err(by) => {
-                self.miss(place, Miss::Motion, by);
+            Err((kind, by)) => {
+                self.miss(place, kind, by);
                 return false;
             }
         };
@@ -312,7 +314,7 @@ impl<'a> Search<'a> {
         }
         let Some((fits, used)) = fit_all(arm, start, slot, &q, &qd) else {
             self.count.late += 1;
-            self.miss(place, Miss::Motion, UNKNOWN_MISS);
+            self.miss(place, Miss::Motion, least);
             return false;
         };
         self.count.motion += 1;
@@ -323,7 +325,7 @@ impl<'a> Search<'a> {
         let beyond_rad = beyond_ranges_rad(arm, start, slot, &fits);
         if beyond_rad > 0.0 {
             self.count.no_stop += 1;
-            self.miss(place, Miss::Motion, beyond_rad);
+            self.miss(place, Miss::Range, beyond_rad);
             return false;
         }
         let stop =
