@@ -29,7 +29,6 @@ const NEARBY_DIRECTIONS: u32 = 8;
 pub(super) const SURE_TO_STAY: f64 = 0.95;
 /// The law finds no motion to a posture, and does not return how far the limits are: such a posture counts as missed by this share.
 const UNKNOWN_MISS: f64 = 0.05;
-
 /// A posture that can be reached, with its motion.
 #[derive(Clone, Copy)]
 pub(super) struct Candidate {
@@ -49,6 +48,27 @@ pub(super) struct Candidate {
     pub(super) sigma_m: f64,
     pub(super) relative_m_s: f64,
     pub(super) score: f64,
+}
+
+/// By how much a posture is no catch. One to which no motion leads is always worse than one where the cup looks down at the stop.
+#[derive(Clone, Copy, PartialEq, PartialOrd)]
+enum Miss {
+    /// By what the cup's axis is too low where the hand stops.
+    CupDown(f64),
+    /// By what is beyond the limits, as shares of them and rad.
+    NoMotion(f64),
+}
+
+impl Miss {
+    /// Whether this is so much less than `before` that another look with the same step is worth it.
+    fn gains(self, before: Self) -> bool {
+        match (self, before) {
+            (Self::CupDown(now), Self::CupDown(before)) | (Self::NoMotion(now), Self::NoMotion(before)) => {
+                now < LOOK_GAIN * before
+            }
+            _ => self < before,
+        }
+    }
 }
 
 /// A posture that is judged.
@@ -166,7 +186,7 @@ pub(super) struct Search<'a> {
     /// Best first.
     pub(super) best: Vec<Candidate>,
     /// What is missed by least, for each branch: by how much, its time (s), its cup direction.
-    missed: [Option<(f64, f64, Vector3<f64>)>; Branch::COUNT],
+    missed: [Option<(Miss, f64, Vector3<f64>)>; Branch::COUNT],
     pub(super) count: Count,
 }
 
@@ -219,7 +239,7 @@ impl<'a> Search<'a> {
                 };
                 let Some(step) = NEARBY.get(scale) else { break };
                 self.look_about(forecast, limits, t_s, &axis, *step);
-                if self.missed[branch].is_some_and(|(now, ..)| now > LOOK_GAIN * by) {
+                if self.missed[branch].is_some_and(|(now, ..)| !now.gains(by)) {
                     scale += 1;
                 }
             }
@@ -251,9 +271,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Notes by how much a posture is no catch: what is beyond the limits, as shares and rad, and by how much the cup looks down at `stop`.
-    fn miss(&mut self, place: &Place<'_>, beyond: f64, stop: &Joints) {
-        let by = beyond + looks_down(self.arm, stop).max(0.0);
+    fn miss(&mut self, place: &Place<'_>, by: Miss) {
         let missed = &mut self.missed[place.branch.index()];
         if missed.is_none_or(|(least, ..)| by < least) {
             *missed = Some((by, place.slot.ball.t_s, place.axis));
@@ -296,7 +314,7 @@ impl<'a> Search<'a> {
             self.count.no_stop += usize::from(least.beyond_rad > 0.0);
             self.count.late += usize::from(least.late > 0.0);
             if self.best.is_empty() {
-                self.miss(place, least.late + least.beyond_rad, &stop);
+                self.miss(place, Miss::NoMotion(least.late + least.beyond_rad));
             }
             return false;
         }
@@ -313,7 +331,7 @@ impl<'a> Search<'a> {
         }
         let Some((fits, used)) = fit_all(arm, start, slot, &q, &qd) else {
             self.count.late += 1;
-            self.miss(place, UNKNOWN_MISS, &stop);
+            self.miss(place, Miss::NoMotion(UNKNOWN_MISS));
             return false;
         };
         self.count.motion += 1;
@@ -324,12 +342,13 @@ impl<'a> Search<'a> {
         let beyond_rad = beyond_ranges_rad(arm, start, slot, &fits);
         if beyond_rad > 0.0 {
             self.count.no_stop += 1;
-            self.miss(place, beyond_rad, &stop);
+            self.miss(place, Miss::NoMotion(beyond_rad));
             return false;
         }
-        if looks_down(arm, &stop) > 0.0 {
+        let down = looks_down(arm, &stop);
+        if down > 0.0 {
             self.count.cup_down += 1;
-            self.miss(place, 0.0, &stop);
+            self.miss(place, Miss::CupDown(down));
             return false;
         }
         self.best.truncate(SHORTLIST - 1);
