@@ -8,7 +8,7 @@ use hil_sim::court::CourtOptions;
 use lab::rally::degraded::degradations;
 use lab::rally::throws::draw_throws;
 use operator::ball_catch::thrower::ThrowFault;
-use operator::ball_catch::trial::{CatchOutcome, Outcome, Pair, TrialOptions, Trouble};
+use operator::ball_catch::trial::{CatchOutcome, Outcome, Pair, TrialOptions, TrialFault};
 use planner::catch::Joints;
 use planner::catch::draw::{Aimed, Window};
 use rayon::prelude::*;
@@ -143,16 +143,16 @@ fn a_fault_at_any_moment_of_a_throw_is_not_silent() {
     let moments: Vec<f64> = (0..20).map(|k| -0.25 + 0.06 * f64::from(k)).collect();
     let repeated: Vec<Aimed> = moments.iter().map(|_| throws[0]).collect();
     for cooperative in [false, true] {
-        let with = |trouble: Trouble| TrialOptions {
-            trouble: vec![trouble],
+        let with = |fault: TrialFault| TrialOptions {
+            faults: vec![fault],
             cooperative,
             ..TrialOptions::default()
         };
-        let dead = |k: usize| with(Trouble::TrackerDead { at_s: moments[k] });
+        let dead = |k: usize| with(TrialFault::TrackerDead { at_s: moments[k] });
         run_all(&format!("tracker dead, plan known {cooperative}"), &pair, &repeated, &dead);
-        let lost = |k: usize| with(Trouble::DriveLost { at_s: moments[k] });
+        let lost = |k: usize| with(TrialFault::DriveLost { at_s: moments[k] });
         run_all(&format!("drive lost, plan known {cooperative}"), &pair, &repeated, &lost);
-        let stops = |k: usize| with(Trouble::Throw(ThrowFault::Stops { before_s: 0.02 * (k + 1) as f64 }));
+        let stops = |k: usize| with(TrialFault::Throw(ThrowFault::Stops { before_s: 0.02 * (k + 1) as f64 }));
         let tally = run_all(&format!("thrower stops, plan known {cooperative}"), &pair, &repeated, &stops);
         assert_eq!(tally.caught, 0);
     }

@@ -16,7 +16,7 @@ const ROWS: &[Row] = &[
     ("rally", "hand", Change, "--hand matched"),
     ("rally", "jerk", Change, "--jerk"),
     ("rally", "restitution", Change, "--restitution 0.95"),
-    ("rally", "trouble", Change, "--trouble not-released"),
+    ("rally", "fault", Change, "--fault not-released"),
     ("rally", "seed", Change, "--seed 2"),
     ("rally", "study", Refusal, "--study 1"),
     ("rally", "only", Refusal, "--only degraded"),

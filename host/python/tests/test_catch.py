@@ -31,10 +31,10 @@ def same(mine: Any, told: Any) -> bool:
     return mine == told or (told is None and isinstance(mine, float) and math.isnan(mine))
 
 
-@pytest.mark.parametrize("options", [{}, {"hand": "hold", "seed": 7}, {"jerk": True}, {"trouble": ["tracker-dead:0.1"]}])
+@pytest.mark.parametrize("options", [{}, {"hand": "hold", "seed": 7}, {"jerk": True}, {"faults": ["tracker-dead:0.1"]}])
 def test_a_trial_is_that_of_the_program(options: dict[str, Any]) -> None:
     words = ["--jerk"] if options.get("jerk") else []
-    words += [f"--trouble={fault}" for fault in options.get("trouble", [])]
+    words += [f"--fault={fault}" for fault in options.get("faults", [])]
     words += [f"--{name}={options[name]}" for name in ("hand", "seed") if name in options]
     told = cubectl(*ball_words(BALL, *words))
     mine = cubecell.catch_ball(BALL[:3], BALL[3:], **options)
@@ -110,7 +110,7 @@ def test_a_disc_that_cannot_be_caught_is_a_result_and_wrong_input_is_refused() -
         (lambda: cubecell.catch_disc([0.5, -1.0, 1.0], [0.0, 4.0, 0.0], robot="powercube6"), 4),
         (lambda: cubecell.catch_disc([0.5, -1.0, 1.0], [0.0, 4.0, 0.0], wind_m_s=[1, 0, 0]), 2),
         (lambda: cubecell.catch_ball([50.0, 0.0, 0.0], [0.0, 0.0, 0.0]), 4),
-        (lambda: cubecell.catch_ball(BALL[:3], BALL[3:], trouble=["rain"]), 2),
+        (lambda: cubecell.catch_ball(BALL[:3], BALL[3:], faults=["rain"]), 2),
         (lambda: cubecell.catch_ball(BALL[:3], BALL[3:], robot="pincher4"), 4),
         (lambda: cubecell.catch_ball(BALL[:3], BALL[3:], step_s=0.0), 4),
         (lambda: cubecell.catch_ball(BALL[:3], BALL[3:], court="no/such/court.toml"), 4),

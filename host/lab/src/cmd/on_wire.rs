@@ -26,7 +26,7 @@ use crate::report;
 pub struct Wire {
     /// Bus of the arm that throws first: instead of a rally in virtual time one in real time, with a controller in this
     /// program on each bus. Place the arms as the court says.
-    #[arg(long, value_parser = can_link::bus_of_option, value_name = "SPEC", requires_all = ["bus_catcher", "tracker"], conflicts_with_all = ["study", "trouble"], help_heading = "Over the wire")]
+    #[arg(long, value_parser = can_link::bus_of_option, value_name = "SPEC", requires_all = ["bus_catcher", "tracker"], conflicts_with_all = ["study", "faults"], help_heading = "Over the wire")]
     pub bus_thrower: Option<BusSpec>,
     /// Bus of the arm that catches first.
     #[arg(long, value_parser = can_link::bus_of_option, value_name = "SPEC", requires = "bus_thrower", help_heading = "Over the wire")]

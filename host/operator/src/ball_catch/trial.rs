@@ -46,7 +46,7 @@ const TRACE_EVERY: u64 = 8;
 
 /// What goes wrong with the catcher or its eyes; times in s after the planned release.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Trouble {
+pub enum TrialFault {
     /// The tracker's data end.
     TrackerDead { at_s: f64 },
     /// Frames are lost with this probability.
@@ -80,7 +80,7 @@ pub struct TrialOptions {
     pub restitution: Option<f64>,
     /// Where the catcher waits, rad.
     pub wait: Joints,
-    pub trouble: Vec<Trouble>,
+    pub faults: Vec<TrialFault>,
 }
 
 /// Waiting pose that reaches most matched catches at 2.5 m, deg.
@@ -104,7 +104,7 @@ impl Default for TrialOptions {
             drag: (1.0, 0.1),
             restitution: None,
             wait: Joints::from(WAIT_HOLD_DEG.map(f64::to_radians)),
-            trouble: Vec::new(),
+            faults: Vec::new(),
         }
     }
 }
@@ -318,8 +318,8 @@ impl Pair {
         timed: impl FnMut(&mut dyn FnMut()),
     ) -> Outcome {
         let mut executor = LaggingArm::new(self.catcher(options.jerk), &options.wait);
-        for trouble in &options.trouble {
-            if let Trouble::DriveLost { at_s } = trouble {
+        for fault in &options.faults {
+            if let TrialFault::DriveLost { at_s } = fault {
                 executor.lose_drive(SETTLE_S + aimed.throw.ha_s + at_s);
             }
         }
@@ -337,8 +337,8 @@ impl Pair {
         mut timed: impl FnMut(&mut dyn FnMut()),
     ) -> Outcome {
         let mut rng = Rng::stream(seed, "throw scatter");
-        let fault = options.trouble.iter().find_map(|trouble| match trouble {
-            Trouble::Throw(fault) => Some(*fault),
+        let fault = options.faults.iter().find_map(|fault| match fault {
+            TrialFault::Throw(fault) => Some(*fault),
             _ => None,
         });
         let by_hand = aimed.throw.qd_rad_s == Joints::zeros(6);
@@ -481,23 +481,23 @@ impl Pair {
         court.seed = seed;
         let always =
             |kind| TrackerFault { kind, from: Instant::ZERO, until: Instant::FAR_FUTURE, probability: 1.0 };
-        for trouble in &options.trouble {
-            match *trouble {
-                Trouble::TrackerDead { at_s } => court.tracker.faults.push(TrackerFault {
+        for fault in &options.faults {
+            match *fault {
+                TrialFault::TrackerDead { at_s } => court.tracker.faults.push(TrackerFault {
                     from: Instant::ZERO + Duration::from_secs_f64((planned_s + at_s).max(0.0)),
                     ..always(TrackerFaultKind::FramesLost)
                 }),
-                Trouble::FramesLost { probability } => court
+                TrialFault::FramesLost { probability } => court
                     .tracker
                     .faults
                     .push(TrackerFault { probability, ..always(TrackerFaultKind::FramesLost) }),
-                Trouble::Bias { by_mm } => {
+                TrialFault::Bias { by_mm } => {
                     court.tracker.faults.push(always(TrackerFaultKind::Bias { by_mm: [by_mm; 3] }));
                 }
-                Trouble::FalseMarkers { count } => {
+                TrialFault::FalseMarkers { count } => {
                     court.tracker.faults.push(always(TrackerFaultKind::FalseMarkers { count }));
                 }
-                Trouble::DriveLost { .. } | Trouble::Throw(_) => {}
+                TrialFault::DriveLost { .. } | TrialFault::Throw(_) => {}
             }
         }
         court

@@ -125,7 +125,7 @@ def catch_ball(
     hand: Literal["either", "matched", "hold"] = "either",
     cooperative: bool = False,
     jerk: bool = False,
-    trouble: Sequence[str] = (),
+    faults: Sequence[str] = (),
     court: str | os.PathLike[str] | None = None,
     seed: int = 1,
     step_s: float = 0.005,
@@ -134,7 +134,7 @@ def catch_ball(
 
     The ball starts at ``position_m`` with ``velocity_m_s`` in the base frame of the arm. A simulated tracker sees it; each forecast
     may change the motion under way. Whether it is caught is decided by the simulated contact of ball and cup. The same seed gives the
-    same trial. ``trouble`` are faults such as ``frames-lost:0.1`` or ``tracker-dead:0.2``; ``cooperative`` tells the catcher beforehand
+    same trial. ``faults`` are such as ``frames-lost:0.1`` or ``tracker-dead:0.2``; ``cooperative`` tells the catcher beforehand
     how the ball flies; ``step_s`` is the step of the table of the motion.
 
     A ball that is missed or declined is a result, not an exception; :class:`CubecellError` is raised if something is refused.
@@ -144,7 +144,7 @@ def catch_ball(
     words += ["--cooperative"] if cooperative else []
     words += ["--jerk"] if jerk else []
     words += ["--court", os.fspath(court)] if court is not None else []
-    words += [f"--trouble={fault}" for fault in trouble]
+    words += [f"--fault={fault}" for fault in faults]
     told = json.loads(_native.catch_ball(words, float(step_s)))
     choice, motion, crossing = told["choice"], _motion(told["motion"]), told["crossing"]
     if choice is not None:

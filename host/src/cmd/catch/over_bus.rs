@@ -24,7 +24,7 @@ use crate::error::ExpectedError;
 pub struct OverBus {
     /// Bus of an arm that catches a ball which somebody throws, with a controller in this program; instead of a simulated ball.
     #[arg(long, value_parser = can_link::bus_of_option, value_name = "SPEC", requires = "tracker",
-        conflicts_with_all = ["disc", "start", "velocity", "air", "no_limits", "on_controller", "ball", "cooperative", "trouble", "seed", "report"])]
+        conflicts_with_all = ["disc", "start", "velocity", "air", "no_limits", "on_controller", "ball", "cooperative", "faults", "seed", "report"])]
     pub bus: Option<BusSpec>,
     /// Address of this machine to which the tracker (DTrack) sends its data. With lockstep://: where `hil-sim serve-court`
     /// has them (its --data).
