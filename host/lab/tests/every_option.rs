@@ -12,7 +12,7 @@ const BASE: &[(&str, &str)] =
 const ROWS: &[Row] = &[
     ("rally", "throws", Change, "--throws 2"),
     ("rally", "eyes-only", Change, "--eyes-only"),
-    ("rally", "court", Change, "--court {d}/none.toml"),
+    ("rally", "cell", Change, "--cell {d}/none.toml"),
     ("rally", "hand", Change, "--hand matched"),
     ("rally", "jerk", Change, "--jerk"),
     ("rally", "restitution", Change, "--restitution 0.95"),

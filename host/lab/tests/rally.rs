@@ -1,17 +1,17 @@
 //! One arm throws, the other catches: what the catcher reports against where the simulated ball lies.
 
-use hil_sim::court::CourtOptions;
+use hil_sim::two_arms::TwoArmOptions;
 use lab::rally::exchange::{Partners, RallyEnd};
 use lab::rally::study::{Row, row};
 use lab::rally::throws::{draw_throws, place_exists};
 use operator::ball_catch::controller_arm::ControllerArm;
 use operator::ball_catch::thrower::ThrowFault;
-use operator::ball_catch::trial::{CatchOutcome, Pair, TrialOptions, TrialFault};
+use operator::ball_catch::trial::{CatchOutcome, Pair, TrialFault, TrialOptions};
 use planner::catch::Joints;
 use planner::catch::draw::{Aimed, Window};
 
 fn pair() -> Pair {
-    Pair::new(CourtOptions::two_arms().unwrap()).unwrap()
+    Pair::new(TwoArmOptions::two_arms().unwrap()).unwrap()
 }
 
 fn throws(pair: &Pair, count: usize) -> Vec<Aimed> {
@@ -60,12 +60,7 @@ fn whatever_fails_is_caught_declined_or_told() {
                 let options = TrialOptions { cooperative, faults: vec![fault], ..TrialOptions::default() };
                 let outcome = pair.run(aimed, &options, k as u64);
                 assert!(outcome.reported_truly(), "{fault:?} {cooperative}: {:?}", outcome.reported);
-                assert!(
-                    outcome.within_limits(false),
-                    "{fault:?}: {:?} {:?}",
-                    outcome.used,
-                    outcome.executed
-                );
+                assert!(outcome.within_limits(false), "{fault:?}: {:?} {:?}", outcome.used, outcome.executed);
                 if let TrialFault::Throw(_) = fault {
                     assert!(!outcome.caught);
                 }
@@ -120,7 +115,7 @@ fn an_arm_behind_its_controller_catches() {
 
 #[test]
 fn a_rally_goes_to_and_fro() {
-    let partners = Partners::new(CourtOptions::two_arms().unwrap()).unwrap();
+    let partners = Partners::new(TwoArmOptions::two_arms().unwrap()).unwrap();
     let options = TrialOptions { cooperative: true, ..TrialOptions::default() };
     let rally = partners.play(4, &options, 2, |_, _| {});
     assert_eq!((&rally.end, rally.length()), (&RallyEnd::Complete, 4));
@@ -137,7 +132,7 @@ fn a_rally_goes_to_and_fro() {
 /// On the wire the arms stand anywhere: both ways begin there, and the arm that finds none is named.
 #[test]
 fn both_arms_go_from_where_they_stand_to_the_run_up_and_to_the_waiting_pose() {
-    let partners = Partners::new(CourtOptions::two_arms().unwrap()).unwrap();
+    let partners = Partners::new(TwoArmOptions::two_arms().unwrap()).unwrap();
     let options = TrialOptions { cooperative: true, ..TrialOptions::default() };
     let upright = Joints::from([0.0, -90.0, -90.0, 0.0, 0.0, 0.0].map(f64::to_radians));
     let plan = |k, q: &[Joints; 2]| partners.plan(k, q, partners.first_e_m(), &options, 1);

@@ -7,7 +7,7 @@ fn wrong_input_is_refused_with_its_code() {
     for (words, code) in [
         ("rally --fault rain", host::exit::USAGE),
         ("rally --fault frames-lost:2", host::exit::USAGE),
-        ("rally --court /nowhere.toml", host::exit::BAD_INPUT),
+        ("rally --cell /nowhere.toml", host::exit::BAD_INPUT),
         ("rally --bus-thrower can0", host::exit::USAGE),
         ("rally --tracker 127.0.0.1:5000", host::exit::USAGE),
         ("rally --bus-thrower can0 --bus-catcher can0 --tracker 127.0.0.1:0", host::exit::BAD_INPUT),
@@ -27,9 +27,7 @@ fn wrong_input_is_refused_with_its_code() {
 
 #[test]
 fn a_ball_that_is_not_released_ends_the_rally_and_is_reported() {
-    for words in
-        ["--eyes-only --fault not-released", "--fault not-released", "--fault thrower-stops:0.1"]
-    {
+    for words in ["--eyes-only --fault not-released", "--fault not-released", "--fault thrower-stops:0.1"] {
         let ended = cubelab(&format!("rally --throws 2 {words}"));
         assert_eq!(ended.status.code(), Some(i32::from(host::exit::NOT_RELEASED)), "{words}: {ended:?}");
         let printed = String::from_utf8_lossy(&ended.stdout).into_owned();

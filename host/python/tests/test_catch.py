@@ -59,7 +59,7 @@ def test_the_word_of_the_witness_is_where_the_ball_lies() -> None:
     # The ball flies freely until the catch, in the frame of the arm as it was asked for.
     flying = (trace.after_release_s > 0.0) & (trace.after_release_s < choice.after_release_s - 0.05)
     ball_m = (trace.ball_m[flying] - caught.base[:3, 3]) @ caught.base[:3, :3]
-    # The planner's flight, with the drag of the court file; the court steps by itself, in milliseconds.
+    # The planner's flight, with the drag of the cell file; the cell steps by itself, in milliseconds.
     flight = cubecell.fly(BALL[:3], BALL[3:], trace.after_release_s[flying], drag_per_m=0.0284)
     assert np.abs(ball_m - flight.position_m).max() < 1e-3
     # At the end it lies in the cup; the mouth is a cup's depth above it.
@@ -113,7 +113,7 @@ def test_a_disc_that_cannot_be_caught_is_a_result_and_wrong_input_is_refused() -
         (lambda: cubecell.catch_ball(BALL[:3], BALL[3:], faults=["rain"]), 2),
         (lambda: cubecell.catch_ball(BALL[:3], BALL[3:], robot="pincher4"), 4),
         (lambda: cubecell.catch_ball(BALL[:3], BALL[3:], step_s=0.0), 4),
-        (lambda: cubecell.catch_ball(BALL[:3], BALL[3:], court="no/such/court.toml"), 4),
+        (lambda: cubecell.catch_ball(BALL[:3], BALL[3:], cell="no/such/cell.toml"), 4),
     ):
         with pytest.raises(cubecell.CubecellError) as refused:
             call()

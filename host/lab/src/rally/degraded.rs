@@ -1,29 +1,28 @@
 //! What can go wrong in a throw and its catch, one fault at a time.
 
-use hil_sim::court::CourtOptions;
+use hil_sim::two_arms::TwoArmOptions;
 use operator::ball_catch::thrower::ThrowFault;
-use operator::ball_catch::trial::{TrialOptions, TrialFault};
+use operator::ball_catch::trial::{TrialFault, TrialOptions};
 
 /// Options of the trial with this number.
 pub type TrialOf = Box<dyn Fn(usize) -> TrialOptions + Sync>;
 
-/// Every fault with its court and its trials. Catches of either kind, eyes only if nothing else is said.
-pub fn degradations(court: &CourtOptions) -> Vec<(&'static str, CourtOptions, TrialOf)> {
+/// Every fault with its cell and its trials. Catches of either kind, eyes only if nothing else is said.
+pub fn degradations(cell: &TwoArmOptions) -> Vec<(&'static str, TwoArmOptions, TrialOf)> {
     let base = TrialOptions::default;
     // Moments spread evenly by the golden ratio: each throw has its own.
     let spread = |k: usize, low: f64, high: f64| low + (high - low) * (k as f64 * 0.618_034).fract();
-    let with = |fault: TrialFault| -> TrialOf {
-        Box::new(move |_| TrialOptions { faults: vec![fault], ..base() })
-    };
-    let slow = |change: &dyn Fn(&mut CourtOptions)| {
-        let mut court = court.clone();
-        change(&mut court);
-        court
+    let with =
+        |fault: TrialFault| -> TrialOf { Box::new(move |_| TrialOptions { faults: vec![fault], ..base() }) };
+    let slow = |change: &dyn Fn(&mut TwoArmOptions)| {
+        let mut cell = cell.clone();
+        change(&mut cell);
+        cell
     };
     let plain = || -> TrialOf { Box::new(move |_| base()) };
     let drag =
         |factor: f64| -> TrialOf { Box::new(move |_| TrialOptions { drag: (factor, 0.02), ..base() }) };
-    let same = || court.clone();
+    let same = || cell.clone();
     vec![
         ("nothing", same(), plain()),
         ("latency doubled", slow(&|c| c.tracker.latency = c.tracker.latency + c.tracker.latency), plain()),

@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use hil_sim::court::CourtOptions;
+use hil_sim::two_arms::TwoArmOptions;
 use operator::ball_catch::thrower::ThrowFault;
-use operator::ball_catch::trial::{TrialOptions, TrialFault, WAIT_HOLD_DEG, WAIT_MATCHED_DEG};
+use operator::ball_catch::trial::{TrialFault, TrialOptions, WAIT_HOLD_DEG, WAIT_MATCHED_DEG};
 use planner::catch::Joints;
 use planner::catch::task::{Allowed, Settings};
 
@@ -13,16 +13,16 @@ use crate::error::ExpectedError;
 /// The options.
 #[derive(Debug, clap::Args)]
 pub struct Catching {
-    /// A court file: places of the arms, ball, cup, tracker; the built-in one otherwise.
-    #[arg(long, value_name = "FILE")]
-    pub court: Option<PathBuf>,
+    /// A cell file: places of the arms, ball, cup, tracker; the built-in one otherwise.
+    #[arg(long, value_name = "FILE", alias = "court")]
+    pub cell: Option<PathBuf>,
     /// Which catches are allowed.
     #[arg(long, default_value = "either", value_name = "KIND")]
     pub hand: Hand,
     /// Keep the jerk limits as well.
     #[arg(long)]
     pub jerk: bool,
-    /// Restitution of ball and cup that the catcher counts on; otherwise that of the court, with which the ball bounces.
+    /// Restitution of ball and cup that the catcher counts on; otherwise that of the cell, with which the ball bounces.
     #[arg(long, value_name = "SHARE", value_parser = share)]
     pub restitution: Option<f64>,
     /// Something that goes wrong; may be given several times.
@@ -89,12 +89,12 @@ impl Catching {
         }
     }
 
-    /// The court of the file, or the built-in one.
+    /// The cell of the file, or the built-in one.
     ///
     /// # Errors
     /// The file is refused.
-    pub fn court(&self) -> Result<CourtOptions, ExpectedError> {
-        let court = self.court.as_ref().map_or_else(CourtOptions::two_arms, |file| CourtOptions::load(file));
-        court.map_err(|why| ExpectedError::bad_input(&why))
+    pub fn cell(&self) -> Result<TwoArmOptions, ExpectedError> {
+        let cell = self.cell.as_ref().map_or_else(TwoArmOptions::two_arms, |file| TwoArmOptions::load(file));
+        cell.map_err(|why| ExpectedError::bad_input(&why))
     }
 }
