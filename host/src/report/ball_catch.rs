@@ -37,7 +37,8 @@ pub fn decision_word(decision: &Decision) -> String {
 /// Page of one catch.
 #[must_use]
 pub fn one(pair: &Pair, outcome: &Outcome, jerk: bool) -> String {
-    let mut page = Page::new("Catching a ball", &subtitle(pair, outcome), &answer(outcome, AGAIN));
+    let again = if outcome.by_tracker { "throw it again" } else { AGAIN };
+    let mut page = Page::new("Catching a ball", &subtitle(pair, outcome), &answer(outcome, again));
     body(&mut page, pair, outcome, jerk);
     page.finish()
 }
@@ -121,12 +122,18 @@ pub fn body(page: &mut Page, pair: &Pair, outcome: &Outcome, jerk: bool) {
         tiles.push(Tile::new(format!("{:.2}", c.speed_m_s), "m/s", "ball against hand"));
     }
     page.tiles(tiles);
-    page.section(
-        "Both arms and the ball",
-        "Time 0 is the planned release. The box at the hand that catches is its cup.",
-    );
+    let zero = match (outcome.by_tracker, pair.cell.alone) {
+        (true, true) => "Time 0 is when the tracker saw the ball fly first.",
+        _ => "Time 0 is the planned release.",
+    };
+    let (arms, plane) = if pair.cell.alone {
+        ("The arm and the ball", "Ball and middle of the cup's mouth, seen along y.")
+    } else {
+        ("Both arms and the ball", "Ball and middle of the cup's mouth in the plane through both arms.")
+    };
+    page.section(arms, &format!("{zero} The box at the hand that catches is its cup."));
     page.scene(space(pair, outcome, jerk), None);
-    page.part("Paths", "Ball and middle of the cup's mouth in the plane through both arms.");
+    page.part("Paths", plane);
     page.charts([side(pair, outcome, jerk), distance(pair, outcome, jerk)]);
     page.part(
         "Decisions",

@@ -28,11 +28,10 @@ use std::time::{Duration as WallSpan, Instant as WallTime};
 use hil_sim::rng::Rng;
 use nalgebra::Vector3;
 use operator::ball_catch::controller_arm::ControllerArm;
-use operator::ball_catch::limits::Executed;
 use operator::ball_catch::on_bus::{Caught, Expected, actuation_s, catch, settle};
 use operator::ball_catch::reported::CatchOutcome;
 use operator::ball_catch::thrower::{Scatter, Thrower};
-use operator::ball_catch::trial::{Moment, Outcome, TrialOptions};
+use operator::ball_catch::trial::TrialOptions;
 use operator::ball_catch::wire::{ArmOnBus, Eyes, WireError, idle, meanwhile};
 use operator::dialogue::operator::OperatorError;
 use operator::interrupt::interrupt;
@@ -45,8 +44,6 @@ use super::exchange::{Exchange, Partners, Planned, RallyEnd};
 
 /// Time between the order to throw and the throw, s. A catcher that knows the throw plans in this time.
 const AHEAD_S: f64 = 2.0;
-/// A report shows so much before the release, s.
-const SHOWN_BEFORE_S: f64 = 0.3;
 /// Longest time until the other arm is ready: homing takes most of it.
 const READY_MAX: Duration = Duration::from_secs(180);
 const RUN_MAX: Duration = Duration::from_secs(20);
@@ -95,40 +92,13 @@ impl WireExchange {
     /// The exchange as the report shows it: caught is what the tracker shows, and nobody knows how the ball crossed the mouth.
     #[must_use]
     pub fn as_shown(&self) -> Exchange {
-        let caught = &self.caught;
         let aimed = self.planned.aimed;
-        let q_at = |path: &[(f64, Joints)], t_s: f64, before: Joints| {
-            let k = path.partition_point(|(at_s, _)| *at_s <= t_s);
-            k.checked_sub(1).and_then(|k| path.get(k)).map_or(before, |(_, q)| *q)
+        let thrower = |t_s: f64| {
+            let before = self.thrown.joints.partition_point(|(at_s, _)| *at_s <= t_s).checked_sub(1);
+            before.map_or(aimed.throw.start(), |k| self.thrown.joints[k].1)
         };
-        let ball_at = |t_s: f64| {
-            let k = caught.ball.partition_point(|(at_s, _)| *at_s <= t_s);
-            k.checked_sub(1).and_then(|k| caught.ball.get(k)).map_or(aimed.p_m, |(_, p_m)| *p_m)
-        };
-        let moments = caught.joints.iter().filter(|(t_s, _)| *t_s >= self.release_s - SHOWN_BEFORE_S);
-        let trace = moments.map(|(t_s, q)| Moment {
-            t_s: *t_s,
-            q: [q_at(&self.thrown.joints, *t_s, aimed.throw.start()), *q],
-            ball_m: ball_at(*t_s),
-        });
-        let outcome = Outcome {
-            by_tracker: true,
-            caught: caught.reported == CatchOutcome::Caught,
-            reported: caught.reported,
-            crossing: None,
-            events: Vec::new(),
-            choice: caught.choice.clone(),
-            log: caught.log.clone(),
-            refusals: caught.refusals.clone(),
-            planned_s: (self.release_s, self.release_s + aimed.flight_s),
-            used: [0.0; 3],
-            executed: [Executed::default(); 2],
-            arms_touched: false,
-            seen_s: 0.0,
-            off_m: caught.log.iter().rev().map(|logged| logged.off_m).find(|off_m| off_m.is_finite()),
-            lies_e_m: caught.lies_e_m.map(|lies_m| [lies_m; 2]),
-            trace: trace.collect(),
-        };
+        let planned_s = (self.release_s, self.release_s + aimed.flight_s);
+        let outcome = self.caught.as_shown(planned_s, aimed.p_m, thrower);
         let gripped_e_m = [self.gripped_e_m; 2];
         Exchange { thrower: self.thrower, transit_s: self.planned.transit_s(), aimed, gripped_e_m, outcome }
     }

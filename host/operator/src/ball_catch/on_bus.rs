@@ -17,8 +17,9 @@ use protocol::{Duration, Instant};
 
 use super::controller_arm::ControllerArm;
 use super::executor::{Executor, Refused};
+use super::limits::Executed;
 use super::reported::{CatchOutcome, InCup, in_cup, place_in_cup, report};
-use super::trial::{Pair, Run, TrialOptions};
+use super::trial::{Moment, Outcome, Pair, Run, TrialOptions};
 use super::wire::{ArmOnBus, Eyes, WireError, meanwhile};
 use crate::dialogue::operator::OperatorError;
 use crate::flight_estimator::MarkerStream;
@@ -38,6 +39,8 @@ const TURN_S: f64 = 0.5e-3;
 const TRIAL_MAX_S: f64 = 12.0;
 /// A message on a bus that the drives share, a decision, and the lag of the drives, s; two control periods come on top.
 const ACTUATION_S: f64 = 0.016;
+/// A report shows so much before the release, s.
+const SHOWN_BEFORE_S: f64 = 0.3;
 /// Refusals that are kept.
 const REFUSALS_MAX: usize = 20;
 
@@ -103,6 +106,45 @@ pub struct Caught {
     pub joints: Vec<(f64, Joints)>,
     /// Markers, m.
     pub ball: Vec<(f64, Vector3<f64>)>,
+}
+
+impl Caught {
+    /// The catch as reports show it, from shortly before `planned_s`, the release and the end of the flight: caught is what the tracker
+    /// shows, and nobody measured how the ball crossed the mouth. `ball_m`: where the ball is before its first marker; `thrower`: joints of
+    /// the other arm at a time, rad.
+    #[must_use]
+    pub fn as_shown(
+        &self,
+        planned_s: (f64, f64),
+        ball_m: Vector3<f64>,
+        thrower: impl Fn(f64) -> Joints,
+    ) -> Outcome {
+        let ball_at = |t_s: f64| {
+            let before = self.ball.partition_point(|(at_s, _)| *at_s <= t_s).checked_sub(1);
+            before.map_or(ball_m, |k| self.ball[k].1)
+        };
+        let shown = self.joints.iter().filter(|(t_s, _)| *t_s >= planned_s.0 - SHOWN_BEFORE_S);
+        let moment =
+            |(t_s, q): &(f64, Joints)| Moment { t_s: *t_s, q: [thrower(*t_s), *q], ball_m: ball_at(*t_s) };
+        Outcome {
+            by_tracker: true,
+            caught: self.reported == CatchOutcome::Caught,
+            reported: self.reported,
+            crossing: None,
+            events: Vec::new(),
+            choice: self.choice.clone(),
+            log: self.log.clone(),
+            refusals: self.refusals.clone(),
+            planned_s,
+            used: [0.0; 3],
+            executed: [Executed::default(); 2],
+            arms_touched: false,
+            seen_s: 0.0,
+            off_m: self.log.iter().rev().map(|logged| logged.off_m).find(|off_m| off_m.is_finite()),
+            lies_e_m: self.lies_e_m.map(|lies_m| [lies_m; 2]),
+            trace: shown.map(moment).collect(),
+        }
+    }
 }
 
 /// Relates the tracker's clock to that of the trial, which has begun.

@@ -3,11 +3,13 @@
 use std::path::PathBuf;
 
 use can_link::BusSpec;
+use nalgebra::Vector3;
 use operator::ball_catch::on_bus::catch_ball;
 use operator::ball_catch::reported::CatchOutcome;
 use operator::ball_catch::trial::Pair;
 use operator::ball_catch::wire::ArmOnBus;
 use operator::interrupt::interrupt;
+use planner::catch::Joints;
 
 use super::super::consent::Consent;
 use super::super::print_json;
@@ -17,6 +19,7 @@ use super::on_bus::{as_json, clocks_text, failed};
 use super::outcome::{reported_text, why_not_caught};
 use super::{Args, record};
 use crate::error::ExpectedError;
+use crate::report::ball_catch as report;
 
 /// Where arm and tracker are.
 #[derive(Debug, clap::Args)]
@@ -24,7 +27,7 @@ use crate::error::ExpectedError;
 pub struct OverBus {
     /// Bus of an arm that catches a ball which somebody throws, with a controller in this program; instead of a simulated ball.
     #[arg(long, value_parser = can_link::bus_of_option, value_name = "SPEC", requires = "tracker",
-        conflicts_with_all = ["disc", "start", "velocity", "air", "no_limits", "on_controller", "ball", "cooperative", "faults", "seed", "report"])]
+        conflicts_with_all = ["disc", "start", "velocity", "air", "no_limits", "on_controller", "ball", "cooperative", "faults", "seed"])]
     pub bus: Option<BusSpec>,
     /// Address of this machine to which the tracker (DTrack) sends its data. With lockstep://: where `hil-sim serve-two-arms`
     /// has them (its --data).
@@ -79,11 +82,22 @@ pub(super) fn run(args: &Args, bus: &BusSpec, tracker: &str) -> Result<(), Expec
         record::markers(ball.as_ref(), pair.cell.ball.radius_m, [&caught])?;
     }
     let release_s = caught.first_seen_s.unwrap_or(0.0);
+    if let Some(file) = &args.report {
+        let end_s = caught.choice.as_ref().map_or(release_s, |choice| choice.t_s);
+        let first_m =
+            caught.ball.iter().find(|(t_s, _)| *t_s >= release_s).map_or(Vector3::zeros(), |(_, p_m)| *p_m);
+        let shown = caught.as_shown((release_s, end_s), first_m, |_| Joints::zeros(6));
+        std::fs::write(file, report::one(&pair, &shown, args.catching.jerk))
+            .map_err(|error| ExpectedError::output(file, &error))?;
+    }
     if args.json {
         print_json(&as_json(&caught, release_s));
     } else {
         console::line!("reported: {}", reported_text(caught.reported));
         console::text!("{}", clocks_text(&caught, release_s, "the ball was seen"));
+        if let Some(file) = &args.report {
+            console::line!("report: {}", file.display());
+        }
     }
     match caught.reported {
         CatchOutcome::Caught => Ok(()),
