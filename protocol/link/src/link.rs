@@ -36,7 +36,8 @@ pub struct LinkStats {
     pub frames_in: u64,
     /// Frames accepted by [`CanLink::send`].
     pub frames_out: u64,
-    /// Frames (of each receiver, if there are several) lost because an output queue was full.
+    /// Frames (of each receiver, if there are several) lost because an output queue was full, or a server's protocol has no text for
+    /// CAN FD.
     pub dropped_out: u64,
     /// Sent frames that the far side refused, and other errors that it reported.
     pub refused_out: u64,

@@ -14,6 +14,9 @@ use crate::stream::{Chunk, Stream};
 
 const READ_CHUNK: usize = 4096;
 
+/// What to do where CAN FD frames do not pass.
+const NO_FD: &str = "use a SocketCAN interface with CAN FD, or set drives and robot file to classical CAN (without `[bus] data_bit_rate_bit_s`)";
+
 /// What a [`Speech`] understood from the far side.
 pub enum Heard {
     /// A frame, with the far side's time stamp if it has one.
@@ -49,7 +52,8 @@ pub trait Speech {
 
 /// One connection to a bus.
 ///
-/// Output: 64 KiB wait for a slow far side, further frames are refused ([`SendError::QueueFull`]).
+/// Output: 64 KiB wait for a slow far side, further frames are refused ([`SendError::QueueFull`]). CAN FD frames have no text in these
+/// protocols and are refused ([`LinkError::ClassicalOnly`]).
 /// Input is never dropped: what the owner does not take waits in the operating system.
 pub struct Station<S: Speech> {
     name: String,
@@ -180,6 +184,9 @@ impl<S: Speech> CanLink for Station<S> {
     fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
         if let Some(error) = &self.failure {
             return Err(error.clone().into());
+        }
+        if frame.fd().is_some() {
+            return Err(LinkError::ClassicalOnly { link: self.name.clone(), advice: NO_FD.to_owned() }.into());
         }
         let (stream, mut queued) = (&mut self.stream, false);
         self.speech.render(frame, &mut |text| queued = stream.queue(text));
