@@ -10,6 +10,9 @@ use crate::bus_error::BusError;
 use crate::clock::Clock;
 use crate::error::{LinkError, SendError};
 
+/// What to do where CAN FD frames do not pass.
+const NO_FD: &str = "use a SocketCAN interface with CAN FD, or set drives and robot file to classical CAN (without `[bus] data_bit_rate_bit_s`)";
+
 /// What came in over a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LinkEvent {
@@ -73,6 +76,15 @@ pub trait CanLink {
     ///
     /// The link is gone; further calls repeat the error.
     fn receive(&mut self) -> Result<Option<LinkEvent>, LinkError>;
+
+    /// Whether CAN FD frames can be sent.
+    ///
+    /// # Errors
+    ///
+    /// [`LinkError::ClassicalOnly`], with what helps; the link stays usable.
+    fn takes_fd(&self) -> Result<(), LinkError> {
+        Err(LinkError::ClassicalOnly { link: self.name().to_owned(), advice: NO_FD.to_owned() })
+    }
 
     /// Names what the link waits for.
     fn register<'a>(&'a self, set: &mut PollSet<'a>);

@@ -154,9 +154,8 @@ impl CanLink for SocketCan {
         if let Some(error) = &self.failure {
             return Err(error.clone().into());
         }
-        if frame.fd().is_some() && !self.takes_fd {
-            let advice = fd_command(&self.name);
-            return Err(LinkError::ClassicalOnly { link: self.name.clone(), advice }.into());
+        if frame.fd().is_some() {
+            self.takes_fd()?;
         }
         // The driver's types hold each frame.
         let Some(can_frame) = to_linux(frame).filter(|_| self.queue.len() < OUTPUT_QUEUE) else {
@@ -185,6 +184,11 @@ impl CanLink for SocketCan {
                 Err(error) => return Err(self.fail(&error)),
             }
         }
+    }
+
+    fn takes_fd(&self) -> Result<(), LinkError> {
+        let error = || LinkError::ClassicalOnly { link: self.name.clone(), advice: fd_command(&self.name) };
+        if self.takes_fd { Ok(()) } else { Err(error()) }
     }
 
     fn register<'a>(&'a self, set: &mut PollSet<'a>) {

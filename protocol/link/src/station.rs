@@ -14,9 +14,6 @@ use crate::stream::{Chunk, Stream};
 
 const READ_CHUNK: usize = 4096;
 
-/// What to do where CAN FD frames do not pass.
-const NO_FD: &str = "use a SocketCAN interface with CAN FD, or set drives and robot file to classical CAN (without `[bus] data_bit_rate_bit_s`)";
-
 /// What a [`Speech`] understood from the far side.
 pub enum Heard {
     /// A frame, with the far side's time stamp if it has one.
@@ -186,7 +183,7 @@ impl<S: Speech> CanLink for Station<S> {
             return Err(error.clone().into());
         }
         if frame.fd().is_some() {
-            return Err(LinkError::ClassicalOnly { link: self.name.clone(), advice: NO_FD.to_owned() }.into());
+            self.takes_fd()?;
         }
         let (stream, mut queued) = (&mut self.stream, false);
         self.speech.render(frame, &mut |text| queued = stream.queue(text));
