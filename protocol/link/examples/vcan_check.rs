@@ -81,6 +81,8 @@ mod linux {
         let error = vcan0(Clock::start()).send(&samples()[6]).unwrap_err();
         let SendError::Link(LinkError::ClassicalOnly { advice, .. }) = &error else { panic!("{error}") };
         assert!(advice.contains("sudo ip link set vcan0 mtu 72 up"), "{error}");
+        let error = open(&"vcan0".parse().unwrap(), Clock::start()).unwrap().takes_fd().unwrap_err();
+        assert!(error.next().unwrap().contains("mtu 72 up"), "{error}");
     }
 
     fn samples() -> [Frame; 9] {

@@ -122,6 +122,10 @@ impl<L: CanLink + ?Sized> CanLink for Box<L> {
     fn receive(&mut self) -> Result<Option<LinkEvent>, LinkError> {
         (**self).receive()
     }
+    fn takes_fd(&self) -> Result<(), LinkError> {
+        (**self).takes_fd()
+    }
+
     fn register<'a>(&'a self, set: &mut PollSet<'a>) {
         (**self).register(set);
     }
