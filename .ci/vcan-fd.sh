@@ -13,29 +13,40 @@ doctor() {
 says() {
     grep -q "$1" /tmp/doctor.txt || { echo "doctor does not say '$1'"; exit 1; }
 }
-cell() {
-    rm -f /tmp/sim.log
-    hil-sim serve --robot /tmp/arm.toml --bus vcan0 --json </dev/null >/tmp/sim.log 2>&1 &
+cell() { # robot
+    : >/tmp/sim.log
+    hil-sim serve --robot $1 --bus vcan0 --json </dev/null >/tmp/sim.log 2>&1 &
     server=$!
+}
+serving() {
+    for look in 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20; do
+        if grep -q '"serving"' /tmp/sim.log; then return; fi
+        sleep 1
+    done
 }
 ip link set vcan0 mtu 16
 ip link set vcan0 up
 doctor
 [ $code -eq 9 ]
 says 'sudo ip link set vcan0 mtu 72 up'
-cell
+cell /tmp/arm.toml
 refused=0
 wait $server || refused=$?
 cat /tmp/sim.log
-[ $refused -eq 5 ] && grep -q 'sudo ip link set vcan0 mtu 72 up' /tmp/sim.log
+[ $refused -eq 5 ]
+grep -q 'sudo ip link set vcan0 mtu 72 up' /tmp/sim.log
 ip link set vcan0 down
 ip link set vcan0 mtu 72
 ip link set vcan0 up
-cell
-for look in 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20; do
-    if grep -q '"serving"' /tmp/sim.log; then break; fi
-    sleep 1
-done
+# Motors that are set to classical CAN.
+cell /openarm7.toml
+serving
+doctor
+kill -INT $server && wait $server || true
+[ $code -eq 9 ]
+says 'it answers by classical frames; its register 35 holds 4'
+cell /tmp/arm.toml
+serving
 doctor
 kill -INT $server && wait $server || true
 [ $code -eq 0 ]
@@ -45,4 +56,5 @@ tail -n 1 /tmp/sim.log >/tmp/cell.json
 for id in 011 012 013 014 015 016 017 018; do
     grep -q "\"id\":\"$id\"" /tmp/cell.json || { echo "no answer with id $id"; exit 1; }
 done
-grep -q '"data_bit_rate_bit_s":5000000' /tmp/cell.json && grep -q '"error_share":0.0' /tmp/cell.json
+grep -q '"data_bit_rate_bit_s":5000000' /tmp/cell.json
+grep -q '"error_share":0.0' /tmp/cell.json
