@@ -122,7 +122,7 @@ causes! {
     206 DriveSoftLimit QuickStop "a drive has passed its own soft limit", "clear the fault and jog it back";
     207 DriveLostHome QuickStop "a drive that had found its zero has lost it", "home the group again";
     208 DriveAltered PathStop "a drive's current limit or configuration is not the one that was written to it", "find the node that writes to the drives; clear the fault to write them again";
-    209 DriveSettingsDiffer Halt "a drive's ids, ranges, mode or time-out are not those of the settings", "read the drive's registers: nothing on the wire shows a wrong range; correct the drive or the settings, then clear the fault";
+    209 DriveSettingsDiffer Halt "a drive's ids, ranges, mode, time-out or bit rate are not those of the settings", "read the drive's registers: nothing on the wire shows a wrong range; correct the drive or the settings, then clear the fault";
 
     300 PositionLimit QuickStop "a joint was measured outside its soft limits", "jog it back; check the plan and the gains";
     301 VelocityLimit QuickStop "a joint was measured faster than allowed", "check the plan, the gains and the drive's parameters";

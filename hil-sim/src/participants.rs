@@ -67,6 +67,11 @@ pub trait Participants {
         None
     }
 
+    /// Data rate of CAN FD that the nodes need, bits per second; `None`: they are classical. Read once.
+    fn data_bit_rate_bit_s(&self) -> Option<u32> {
+        None
+    }
+
     /// Wire address of the node at `index` if it is a drive, so that a fault can name it.
     fn module(&self, index: usize) -> Option<protocol::ModuleId> {
         let _ = index;
@@ -125,6 +130,10 @@ impl<A: Participants, B: Participants> Participants for (A, B) {
             None => self.0.tx_order(index),
             Some(rest) => self.1.tx_order(rest),
         }
+    }
+
+    fn data_bit_rate_bit_s(&self) -> Option<u32> {
+        self.0.data_bit_rate_bit_s().or(self.1.data_bit_rate_bit_s())
     }
 
     fn module(&self, index: usize) -> Option<protocol::ModuleId> {
@@ -213,6 +222,10 @@ impl<C: Participants + ?Sized> Participants for Box<C> {
 
     fn tx_order(&self, index: usize) -> Option<TxOrder> {
         (**self).tx_order(index)
+    }
+
+    fn data_bit_rate_bit_s(&self) -> Option<u32> {
+        (**self).data_bit_rate_bit_s()
     }
 
     fn module(&self, index: usize) -> Option<protocol::ModuleId> {

@@ -216,10 +216,9 @@ impl<C: Participants> World<C> {
         if ports > crate::bus::medium::PORTS_MAX {
             return Err(BuildError::TooManyNodes { nodes: ports, max: crate::bus::medium::PORTS_MAX });
         }
-        for fault in &plan {
-            place_of(&mut participants, fault)?;
-        }
-        let mut bus = Bus::new(config, ports)?;
+        plan.iter().try_for_each(|fault| place_of(&mut participants, fault).map(drop))?;
+        let data_bit_rate_bit_s = config.data_bit_rate_bit_s.or(participants.data_bit_rate_bit_s());
+        let mut bus = Bus::new(BusConfig { data_bit_rate_bit_s, ..config }, ports)?;
         let own = |port| Some((port, participants.tx_order(port)?));
         (0..participants.len()).filter_map(own).for_each(|(port, order)| bus.set_tx_order(port, order));
         (participants.len()..ports).for_each(|port| bus.set_attached(port, false, 0));

@@ -18,7 +18,7 @@ fn limits() -> Vec<ModuleLimits> {
 
 /// Violations after a conversation of (milliseconds, frame).
 fn violations(expect: &Expect, frames: &[(u64, &str)]) -> Vec<String> {
-    let mut checkers = Checkers::new(expect, &limits(), 1_000_000);
+    let mut checkers = Checkers::new(expect, &limits(), &hil_sim::bus::BusConfig::default());
     for (ms, frame) in frames {
         checkers.on_frame(Instant::from_micros(ms * 1_000), None, &parse_frame(frame).unwrap());
     }

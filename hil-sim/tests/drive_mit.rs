@@ -3,10 +3,11 @@
 use hil_sim::drive::bench::ShaftMotor as _;
 use hil_sim::drive::mit::{MitMotor, MitOptions};
 use hil_sim::mechanics::AxisState;
+use hil_sim::participants::BusConnection;
 use mit_protocol::{
     Command, Mit, MotorId, Ranges, Register, RegisterAnswer, RegisterRequest, RegisterValue, State, Status,
 };
-use protocol::{Duration, Instant, Node, StandardId};
+use protocol::{Duration, FdFlags, Instant, Node, StandardId};
 
 const STEP_US: u64 = 50;
 const INERTIA_KG_M2: f64 = 0.1;
@@ -305,4 +306,45 @@ fn a_motor_at_twice_its_rated_torque_gets_hot_and_stops() {
     }
     // 25 + 55 · 4 (1 - e^(-t / 300)) reaches 100 after 125 s.
     assert!((120..130).contains(&held_s) && rig.motor.status() == Status::RotorHot, "{held_s} s");
+}
+
+#[test]
+fn a_motor_on_can_fd_obeys_frames_with_bit_rate_switch_and_a_classical_one_all_and_each_answers_in_its_way() {
+    let request = RegisterRequest::State.encode(id());
+    let without = FdFlags { brs: false, esi: false };
+    for (bit_rate, frame, answers_fd) in [
+        (4, request, Some(None)),
+        (4, request.with_fd(FdFlags::BRS), Some(None)),
+        (4, request.with_fd(without), Some(None)),
+        (9, request, None),
+        (9, request.with_fd(without), None),
+        (9, request.with_fd(FdFlags::BRS), Some(Some(FdFlags::BRS))),
+    ] {
+        let options = MitOptions { bit_rate, ..MitOptions::of("8009", id(), master()).unwrap() };
+        let mut motor = MitMotor::new(options, 0.0);
+        motor.handle_frame(Instant::ZERO, &frame);
+        motor.handle_timeout(Instant::from_micros(1_000));
+        assert_eq!(motor.poll_frame().map(|answer| answer.fd()), answers_fd, "{bit_rate} {frame}");
+    }
+}
+
+#[test]
+fn a_bit_rate_acts_when_the_motor_gets_power_again_and_one_beside_that_of_the_bus_takes_it_off_the_bus() {
+    let (fd, classical) = (Some(5_000_000), None);
+    let mut motor = MitMotor::new(MitOptions::of("8009", id(), master()).unwrap(), 0.0);
+    let ask = |motor: &mut MitMotor, request: RegisterRequest| {
+        motor.handle_frame(Instant::ZERO, &request.encode(id()));
+    };
+    // 10 Mbit/s.
+    ask(&mut motor, RegisterRequest::Write(Register::BitRate, RegisterValue::Whole(11)));
+    assert_eq!(motor.link(1_000_000, fd), BusConnection::On);
+    ask(&mut motor, RegisterRequest::Store);
+    motor.set_power(false);
+    assert_eq!(motor.link(1_000_000, fd), BusConnection::Off);
+    motor.set_power(true);
+    assert_eq!(motor.link(1_000_000, fd), BusConnection::OtherRate);
+    assert_eq!(motor.link(1_000_000, Some(10_000_000)), BusConnection::On);
+    // It hears a classical bus, and does not answer there.
+    assert_eq!(motor.link(1_000_000, classical), BusConnection::On);
+    assert_eq!(motor.link(500_000, classical), BusConnection::OtherRate);
 }

@@ -2,6 +2,7 @@
 
 mod bus;
 mod bus_errors;
+mod bus_fd;
 mod checkers;
 mod cli;
 mod common;

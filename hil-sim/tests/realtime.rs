@@ -243,3 +243,18 @@ fn turns_of_a_flooded_world_are_at_most_two_for_each_frame() {
     let looks = *looks.lock().unwrap() as usize;
     assert!((turns..=turns + frames + 64 + 2).contains(&looks), "{looks} looks in {turns} turns");
 }
+
+#[test]
+fn an_endpoint_of_classical_can_on_a_bus_with_can_fd_ends_with_its_name_before_anything_runs() {
+    let config = BusConfig { data_bit_rate_bit_s: Some(5_000_000), ..BusConfig::default() };
+    let (memory, clock) = (Memory::default(), Clock::manual());
+    let mut realtime =
+        Realtime::new(Vec::<Solo<Gateway>>::new(), config, 0, Vec::new(), vec![memory.endpoint()], clock)
+            .unwrap();
+    memory.0.lock().unwrap().to_world.extend(burst(0x100));
+    let error = realtime.turn(Instant::from_micros(1_000), &mut ()).unwrap_err();
+    let RealtimeError::Link(LinkError::ClassicalOnly { link, .. }) = &error else { panic!("{error}") };
+    assert_eq!(link, "memory");
+    assert!(error.next().unwrap().contains("data_bit_rate_bit_s"));
+    assert_eq!((realtime.world().now(), memory.heard()), (Instant::ZERO, Vec::new()));
+}

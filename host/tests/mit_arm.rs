@@ -81,3 +81,40 @@ fn a_program_has_error_and_temperature_of_each_joint_by_the_answers_of_its_motor
         }
     }
 }
+
+#[test]
+fn on_can_fd_it_throws_at_2_ms_follows_more_closely_and_doctor_asks_its_motors() {
+    let folder = Folder::new("mit-fd");
+    let (robot, gains) = (folder.file("arm.toml"), folder.file("gains.toml"));
+    let text = std::fs::read_to_string(ARM).unwrap();
+    std::fs::write(&robot, format!("{text}\n[bus]\ndata_bit_rate_bit_s = 5_000_000\n")).unwrap();
+    let done = |words: &[&str]| {
+        let ran = cubectl(words);
+        assert_eq!(code(&ran), 0, "{words:?}: {}{}", out(&ran), err(&ran));
+        out(&ran)
+    };
+    let looked = done(&["doctor", "--robot", &robot]);
+    assert!(looked.contains("8 answer to CAN FD frames with bit rate switch"), "{looked}");
+    assert!(done(&["doctor", "--robot", ARM]).contains("8 answer to classical frames"));
+    done(&["tune", "--robot", &robot, "--period-ms", "2", "--out", &gains, "--no-trial"]);
+    let dir = folder.file("throw");
+    let target = "1.0,-0.2,0";
+    done(&["throw", "--robot", &robot, "--gains", &gains, "--target", target, "--yes", "--out", &dir]);
+    let text = std::fs::read_to_string(folder.0.join("throw/summary.json")).unwrap();
+    let told: Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(told["outcome"], "landed");
+    // At 3 ms on classical CAN: 5.3 mrad with 67 % of the bus.
+    let errors = told["tracking"]["error_max_rad"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap());
+    let worst_rad = errors.fold(0.0, f64::max);
+    assert!((1e-3..4e-3).contains(&worst_rad), "{worst_rad} rad");
+    let load = told["analysis"]["bus"]["utilisation"].as_f64().unwrap();
+    assert!((0.40..0.50).contains(&load), "{load}");
+    let landing_m = told["landing"]["error_m"].as_f64().unwrap();
+    assert!((1e-4..5e-3).contains(&landing_m), "{landing_m} m");
+    // Motors are spoken to in CAN FD only, the controller in classical frames only.
+    let log = std::fs::read_to_string(folder.0.join("throw/bus.log")).unwrap();
+    let frames: Vec<&str> = log.lines().filter_map(|line| line.split(' ').nth(2)).collect();
+    let (motors, host): (Vec<&str>, Vec<&str>) = frames.iter().partition(|frame| frame.find('#') == Some(3));
+    assert!(motors.len() > 10_000 && motors.iter().all(|frame| frame[3..].starts_with("##1")));
+    assert!(!host.is_empty() && host.iter().all(|frame| !frame.contains("##")));
+}

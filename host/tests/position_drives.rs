@@ -142,6 +142,10 @@ fn verbs_that_ask_powercubes_say_who_answers_and_what_finds_the_drives() {
             &["controller", "clear"],
             &["modules", "dump", "-"],
         ] {
+            // It asks Damiao motors itself.
+            if file == openarm.0 && verb[1] == "doctor" {
+                continue;
+            }
             let asked = cubectl(&[verb, &["--robot", file]].concat());
             let (text, said) = (out(&asked), err(&asked));
             assert_eq!(code(&asked), 8, "{verb:?}: {text}{said}");

@@ -11,6 +11,8 @@ struct Arm {
     robot: &'static str,
     period_ms: u32,
     bit_rate_bit_s: u32,
+    /// Of CAN FD, added to the robot file; the gains are then those of `cubectl tune`, because the program has none for so short a period.
+    data_bit_rate_bit_s: Option<u32>,
     /// End of the motion, rad; `None`: `move` has its usual period, which this bus does not hold.
     joints: Option<&'static str>,
     target: &'static str,
@@ -29,12 +31,13 @@ const SIX: &str = "0.3,0.4,0.5,0,0.2,0";
 const SEVEN: &str = "0.3,0.4,0,0.5,0,0.2,0";
 
 /// Bounds are twice what is measured, rounded up.
-const ARMS: [Arm; 5] = [
+const ARMS: [Arm; 6] = [
     Arm {
         drives: "PowerCube",
         robot: "powercube6",
         period_ms: 3,
         bit_rate_bit_s: 1_000_000,
+        data_bit_rate_bit_s: None,
         joints: Some(SIX),
         target: "1.0,1.0,-1.0",
         error_max_rad: 1e-3,
@@ -45,6 +48,7 @@ const ARMS: [Arm; 5] = [
         robot: robot!("canopen6"),
         period_ms: 3,
         bit_rate_bit_s: 1_000_000,
+        data_bit_rate_bit_s: None,
         joints: Some(SIX),
         target: "0.75,0.1,0.05",
         error_max_rad: 1e-3,
@@ -55,6 +59,7 @@ const ARMS: [Arm; 5] = [
         robot: robot!("canopen6"),
         period_ms: 5,
         bit_rate_bit_s: 500_000,
+        data_bit_rate_bit_s: None,
         joints: None,
         target: "0.75,0.1,0.05",
         error_max_rad: 1e-2,
@@ -65,16 +70,29 @@ const ARMS: [Arm; 5] = [
         robot: robot!("openarm7"),
         period_ms: 3,
         bit_rate_bit_s: 1_000_000,
+        data_bit_rate_bit_s: None,
         joints: Some(SEVEN),
         target: "1.0,-0.2,0",
         error_max_rad: 2e-2,
         landing_max_m: 2e-2,
     },
     Arm {
+        drives: "MIT frames, CAN FD",
+        robot: robot!("openarm7"),
+        period_ms: 2,
+        bit_rate_bit_s: 1_000_000,
+        data_bit_rate_bit_s: Some(5_000_000),
+        joints: Some(SEVEN),
+        target: "1.0,-0.2,0",
+        error_max_rad: 5e-3,
+        landing_max_m: 5e-3,
+    },
+    Arm {
         drives: "ODrive",
         robot: robot!("odrive6"),
         period_ms: 3,
         bit_rate_bit_s: 1_000_000,
+        data_bit_rate_bit_s: None,
         joints: Some(SIX),
         target: "0.75,0.1,0.05",
         error_max_rad: 2e-3,
@@ -109,18 +127,29 @@ fn row(arm: &Arm) -> String {
         format!("schema_version = 1\nduration_s = 60\n\n[bus]\nbit_rate_bit_s = {}\n", arm.bit_rate_bit_s);
     std::fs::write(&scenario, text).unwrap();
     let dir = |name: &str| folder.0.join(name).to_str().unwrap().to_owned();
+    let period = arm.period_ms.to_string();
+    let (robot, timing) = match arm.data_bit_rate_bit_s {
+        None => (arm.robot.to_owned(), vec!["--period-ms".to_owned(), period]),
+        Some(rate) => {
+            let (robot, gains) = (folder.file("arm.toml"), folder.file("gains.toml"));
+            let text = std::fs::read_to_string(arm.robot).unwrap();
+            std::fs::write(&robot, format!("{text}\n[bus]\ndata_bit_rate_bit_s = {rate}\n")).unwrap();
+            let tuned = cubectl(&["tune", "--robot", &robot, "--period-ms", &period, "--out", &gains]);
+            assert_eq!(code(&tuned), 0, "{}", err(&tuned));
+            (robot, vec!["--gains".to_owned(), gains])
+        }
+    };
+    let timing: Vec<&str> = timing.iter().map(String::as_str).collect();
     let run = |words: &[&str], name: &str| {
         let to = dir(name);
-        let done = cubectl(
-            &[words, &["--robot", arm.robot, "--scenario", &scenario, "--yes", "--out", &to]].concat(),
-        );
+        let done =
+            cubectl(&[words, &["--robot", &robot, "--scenario", &scenario, "--yes", "--out", &to]].concat());
         assert_eq!(code(&done), 0, "{} {words:?}: {}{}", arm.drives, out(&done), err(&done));
         json(&folder.0.join(name).join("summary.json"))
     };
     let moved = arm.joints.map(|joints| tracking(&run(&["move", "--joints", joints, "--home"], "move")));
     let moved = moved.map_or("-".to_owned(), |[max, rms]| format!("{:.2}, {:.3}", 1e3 * max, 1e3 * rms));
-    let period = arm.period_ms.to_string();
-    let thrown = run(&["throw", "--target", arm.target, "--period-ms", &period], "throw");
+    let thrown = run(&[&["throw", "--target", arm.target], &timing[..]].concat(), "throw");
     let plan = json(&folder.0.join("throw/plan.json"));
     assert_eq!(thrown["outcome"], "landed", "{}", arm.drives);
     let [max, rms] = tracking(&thrown);
@@ -132,8 +161,9 @@ fn row(arm: &Arm) -> String {
     // The analysis counts frames at the usual rate of the bus.
     let scale = thrown["analysis"]["bus"]["bit_rate_bit_s"].as_f64().unwrap() / f64::from(arm.bit_rate_bit_s);
     let load = |value: &Value| format!("{:.0} %", 1e2 * scale * value.as_f64().unwrap());
+    let data_rate = arm.data_bit_rate_bit_s.map_or(String::new(), |rate| format!(" and {}", rate / 1_000));
     format!(
-        "| {} | {} ms, {} kbit/s | {}, {} | {moved} | {:.2}, {:.3} | {:.2} | {:.2}, {:.1}, {:.2} | {:.2} |\n",
+        "| {} | {} ms, {}{data_rate} kbit/s | {}, {} | {moved} | {:.2}, {:.3} | {:.2} | {:.2}, {:.1}, {:.2} | {:.2} |\n",
         arm.drives,
         arm.period_ms,
         arm.bit_rate_bit_s / 1_000,

@@ -1,4 +1,4 @@
-//! Exact length of a classical CAN frame on the wire, in bits.
+//! Exact length of a CAN frame on the wire, in bits.
 //!
 //! ```text
 //! base      SOF  id 11  RTR IDE r0                    DLC 4  data 8n  CRC 15 | CRC-del ACK ACK-del EOF 7 | IFS 3
@@ -10,13 +10,24 @@
 //! first of the next five. The same holds at the last bit of the CRC. A remote frame has no data, whatever its DLC.
 //! The interframe space does not belong to a frame and is counted on its own.
 //!
+//! CAN FD, with the bits between the bars at the data rate if BRS is recessive:
+//!
+//! ```text
+//! base      SOF  id 11  RRS IDE FDF res BRS |         ESI  DLC 4  data 8n  count 4  CRC 17 or 21 | CRC-del ACK ACK-del EOF 7 | IFS 3
+//! extended  SOF  id 11  SRR IDE  id 18  RRS FDF res BRS | ESI  DLC 4  data 8n  count 4  CRC 17 or 21 | CRC-del ACK ACK-del EOF 7 | IFS 3
+//!           '------------------- stuffed -------------------------------'  '- fixed stuff bits -'   '---- fixed form ------'
+//! ```
+//!
+//! Up to 16 bytes the CRC has 17 bits, above 21. A fixed stuff bit stands before the stuff count and after every four bits of count
+//! and CRC; it also takes the place of a stuff bit after the last data bit.
+//!
 //! [`length`] takes two table lookups per byte.
 //!
-//! Source: ISO 11898-1 (Bosch CAN 2.0 part B, sections 3.1 and 5). Bounds: R. I. Davis, A. Burns, R. J.
+//! Source: ISO 11898-1:2015 (Bosch CAN 2.0 part B, sections 3.1 and 5). Bounds: R. I. Davis, A. Burns, R. J.
 //! Bril, J. J. Lukkien, "Controller Area Network (CAN) schedulability analysis: Refuted, revisited and
 //! revised", Real-Time Systems 35 (2007), equations 1 and 2.
 
-use crate::frame::{Frame, MAX_DATA_LEN};
+use crate::frame::{FdFlags, Frame, MAX_DATA_LEN};
 use crate::id::Id;
 
 /// Bits between two frames in which no node may transmit.
@@ -40,6 +51,8 @@ pub struct Length {
     pub unstuffed: u32,
     /// Inserted bits.
     pub stuff: u32,
+    /// Those of both that go at the data rate; 0 of a classical frame.
+    pub fast: u32,
 }
 
 impl Length {
@@ -52,10 +65,25 @@ impl Length {
     pub const fn with_interframe_space(self) -> u32 {
         self.frame() + INTERFRAME_SPACE
     }
+
+    /// Bits before the data rate begins.
+    pub const fn before_fast(self) -> u32 {
+        self.frame() - self.fast - FIXED_FORM
+    }
+
+    /// Time from one SOF to the earliest next one, ns, if a bit of the nominal rate lasts `bit_ns` and one of the data rate
+    /// `fast_bit_ns`. Saturates.
+    pub const fn time_ns(self, bit_ns: u64, fast_bit_ns: u64) -> u64 {
+        let nominal = (self.with_interframe_space() - self.fast) as u64;
+        nominal.saturating_mul(bit_ns).saturating_add((self.fast as u64).saturating_mul(fast_bit_ns))
+    }
 }
 
 /// Exact length of `frame`.
 pub fn length(frame: &Frame) -> Length {
+    if let Some(flags) = frame.fd() {
+        return fd_length(frame, flags);
+    }
     let sequence = Sequence::of(frame);
     // Alternating bits in front fill up to whole bytes and leave the counter as an idle bus does: recessive, so
     // that SOF starts a new run.
@@ -70,10 +98,75 @@ pub fn length(frame: &Frame) -> Length {
         stuff += u32::from(step >> 3);
         state = step & 7;
     }
-    Length { unstuffed: sequence.len + FIXED_FORM, stuff }
+    Length { unstuffed: sequence.len + FIXED_FORM, stuff, fast: 0 }
 }
 
-/// Upper bound for any frame of this format with `data_len` data bytes (0 for a remote frame; more
+fn fd_length(frame: &Frame, flags: FdFlags) -> Length {
+    let control = u64::from(flags.esi) << 4 | u64::from(frame.length_code());
+    let (header, len) = match frame.id() {
+        // FDF and BRS are recessive, RRS, IDE and res dominant.
+        Id::Standard(id) => (u64::from(id.get()) << 5 | 0b100, FD_BASE_HEADER),
+        // SRR and IDE are recessive, too.
+        Id::Extended(id) => {
+            let (base, low) = (u64::from(id.get() >> 18), u64::from(id.get() & 0x3_FFFF));
+            (base << 24 | 0b11 << 22 | low << 4 | 0b100, FD_EXTENDED_HEADER)
+        }
+    };
+    let header = header | u64::from(flags.brs);
+    let (mut state, mut stuff) = (STATE_AFTER_RECESSIVE, 0);
+    let mut take = |bits: u64, len: u32| {
+        for place in (0..len).rev() {
+            let (stuffed, next) = stuff_bit(state, bits >> place & 1 != 0);
+            stuff += u32::from(stuffed);
+            state = next;
+        }
+        stuff
+    };
+    let before = take(header, len);
+    take(control, FD_CONTROL);
+    let mut last = control & 1 != 0;
+    for byte in frame.data() {
+        let step = stuff_step(state, *byte);
+        stuff += u32::from(step >> 3);
+        (state, last) = (step & 7, byte & 1 != 0);
+    }
+    // The fixed stuff bit stands where a last one would.
+    stuff -= u32::from((state & 4 != 0) != last);
+    let data_phase = fd_data_phase(frame.dlc());
+    let fast = if flags.brs { data_phase + stuff - before } else { 0 };
+    Length { unstuffed: len + data_phase + FIXED_FORM, stuff, fast }
+}
+
+/// SOF to BRS of CAN FD.
+const FD_BASE_HEADER: u32 = 17;
+/// The same with an id of 29 bits.
+const FD_EXTENDED_HEADER: u32 = 36;
+/// ESI and length code.
+const FD_CONTROL: u32 = 5;
+
+/// ESI to CRC of CAN FD, fixed stuff bits included, others not.
+const fn fd_data_phase(data_len: usize) -> u32 {
+    FD_CONTROL + 8 * data_len as u32 + if data_len <= 16 { 27 } else { 32 }
+}
+
+/// Upper bound of a CAN FD frame with `data_len` data bytes, at most 64: every fourth bit stuffed after the first five, which
+/// no frame reaches.
+pub const fn fd_worst_case(extended: bool, brs: bool, data_len: usize) -> Length {
+    let best = fd_best_case(extended, brs, data_len);
+    let before = (if extended { FD_EXTENDED_HEADER } else { FD_BASE_HEADER } - 1) / 4;
+    let behind = (FD_CONTROL + 8 * data_len as u32) / 4;
+    let fast = if brs { best.fast + behind } else { 0 };
+    Length { unstuffed: best.unstuffed, stuff: before + behind, fast }
+}
+
+/// Lower bound of a CAN FD frame with `data_len` data bytes, at most 64: no stuff bit but the fixed ones.
+pub const fn fd_best_case(extended: bool, brs: bool, data_len: usize) -> Length {
+    let data_phase = fd_data_phase(data_len);
+    let header = if extended { FD_EXTENDED_HEADER } else { FD_BASE_HEADER };
+    Length { unstuffed: header + data_phase + FIXED_FORM, stuff: 0, fast: if brs { data_phase } else { 0 } }
+}
+
+/// Upper bound for any classical frame of this format with `data_len` data bytes (0 for a remote frame; more
 /// than eight count as eight).
 ///
 /// Every fourth bit stuffed after the first five: with the interframe space the 47 + 8n + (34 + 8n -
@@ -81,16 +174,16 @@ pub fn length(frame: &Frame) -> Length {
 /// bits of the control field and the CRC are not free.
 pub const fn worst_case(extended: bool, data_len: usize) -> Length {
     let stuffed_part = stuffed_part(extended, data_len);
-    Length { unstuffed: stuffed_part + FIXED_FORM, stuff: (stuffed_part - 1) / 4 }
+    Length { unstuffed: stuffed_part + FIXED_FORM, stuff: (stuffed_part - 1) / 4, fast: 0 }
 }
 
-/// Lower bound for any frame of this format with `data_len` data bytes (0 for a remote frame; more
+/// Lower bound for any classical frame of this format with `data_len` data bytes (0 for a remote frame; more
 /// than eight count as eight): no stuff bit at all.
 ///
 /// Reached with some ids for most lengths; not by base format data frames of 0 to 3 bytes, whose RTR,
 /// IDE, r0 and leading DLC bits are five or more dominant ones in a row.
 pub const fn best_case(extended: bool, data_len: usize) -> Length {
-    Length { unstuffed: stuffed_part(extended, data_len) + FIXED_FORM, stuff: 0 }
+    Length { unstuffed: stuffed_part(extended, data_len) + FIXED_FORM, stuff: 0, fast: 0 }
 }
 
 /// SOF to CRC, before stuffing.
@@ -100,7 +193,7 @@ const fn stuffed_part(extended: bool, data_len: usize) -> u32 {
     header + 8 * len + CRC_LEN
 }
 
-/// The 15-bit CRC that `frame` carries.
+/// The 15-bit CRC that a classical `frame` carries.
 pub fn crc(frame: &Frame) -> u16 {
     let (header, _) = header(frame);
     // The register starts at zero, so leading zeros change nothing and the header can be taken in
@@ -191,28 +284,29 @@ fn stuff_step(state: u8, byte: u8) -> u8 {
     TABLE.get(index).copied().unwrap_or(0)
 }
 
+/// Whether a bit is inserted behind `bit`, and the state behind both.
+const fn stuff_bit(state: u8, bit: bool) -> (bool, u8) {
+    let bit = bit as u8;
+    let run = if bit == state >> 2 & 1 { (state & 3) + 2 } else { 1 };
+    if run == STUFF_AFTER { (true, (1 - bit) << 2) } else { (false, bit << 2 | (run - 1)) }
+}
+
 const fn stuff_table() -> [u8; 2048] {
     let mut table = [0; 2048];
     let mut index = 0;
     while index < 2048 {
-        let mut value = (index >> 10) & 1;
-        let mut run = ((index >> 8) & 3) + 1;
+        let mut state = (index >> 8) as u8;
         let mut inserted = 0;
-        let mut bit = 8;
-        while bit > 0 {
-            bit -= 1;
-            let next = (index >> bit) & 1;
-            run = if next == value { run + 1 } else { 1 };
-            value = next;
-            if run == STUFF_AFTER as usize {
-                inserted += 1;
-                value = 1 - value;
-                run = 1;
-            }
+        let mut place = 8;
+        while place > 0 {
+            place -= 1;
+            let (stuffed, next) = stuff_bit(state, index >> place & 1 != 0);
+            inserted += stuffed as u8;
+            state = next;
         }
         #[expect(clippy::indexing_slicing, reason = "evaluated by the compiler only")]
         {
-            table[index] = (inserted << 3 | value << 2 | (run - 1)) as u8;
+            table[index] = inserted << 3 | state;
         }
         index += 1;
     }

@@ -4,7 +4,7 @@
 //!
 //! | layer | modules | is | must not |
 //! |---|---|---|---|
-//! | base | [`id`], [`frame`], [`time`], [`units`], [`module`] | checked values: CAN ids, classical CAN frames, integer microseconds, physical units, wire address apart from joint number | know any higher protocol |
+//! | base | [`id`], [`frame`], [`time`], [`units`], [`module`] | checked values: CAN ids, CAN frames (classical and FD), integer microseconds, physical units, wire address apart from joint number | know any higher protocol |
 //! | wire | [`bits`] | exact length and CRC of a frame on the wire, longest and shortest length of its kind | know sender or time |
 //! | drives | [`powercube`] | the M5 protocol of the modules, both directions, its tables and its DBC file | keep state between frames |
 //! | text | [`text`] | frames as lines for common tools: candump logs, SLCAN, socketcand | touch a socket, a file or a clock |
@@ -43,7 +43,7 @@ pub mod text;
 pub mod time;
 pub mod units;
 
-pub use frame::{Frame, FrameError, MAX_DATA_LEN};
+pub use frame::{FdFlags, Frame, FrameError, MAX_DATA_LEN};
 pub use id::{ExtendedId, Id, IdError, StandardId};
 pub use module::{JOINTS_MAX, JointIndex, ModuleId, RangeError};
 pub use node::Node;

@@ -3,6 +3,7 @@
 mod cia402;
 mod cia402_rig;
 mod drawn;
+mod fd;
 mod find;
 mod hands;
 mod odrive;

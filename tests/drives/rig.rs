@@ -87,26 +87,36 @@ impl Observer for Log {
 pub(crate) struct Rig {
     world: World<(Bench<MitMotor>, Solo<C>)>,
     log: Log,
+    period: Duration,
     /// Angle of each shaft at each step of 1 ms.
     pub(crate) track: Vec<(Instant, [f64; JOINTS])>,
 }
 
 impl Rig {
-    /// Motors that stand at `zero_rad` with changed options.
+    /// Motors on classical CAN that stand at `zero_rad` with changed options.
     pub(crate) fn with(settings: &Settings, change: impl Fn(usize, &mut MitOptions)) -> Self {
+        Self::on(BusConfig::default(), settings, change)
+    }
+
+    /// Motors on a bus; with a data rate the group speaks CAN FD.
+    pub(crate) fn on(bus: BusConfig, settings: &Settings, change: impl Fn(usize, &mut MitOptions)) -> Self {
         assert_eq!(settings.check(), Ok(()), "a controller would take others");
         let options: [MitOptions; JOINTS] = core::array::from_fn(|i| {
             let mut options = MitOptions::of(TYPES[i], id(i), master(i)).unwrap();
             change(i, &mut options);
             options
         });
-        let group = Mit::new(Options::new(&motors()).unwrap());
+        let group = Options::new(&motors()).unwrap();
+        let group = Mit::new(match bus.data_bit_rate_bit_s {
+            Some(bit_s) => group.with_fd(bit_s).unwrap(),
+            None => group,
+        });
         let controller =
             Controller::with_group(RamStorage::new(), Spline::empty(), group, settings, Seed::FORESEEABLE);
         let bench = Bench::new(options.map(|o| MitMotor::new(o, o.zero_rad)).to_vec(), INERTIA_KG_M2);
         let node = Solo::new("controller", controller);
-        let world = World::new((bench, node), BusConfig::default(), 1, Vec::new()).unwrap();
-        Self { world, log: Log::default(), track: Vec::new() }
+        let world = World::new((bench, node), bus, 1, Vec::new()).unwrap();
+        Self { world, log: Log::default(), period: settings.cycle_period(), track: Vec::new() }
     }
 
     pub(crate) fn new() -> Self {
@@ -213,11 +223,15 @@ impl Rig {
 
     /// Found, and all joints at home.
     pub(crate) fn ready() -> Self {
-        let mut rig = Self::new();
-        rig.run_to(500, StateKind::Idle);
-        rig.order(Order::Home { mask: 0x7F });
-        rig.run_to(1_000, StateKind::Ready);
-        rig
+        Self::new().made_ready()
+    }
+
+    /// See [`Self::ready`].
+    pub(crate) fn made_ready(mut self) -> Self {
+        self.run_to(500, StateKind::Idle);
+        self.order(Order::Home { mask: 0x7F });
+        self.run_to(1_000, StateKind::Ready);
+        self
     }
 
     /// Armed with a plan and started; when the plan begins.
@@ -238,7 +252,7 @@ impl Rig {
         self.order(Order::ArmConfirm { token, valid });
         self.run_us(60_000);
         self.order(Order::Run(name));
-        self.now() + Duration::from_micros(2 * PERIOD_US)
+        self.now() + self.period * 2
     }
 
     /// In the middle of [`quintic`].
@@ -262,6 +276,12 @@ impl Rig {
         commands
             .filter_map(|(at, c)| if let Command::Mit(mit) = c { Some((at, mit)) } else { None })
             .collect()
+    }
+
+    /// Time during which the bus was taken, and during which it carried errors.
+    pub(crate) fn busy(&self) -> (Duration, Duration) {
+        let bus = self.world.bus();
+        (Duration::from_micros(bus.busy_ns() / 1_000), Duration::from_micros(bus.error_ns() / 1_000))
     }
 
     pub(crate) fn frames(&self) -> &[(Instant, Frame)] {

@@ -7,7 +7,7 @@ use protocol::{Duration, Instant};
 use crate::rig::{JOINTS, PERIOD_US, PLAN_S, Rig, joint, quintic, quintic_file};
 
 /// Largest distance of the shafts from the plan, rad.
-fn away_rad(rig: &Rig, start: Instant) -> [f64; JOINTS] {
+pub(crate) fn away_rad(rig: &Rig, start: Instant) -> [f64; JOINTS] {
     let mut worst = [0.0_f64; JOINTS];
     for (at, q) in rig.track.iter().filter(|(at, _)| *at >= start) {
         for i in 0..JOINTS {

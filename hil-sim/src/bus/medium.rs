@@ -20,7 +20,10 @@ use errors::Held;
 pub const PORTS_MAX: usize = 64;
 
 /// No frame is valid sooner after its start: one without data and stuff bits, up to the last bit but one of its end.
-const FRAME_BITS_MIN: u64 = 43;
+const CLASSICAL_BITS_MIN: u64 = 43;
+
+/// The same of CAN FD with bit rate switch: bits at the nominal rate, and at the data rate.
+const FD_BITS_MIN: [u64; 2] = [26, 32];
 
 #[derive(Clone, Debug)]
 struct Port {
@@ -46,7 +49,7 @@ enum Stage {
     Held(Held),
 }
 
-/// A classical CAN bus with its controllers and queues. See [`super`] for the model.
+/// A CAN bus with its controllers and queues. See [`super`] for the model.
 ///
 /// # Calling order
 ///
@@ -56,6 +59,8 @@ enum Stage {
 #[derive(Debug)]
 pub struct Bus {
     bit_ns: u64,
+    /// Of the data phase; 0 on a classical bus.
+    fast_bit_ns: u64,
     config: BusConfig,
     ports: Vec<Port>,
     stage: Stage,
@@ -63,6 +68,8 @@ pub struct Bus {
     held_dominant: bool,
     /// Ports with frames waiting, ports that follow the bus, ports on their way back.
     pending: u64,
+    /// Ports with a controller that does not know CAN FD.
+    classical: u64,
     attached: u64,
     online: u64,
     waiting: u64,
@@ -94,6 +101,12 @@ impl Bus {
         if !(10_000..=1_000_000).contains(&rate) || 1_000_000_000 % rate != 0 {
             return Err(BitRateError { bit_rate_bit_s: rate });
         }
+        let fast_rate = config.data_bit_rate_bit_s;
+        if let Some(rate) =
+            fast_rate.filter(|fast| !(rate..=10_000_000).contains(fast) || 1_000_000_000 % fast != 0)
+        {
+            return Err(BitRateError { bit_rate_bit_s: rate });
+        }
         let automatic = config.recovery == Recovery::Automatic;
         let port = Port {
             queue: TxQueue::new(config.queue_depth, config.tx_order),
@@ -106,12 +119,14 @@ impl Bus {
         let online = if ports == 0 { 0 } else { u64::MAX >> (PORTS_MAX - ports) };
         Ok(Self {
             bit_ns: u64::from(1_000_000_000 / rate),
+            fast_bit_ns: fast_rate.map_or(0, |rate| u64::from(1_000_000_000 / rate)),
             config,
             ports: vec![port; ports],
             stage: Stage::Quiet { ready_ns: 0 },
             now_ns: 0,
             held_dominant: false,
             pending: 0,
+            classical: if fast_rate.is_some() { 0 } else { online },
             attached: online,
             online,
             waiting: 0,
@@ -127,6 +142,11 @@ impl Bus {
         self.ports[port].queue = TxQueue::new(self.config.queue_depth, order);
     }
 
+    /// A node whose controller does not know CAN FD: it takes such frames for errors, and sends none.
+    pub fn set_classical(&mut self, port: usize) {
+        self.classical |= 1 << port;
+    }
+
     // Getters.
 
     /// Length of a bit, nanoseconds.
@@ -137,6 +157,11 @@ impl Bus {
     /// Bits per second.
     pub fn bit_rate_bit_s(&self) -> u32 {
         self.config.bit_rate_bit_s
+    }
+
+    /// Bits per second of the data phase of CAN FD; `None` on a classical bus.
+    pub fn data_bit_rate_bit_s(&self) -> Option<u32> {
+        self.config.data_bit_rate_bit_s
     }
 
     pub fn ports(&self) -> usize {
@@ -197,7 +222,7 @@ impl Bus {
                 if !attempt.delivered {
                     return Some(end_ns - self.bit_ns);
                 }
-                let next = (self.pending & self.online != 0).then(|| end_ns + FRAME_BITS_MIN * self.bit_ns);
+                let next = (self.pending & self.online != 0).then(|| end_ns + self.frame_min_ns());
                 next.or_else(|| (self.waiting != 0).then_some(end_ns))
             }
             Stage::Held(held) => Some(held.next_count_ns(self.bit_ns)),
@@ -205,9 +230,15 @@ impl Bus {
                 let starts =
                     indices(self.pending & self.online).map(|port| self.ready_to_send_ns(port, ready_ns));
                 let joins = (self.waiting != 0).then(|| self.next_join().0);
-                starts.map(|start_ns| start_ns + FRAME_BITS_MIN * self.bit_ns).chain(joins).min()
+                starts.map(|start_ns| start_ns + self.frame_min_ns()).chain(joins).min()
             }
         }
+    }
+
+    fn frame_min_ns(&self) -> u64 {
+        let classical_ns = CLASSICAL_BITS_MIN * self.bit_ns;
+        let [nominal, fast] = FD_BITS_MIN;
+        if self.fast_bit_ns == 0 { classical_ns } else { nominal * self.bit_ns + fast * self.fast_bit_ns }
     }
 
     pub fn ids(&self) -> &IdTable {
@@ -226,9 +257,11 @@ impl Bus {
 
     // Inputs.
 
-    /// Queues a frame at `now_ns`; false if the node's queue was full and the frame was dropped.
+    /// Queues a frame at `now_ns`; false if it was dropped: the node's queue was full, or its controller does not know CAN FD.
     pub fn send(&mut self, port: usize, frame: Frame, now_ns: u64) -> bool {
-        let taken = self.ports[port].queue.push(frame, now_ns);
+        let queue = &mut self.ports[port].queue;
+        let is_foreign = frame.fd().is_some() && self.classical >> port & 1 == 1;
+        let taken = if is_foreign { queue.refuse() } else { queue.push(frame, now_ns) };
         if taken {
             self.pending |= 1 << port;
         }

@@ -47,11 +47,16 @@ impl TxQueue {
         self.depth
     }
 
+    /// Drops a frame that the node cannot send, and counts it.
+    pub fn refuse(&mut self) -> bool {
+        self.dropped += 1;
+        false
+    }
+
     /// Queues a frame; a full queue drops and counts the *new* frame, as a full mailbox does.
     pub fn push(&mut self, frame: Frame, now_ns: u64) -> bool {
         if self.frames.len() >= self.depth {
-            self.dropped += 1;
-            return false;
+            return self.refuse();
         }
         let key = frame.arbitration_key();
         self.frames.push_back(Waiting { frame, key, since_ns: now_ns, failed: 0 });
@@ -105,7 +110,7 @@ impl TxQueue {
         self.frames.is_empty()
     }
 
-    /// Frames that found the queue full.
+    /// Frames that found the queue full, or that the node cannot send.
     pub fn dropped(&self) -> u64 {
         self.dropped
     }

@@ -14,6 +14,9 @@ use super::stats::ErrorCounts;
 pub struct BusReport {
     /// Bits per second.
     pub bit_rate_bit_s: u32,
+    /// Of the data phase of CAN FD frames; absent on a classical bus.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub data_bit_rate_bit_s: Option<u32>,
     /// Time covered, seconds.
     pub elapsed_s: f64,
     /// Share of time taken by frames (with intermission) and error frames, 0 to 1.
@@ -91,7 +94,7 @@ impl BusReport {
             .map(|row| IdRow {
                 id: row.id.to_string(),
                 frames: row.frames,
-                utilisation: share(row.bits * bus.bit_ns()),
+                utilisation: share(row.busy_ns),
                 wait_mean_us: row.wait_mean_ns() / 1e3,
                 wait_max_us: us(row.wait_max_ns),
                 response_max_us: us(row.response_max_ns),
@@ -127,6 +130,7 @@ impl BusReport {
             .collect();
         Self {
             bit_rate_bit_s: bus.bit_rate_bit_s(),
+            data_bit_rate_bit_s: bus.data_bit_rate_bit_s(),
             elapsed_s: elapsed_ns as f64 * 1e-9,
             utilisation: share(bus.busy_ns()),
             error_share: share(bus.error_ns()),
@@ -138,9 +142,11 @@ impl BusReport {
 
 impl fmt::Display for BusReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let data_rate = self.data_bit_rate_bit_s;
+        let data_rate = data_rate.map_or(String::new(), |rate| format!(" and {}", f64::from(rate) / 1e3));
         writeln!(
             f,
-            "bus: {} kbit/s, {:.3} s, utilisation {:.1} %, of which errors {:.2} %",
+            "bus: {}{data_rate} kbit/s, {:.3} s, utilisation {:.1} %, of which errors {:.2} %",
             f64::from(self.bit_rate_bit_s) / 1e3,
             self.elapsed_s,
             self.utilisation * 100.0,

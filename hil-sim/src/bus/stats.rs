@@ -54,8 +54,8 @@ pub struct IdStats {
     pub id: Id,
     /// Frames that were transmitted.
     pub frames: u64,
-    /// Bits of these frames, start of frame to end of frame plus three bits of intermission.
-    pub bits: u64,
+    /// Time of these frames, start of frame to end of frame plus three bits of intermission.
+    pub busy_ns: u64,
     /// Attempts that ended in an error and were repeated.
     pub failed_attempts: u64,
     pub arbitrations_lost: u64,
@@ -73,7 +73,7 @@ impl IdStats {
         Self {
             id,
             frames: 0,
-            bits: 0,
+            busy_ns: 0,
             failed_attempts: 0,
             arbitrations_lost: 0,
             wait_sum_ns: 0,

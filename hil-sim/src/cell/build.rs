@@ -167,6 +167,7 @@ impl Cell {
             let nodes = model.addresses().unwrap_or_default().into_iter();
             cell.addresses = nodes.filter_map(|node| ModuleId::new(node).ok()).collect();
         }
+        cell.data_bit_rate_bit_s = model.mit_motors().and_then(|motors| motors.data_bit_rate_bit_s);
         Ok(cell)
     }
 
@@ -244,6 +245,7 @@ impl Cell {
             supply_of,
             throw,
             bit_rate: options.bit_rate,
+            data_bit_rate_bit_s: None,
             logic_on_motor_supply: options.logic_on_motor_supply,
             step: options.step,
             grid: Instant::ZERO,

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use mit_protocol::Status;
+use mit_protocol::{DATA_RATES, Status};
 use protocol::powercube::{Address, BaudRate, Channel};
 use protocol::{Duration, Frame, Id, Instant, ModuleId, Node};
 use robot_model::{FingerTravel, MitMotor as Described, OdriveAxis as DescribedAxis, RobotModel};
@@ -58,10 +58,12 @@ impl Arm<MitMotor> {
         };
         let joints = described.joints.iter().zip(q_rad).enumerate();
         let joints = joints
-            .map(|(joint, (motor, q_rad))| motor_of(motor, options.mounting_of(joint).drive_rad(*q_rad)))
+            .map(|(joint, (motor, q_rad))| {
+                motor_of(motor, described.data_bit_rate_bit_s, options.mounting_of(joint).drive_rad(*q_rad))
+            })
             .collect::<Result<_, _>>()?;
         let fingers = described.gripper.map(|gripper| {
-            let motor = motor_of(&gripper.motor, gripper.travel.closed_rad)?;
+            let motor = motor_of(&gripper.motor, described.data_bit_rate_bit_s, gripper.travel.closed_rad)?;
             Ok(Fingers::closed(motor, gripper.motor.rotor_kg_m2, gripper.travel))
         });
         Ok(Self { joints, fingers: fingers.transpose()? })
@@ -99,6 +101,13 @@ impl<M: ShaftMotor> Arm<M> {
         }
     }
 
+    fn motor(&self, index: usize) -> &M {
+        match &self.fingers {
+            Some(fingers) if index == self.joints.len() => &fingers.motor,
+            _ => &self.joints[index],
+        }
+    }
+
     fn name(&self, index: usize) -> String {
         match &self.fingers {
             Some(fingers) if index == self.joints.len() => format!("gripper ({})", fingers.motor.name()),
@@ -118,11 +127,14 @@ impl<M: ShaftMotor> Arm<M> {
     }
 }
 
-fn motor_of(described: &Described, q_rad: f64) -> Result<MitMotor, CellError> {
+/// As classical motors are delivered, or set to CAN FD.
+fn motor_of(described: &Described, fd_bit_s: Option<u32>, q_rad: f64) -> Result<MitMotor, CellError> {
     let name = described.motor.name;
     let options = MitOptions::of(name, described.id, described.answers_on)
         .ok_or_else(|| CellError::MotorUnknown { motor: name.to_owned() })?;
-    Ok(MitMotor::new(MitOptions { rotor_kg_m2: described.rotor_kg_m2, ..options }, q_rad))
+    let rate = fd_bit_s.and_then(|fd| DATA_RATES.iter().find(|(_, bit_s)| *bit_s == fd));
+    let bit_rate = rate.map_or(options.bit_rate, |(code, _)| *code);
+    Ok(MitMotor::new(MitOptions { rotor_kg_m2: described.rotor_kg_m2, bit_rate, ..options }, q_rad))
 }
 
 impl<M: ShaftMotor> Fingers<M> {
@@ -263,8 +275,18 @@ impl Drives {
         matches!(self, Self::Cia402(_)).then_some(TxOrder::Priority)
     }
 
-    pub(super) fn connection(&self, index: usize, bit_rate: BaudRate) -> BusConnection {
-        self.powercubes().get(index).map_or(BusConnection::On, |drive| drive.link(bit_rate))
+    pub(super) fn connection(
+        &self,
+        index: usize,
+        bit_rate: BaudRate,
+        fd_bit_s: Option<u32>,
+    ) -> BusConnection {
+        match self {
+            Self::PowerCubes(drives) => drives[index].link(bit_rate),
+            // Those of a classical arm are set to the rate of its bus.
+            Self::Mit(arm) if fd_bit_s.is_some() => arm.motor(index).link(bit_rate.bit_per_s(), fd_bit_s),
+            Self::Mit(_) | Self::Cia402(_) | Self::Odrive(_) => BusConnection::On,
+        }
     }
 
     pub(super) fn module(&self, index: usize) -> Option<ModuleId> {

@@ -60,6 +60,8 @@ pub struct Cell {
     supply_of: Vec<Option<usize>>,
     throw: Throw,
     bit_rate: BaudRate,
+    /// Of CAN FD.
+    data_bit_rate_bit_s: Option<u32>,
     logic_on_motor_supply: bool,
     step: Duration,
     grid: Instant,
@@ -249,7 +251,11 @@ impl Participants for Cell {
     }
 
     fn connection(&self, index: usize) -> BusConnection {
-        self.drives.connection(index, self.bit_rate)
+        self.drives.connection(index, self.bit_rate, self.data_bit_rate_bit_s)
+    }
+
+    fn data_bit_rate_bit_s(&self) -> Option<u32> {
+        self.data_bit_rate_bit_s
     }
 
     fn accepts(&self, index: usize, frame: &Frame) -> bool {

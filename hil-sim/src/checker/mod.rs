@@ -23,6 +23,7 @@ use std::fmt;
 use protocol::{Frame, Instant, ModuleId};
 use serde::Serialize;
 
+use crate::bus::BusConfig;
 use crate::world::Observer;
 pub use expect::{Check, Expect};
 pub use limits::ModuleLimits;
@@ -111,7 +112,7 @@ impl CheckResult {
 
 impl Checkers {
     /// The checkers that a scenario lists. `limits` names the modules of the robot.
-    pub fn new(expect: &Expect, limits: &[ModuleLimits], bit_rate_bit_s: u32) -> Self {
+    pub fn new(expect: &Expect, limits: &[ModuleLimits], bus: &BusConfig) -> Self {
         let mut checkers = Self::default();
         if let Some(within) = expect.answers_within {
             let modules = limits.iter().map(|limit| limit.module);
@@ -127,7 +128,7 @@ impl Checkers {
             checkers.add(Check::Stop, stop::Stop::new(within));
         }
         if expect.frames_min.is_some() || expect.utilisation_max.is_some() {
-            let traffic = traffic::Traffic::new(expect.frames_min, expect.utilisation_max, bit_rate_bit_s);
+            let traffic = traffic::Traffic::new(expect.frames_min, expect.utilisation_max, bus);
             checkers.add(Check::Traffic, traffic);
         }
         checkers

@@ -3,6 +3,7 @@
 use protocol::{Frame, Instant, bits};
 
 use super::{Checker, Findings};
+use crate::bus::BusConfig;
 
 /// Checker of the amount of traffic.
 #[derive(Clone, Debug)]
@@ -10,21 +11,24 @@ pub struct Traffic {
     frames_min: Option<u64>,
     utilisation_max: Option<f64>,
     frames: u64,
-    bits: u64,
-    bit_rate_bit_s: f64,
+    busy_ns: u64,
+    bit_ns: [u64; 2],
 }
 
 impl Traffic {
-    /// Bounds on the number of good frames and on their share of the time at a bit rate.
-    pub fn new(frames_min: Option<u64>, utilisation_max: Option<f64>, bit_rate_bit_s: u32) -> Self {
-        Self { frames_min, utilisation_max, frames: 0, bits: 0, bit_rate_bit_s: f64::from(bit_rate_bit_s) }
+    /// Bounds on the number of good frames and on their share of the time on `bus`.
+    pub fn new(frames_min: Option<u64>, utilisation_max: Option<f64>, bus: &BusConfig) -> Self {
+        let bit_ns = [bus.bit_rate_bit_s, bus.data_bit_rate_bit_s.unwrap_or(bus.bit_rate_bit_s)]
+            .map(|rate| u64::from(1_000_000_000 / rate));
+        Self { frames_min, utilisation_max, frames: 0, busy_ns: 0, bit_ns }
     }
 }
 
 impl Checker for Traffic {
     fn on_frame(&mut self, _: Instant, frame: &Frame, _: &mut Findings) {
         self.frames += 1;
-        self.bits += u64::from(bits::length(frame).with_interframe_space());
+        let [bit_ns, fast_bit_ns] = self.bit_ns;
+        self.busy_ns += bits::length(frame).time_ns(bit_ns, fast_bit_ns);
     }
 
     fn finish(&mut self, end: Instant, findings: &mut Findings) {
@@ -33,12 +37,12 @@ impl Checker for Traffic {
         {
             findings.add(end, None, || format!("{} frames, at least {min} expected", self.frames));
         }
-        let available = end.as_secs_f64() * self.bit_rate_bit_s;
+        let available = end.as_secs_f64() * 1e9;
         if let Some(max) = self.utilisation_max
             && available > 0.0
-            && self.bits as f64 / available > max
+            && self.busy_ns as f64 / available > max
         {
-            let found = self.bits as f64 / available;
+            let found = self.busy_ns as f64 / available;
             findings.add(end, None, || format!("utilisation {found:.3}, at most {max:.3} expected"));
         }
     }

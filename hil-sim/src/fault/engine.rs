@@ -294,7 +294,7 @@ fn worse(a: Delivery, b: Delivery) -> Delivery {
 
 /// An answer with one part wrong; frames too short for that part stay as they are.
 fn wrong(frame: &Frame, part: WrongPart, rng: &mut Rng) -> Frame {
-    let mut data = [0; protocol::MAX_DATA_LEN];
+    let mut data = [0; protocol::frame::CAPACITY];
     let len = frame.data().len();
     data[..len].copy_from_slice(frame.data());
     let mut out = len;
@@ -309,7 +309,8 @@ fn wrong(frame: &Frame, part: WrongPart, rng: &mut Rng) -> Frame {
         WrongPart::Length if len > 0 => out = len - 1,
         _ => {}
     }
-    Frame::new(frame.id(), &data[..out]).unwrap_or(*frame)
+    let (id, data) = (frame.id(), &data[..out]);
+    frame.fd().map_or_else(|| Frame::new(id, data), |flags| Frame::new_fd(id, flags, data)).unwrap_or(*frame)
 }
 
 impl Entry {

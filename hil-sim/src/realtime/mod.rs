@@ -105,6 +105,8 @@ pub struct Realtime<A> {
     turns: u64,
     /// The world goes no further.
     end: Instant,
+    /// An endpoint cannot carry the CAN FD frames of this bus: nothing runs.
+    classical: Option<LinkError>,
     /// The clients share virtual time.
     lock_step: Option<lockstep::LockStep>,
 }
@@ -164,8 +166,11 @@ impl<A: Participants> Realtime<A> {
         for port in 0..endpoints.len() {
             world.keep_queue_short(first_gateway + port, AT_BUS_MAX);
         }
+        let has_fd = world.bus().data_bit_rate_bit_s().is_some();
+        let classical = endpoints.iter().filter(|_| has_fd).find_map(|own| own.link().takes_fd().err());
         Ok(Self {
             world,
+            classical,
             ports: endpoints.into_iter().map(Port::new).collect(),
             clock,
             seen: Seen { first_gateway, ..Seen::default() },
@@ -248,8 +253,12 @@ impl<A: Participants> Realtime<A> {
     ///
     /// # Errors
     ///
-    /// A node broke its contract, or the link of a joined bus has failed. A client that leaves is not an error.
+    /// A node broke its contract, the link of a joined bus has failed, or an endpoint cannot carry the CAN FD frames of this bus. A client
+    /// that leaves is not an error.
     pub fn turn(&mut self, until: Instant, observer: &mut impl Observer) -> Result<(), RealtimeError> {
+        if let Some(error) = &self.classical {
+            return Err(error.clone().into());
+        }
         if let Some(mut step) = self.lock_step.take() {
             let result = self.take_turns(&mut step, until.min(self.end), observer);
             self.lock_step = Some(step);

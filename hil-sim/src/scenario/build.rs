@@ -4,6 +4,7 @@ use robot_model::RobotModel;
 
 use super::Scenario;
 use super::host::ScriptedHost;
+use crate::bus::BusConfig;
 use crate::cell::{Cell, CellError};
 use crate::checker::{Checkers, ModuleLimits};
 use crate::participants::{Participants, Solo};
@@ -58,7 +59,8 @@ impl Scenario {
 
     /// The checkers that the scenario lists.
     pub fn checkers(&self, cell: &Cell) -> Checkers {
-        Checkers::new(&self.expect, &limits_of(cell), self.bus.bit_rate_bit_s)
+        let data_bit_rate_bit_s = cell.data_bit_rate_bit_s();
+        Checkers::new(&self.expect, &limits_of(cell), &BusConfig { data_bit_rate_bit_s, ..self.bus })
     }
 }
 

@@ -186,6 +186,8 @@ fn bus(table: &Section<'_>) -> Result<BusConfig, ScenarioError> {
     };
     let config = BusConfig {
         bit_rate_bit_s: table.or("bit_rate_bit_s", d.bit_rate_bit_s, rate)?,
+        // The robot file says it.
+        data_bit_rate_bit_s: d.data_bit_rate_bit_s,
         queue_depth: table.or("queue_depth", d.queue_depth, |v| Ok(v.integer(1..=65_536)? as usize))?,
         tx_order: table.or("tx_order", d.tx_order, |v| v.word(&ORDER))?,
         recovery: table.or("recovery", d.recovery, |v| v.word(&RECOVERY))?,

@@ -1,6 +1,7 @@
 //! The machine behind a bus for viewers: names, addresses, bodies, and their places at given angles.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
+use protocol::{Frame, bits};
 use robot_model::{JointVec, Pose, RobotModel};
 use serde::Serialize;
 
@@ -17,6 +18,8 @@ pub struct Machine {
     pub addresses: Vec<u8>,
     /// Bodies: number of the link (0 is the base), pose in its frame, half edges in m.
     pub boxes: Vec<(usize, Pose, [f64; 3])>,
+    /// Data rate of CAN FD on its bus, bit/s; `None`: classical CAN.
+    pub data_bit_rate_bit_s: Option<u32>,
     /// Radius of the ball that the hand holds, m.
     pub ball_radius_m: f64,
     place: Box<Place>,
@@ -43,6 +46,7 @@ impl Machine {
                 .drives()
                 .map_or_else(Vec::new, |drives| drives.iter().map(|drive| drive.address).collect()),
             boxes: robot.collision().boxes().iter().map(|b| (b.link, b.x_lb, b.half_m.into())).collect(),
+            data_bit_rate_bit_s: robot.mit_motors().and_then(|motors| motors.data_bit_rate_bit_s),
             ball_radius_m: robot.gripper().ball_radius_m,
             place: Box::new(move |q_rad| placed(&own, q_rad)),
         }
@@ -52,6 +56,16 @@ impl Machine {
     #[must_use]
     pub fn names(&self) -> Vec<(u8, String)> {
         self.addresses.iter().copied().zip(self.joints.iter().cloned()).collect()
+    }
+
+    /// Time of a frame on its bus, in bits of this nominal rate, interframe space included; stuff bits of CAN FD only.
+    #[must_use]
+    pub fn frame_bits(&self, frame: &Frame, bit_rate_bit_s: u32) -> u64 {
+        let Some(fast) = self.data_bit_rate_bit_s.filter(|_| frame.fd().is_some()) else {
+            return frame.nominal_bits().into();
+        };
+        let [bit_ns, fast_ns] = [bit_rate_bit_s, fast].map(|rate| u64::from(1_000_000_000 / rate.max(1)));
+        bits::length(frame).time_ns(bit_ns, fast_ns) / bit_ns.max(1)
     }
 
     /// Where links and hand are at these angles, rad.

@@ -12,7 +12,7 @@ use hil_sim::CellOptions;
 use operator::analysis::{self, AnalysisError, PlanClock, Run, bus, start::StartFrom};
 use operator::bus::{BusArgs, Session};
 use operator::log::candump::{Line, read};
-use operator::samples::Samples;
+use operator::samples::{BitTimes, Samples};
 use planner::plan::Arm;
 use planner::plan::file::PlanFile;
 use protocol::cyphal::cubecell::command;
@@ -346,7 +346,12 @@ fn a_throw_in_the_cell_is_measured_as_the_cell_itself_has_it() {
 
     // The whole log's bits, against what the bus model counted itself.
     let frames = &samples.bus.as_ref().expect("a log of a bus").frames;
-    let whole = bus::usage(frames, PlanClock::starting(Instant::ZERO), until.as_secs_f64(), 1e-6);
+    let whole = bus::usage(
+        frames,
+        PlanClock::starting(Instant::ZERO),
+        until.as_secs_f64(),
+        BitTimes::of(1_000_000, None),
+    );
     let ratio = whole.utilisation / utilisation;
     assert!((0.999..1.001).contains(&ratio), "{} against {utilisation}", whole.utilisation);
 }

@@ -20,7 +20,7 @@ mod linux {
         BusSpec, CanLink, Cause, Clock, LinkError, LinkEvent, OpenError, Runner, SendError, SocketCan, open,
         wait,
     };
-    use protocol::{Duration, ExtendedId, Frame, Instant, Node, StandardId};
+    use protocol::{Duration, ExtendedId, FdFlags, Frame, Instant, Node, StandardId};
     use socketcan::{CanErrorFrame, CanSocket, Socket};
 
     const BURST: u32 = 20_000;
@@ -29,8 +29,13 @@ mod linux {
         check("a missing interface is named, with the command that makes it", missing);
         ip("link add vcan0 type vcan");
         check("an interface that is down is named, with the command that brings it up", down);
+        ip("link set vcan0 mtu 16");
         ip("link set vcan0 up");
         check("the spec opens the interface", by_spec);
+        check("a classical interface refuses CAN FD with the command that helps", classical_only);
+        ip("link set vcan0 down");
+        ip("link set vcan0 mtu 72");
+        ip("link set vcan0 up");
         check("frames of every kind cross, in order, not back to their sender", all_kinds);
         check("arrivals are between sending and now and never decrease", stamps);
         check("a burst beyond every queue arrives whole and in order", burst);
@@ -72,7 +77,15 @@ mod linux {
         assert_eq!(open(&spec, Clock::start()).unwrap().name(), "vcan0");
     }
 
-    fn samples() -> [Frame; 6] {
+    fn classical_only() {
+        let error = vcan0(Clock::start()).send(&samples()[6]).unwrap_err();
+        let SendError::Link(LinkError::ClassicalOnly { advice, .. }) = &error else { panic!("{error}") };
+        assert!(advice.contains("sudo ip link set vcan0 mtu 72 up"), "{error}");
+        let error = open(&"vcan0".parse().unwrap(), Clock::start()).unwrap().takes_fd().unwrap_err();
+        assert!(error.next().unwrap().contains("mtu 72 up"), "{error}");
+    }
+
+    fn samples() -> [Frame; 9] {
         [
             Frame::from_array(StandardId::new(0x0A5).unwrap(), [0x08, 0x4F, 0x64]),
             Frame::from_array(StandardId::MAX, []),
@@ -80,6 +93,9 @@ mod linux {
             Frame::from_array(ExtendedId::MAX, [1]),
             Frame::remote(StandardId::new(0x123).unwrap(), 4).unwrap(),
             Frame::remote(ExtendedId::ZERO, 0).unwrap(),
+            Frame::from_array(StandardId::new(1).unwrap(), [0xFF; 8]).with_fd(FdFlags::BRS),
+            Frame::new_fd(ExtendedId::MAX, FdFlags { brs: true, esi: true }, &[0xA5; 64]).unwrap(),
+            Frame::new_fd(StandardId::MAX, FdFlags::default(), &[1; 12]).unwrap(),
         ]
     }
 
@@ -109,7 +125,7 @@ mod linux {
             }
             assert_eq!(sender.receive().unwrap(), None, "a sender does not hear itself");
         }
-        assert_eq!((a.stats().frames_out, a.stats().frames_in), (6, 6));
+        assert_eq!((a.stats().frames_out, a.stats().frames_in), (9, 9));
     }
 
     fn stamps() {

@@ -192,6 +192,14 @@ pub enum LinkError {
         /// What brings it up.
         command: String,
     },
+    /// A CAN FD frame was to be sent where only classical CAN frames pass.
+    #[error("{link}: carries classical CAN only, a CAN FD frame was not sent")]
+    ClassicalOnly {
+        /// Name of the link.
+        link: String,
+        /// What makes it carry CAN FD, or which link does.
+        advice: String,
+    },
     /// The system reports an error on an open link.
     #[error("{link}: {reason}")]
     Io {
@@ -211,6 +219,7 @@ impl LinkError {
         Some(match self {
             Self::Closed { .. } => "see why it stopped, then connect again".to_owned(),
             Self::InterfaceDown { command, .. } => command.clone(),
+            Self::ClassicalOnly { advice, .. } => advice.clone(),
             Self::Io { .. } => {
                 "check the cable, the adapter and the interface, then open the link again".to_owned()
             }

@@ -10,6 +10,9 @@ use crate::bus_error::BusError;
 use crate::clock::Clock;
 use crate::error::{LinkError, SendError};
 
+/// What to do where CAN FD frames do not pass.
+const NO_FD: &str = "use a SocketCAN interface with CAN FD, or set drives and robot file to classical CAN (without `[bus] data_bit_rate_bit_s`)";
+
 /// What came in over a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LinkEvent {
@@ -36,7 +39,8 @@ pub struct LinkStats {
     pub frames_in: u64,
     /// Frames accepted by [`CanLink::send`].
     pub frames_out: u64,
-    /// Frames (of each receiver, if there are several) lost because an output queue was full.
+    /// Frames (of each receiver, if there are several) lost because an output queue was full, or a server's protocol has no text for
+    /// CAN FD.
     pub dropped_out: u64,
     /// Sent frames that the far side refused, and other errors that it reported.
     pub refused_out: u64,
@@ -72,6 +76,15 @@ pub trait CanLink {
     ///
     /// The link is gone; further calls repeat the error.
     fn receive(&mut self) -> Result<Option<LinkEvent>, LinkError>;
+
+    /// Whether CAN FD frames can be sent.
+    ///
+    /// # Errors
+    ///
+    /// [`LinkError::ClassicalOnly`], with what helps; the link stays usable.
+    fn takes_fd(&self) -> Result<(), LinkError> {
+        Err(LinkError::ClassicalOnly { link: self.name().to_owned(), advice: NO_FD.to_owned() })
+    }
 
     /// Names what the link waits for.
     fn register<'a>(&'a self, set: &mut PollSet<'a>);
@@ -109,6 +122,10 @@ impl<L: CanLink + ?Sized> CanLink for Box<L> {
     fn receive(&mut self) -> Result<Option<LinkEvent>, LinkError> {
         (**self).receive()
     }
+    fn takes_fd(&self) -> Result<(), LinkError> {
+        (**self).takes_fd()
+    }
+
     fn register<'a>(&'a self, set: &mut PollSet<'a>) {
         (**self).register(set);
     }

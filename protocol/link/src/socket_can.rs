@@ -6,9 +6,11 @@ use std::io::{self, ErrorKind};
 use std::os::fd::AsFd;
 use std::time::SystemTime;
 
-use protocol::{Duration, Frame, Instant};
+use protocol::{Duration, FdFlags, Frame, Instant};
 use rustix::io::Errno;
-use socketcan::{CanErrorFrame, CanFrame, CanSocket, EmbeddedFrame, Socket, SocketOptions};
+use socketcan::{
+    CanAnyFrame, CanErrorFrame, CanFdFrame, CanFdSocket, CanFrame, EmbeddedFrame, Socket, SocketOptions,
+};
 
 use crate::bus_error::BusError;
 use crate::clock::Clock;
@@ -24,6 +26,9 @@ const RETRY: Duration = Duration::from_micros(200);
 /// `type` of a CAN interface under `/sys/class/net` (`ARPHRD_CAN` of Linux `if_arp.h`).
 const ARPHRD_CAN: u32 = 280;
 
+/// MTU of an interface that takes CAN FD frames (`CANFD_MTU` of Linux `can.h`); a classical one has 16.
+const CANFD_MTU: u32 = 72;
+
 /// Bit of the interface flags under `/sys/class/net` (`IFF_UP` of Linux `if.h`).
 const IFF_UP: u32 = 1;
 
@@ -31,12 +36,14 @@ const IFF_UP: u32 = 1;
 ///
 /// Own frames are not received back; other programs of this machine see them. Received frames carry the kernel's
 /// time stamp. While the interface accepts no frames (no node acknowledges, bus-off), 1 024 wait here and further
-/// ones are refused ([`SendError::QueueFull`]).
+/// ones are refused ([`SendError::QueueFull`]). CAN FD frames are sent if the interface takes them by its MTU, else refused
+/// ([`LinkError::ClassicalOnly`]); those that come are received, long or short.
 pub struct SocketCan {
     name: String,
     clock: Clock,
-    socket: CanSocket,
-    queue: VecDeque<CanFrame>,
+    socket: CanFdSocket,
+    takes_fd: bool,
+    queue: VecDeque<CanAnyFrame>,
     retry_at: Option<Instant>,
     /// Latest arrival handed out, so that arrivals never decrease.
     last: Instant,
@@ -58,6 +65,9 @@ impl SocketCan {
             name: interface.to_owned(),
             clock,
             socket,
+            // Without /sys the kernel refuses what does not fit.
+            takes_fd: attribute(interface, "mtu").ok().and_then(|mtu| mtu.trim().parse().ok())
+                >= Some(CANFD_MTU),
             queue: VecDeque::new(),
             retry_at: None,
             last: Instant::ZERO,
@@ -66,8 +76,8 @@ impl SocketCan {
         })
     }
 
-    fn set_up(interface: &str) -> io::Result<CanSocket> {
-        let socket = CanSocket::open(interface)?;
+    fn set_up(interface: &str) -> io::Result<CanFdSocket> {
+        let socket = CanFdSocket::open(interface)?;
         socket.set_nonblocking(true)?;
         socket.set_loopback(true)?;
         socket.set_recv_own_msgs(false)?;
@@ -107,16 +117,20 @@ impl SocketCan {
         Ok(())
     }
 
-    fn event(&mut self, frame: &CanFrame, stamp: SystemTime) -> Option<LinkEvent> {
+    fn event(&mut self, frame: &CanAnyFrame, stamp: SystemTime) -> Option<LinkEvent> {
         let now = self.clock.now();
         let unix = self.clock.unix_of(stamp);
         // The kernel's stamp is by the system's clock; the converted time is kept between the last event and now.
         self.last = self.clock.from_unix(unix).min(now).max(self.last);
         let at = self.last;
         let frame = match frame {
-            CanFrame::Data(frame) => Frame::from_embedded_can(frame),
-            CanFrame::Remote(frame) => Frame::from_embedded_can(frame),
-            CanFrame::Error(frame) => return Some(LinkEvent::BusError { at, error: bus_error(frame) }),
+            CanAnyFrame::Normal(frame) => Frame::from_embedded_can(frame),
+            CanAnyFrame::Remote(frame) => Frame::from_embedded_can(frame),
+            CanAnyFrame::Fd(frame) => {
+                let flags = FdFlags { brs: frame.is_brs(), esi: frame.is_esi() };
+                Frame::new_fd(frame.id(), flags, frame.data())
+            }
+            CanAnyFrame::Error(frame) => return Some(LinkEvent::BusError { at, error: bus_error(frame) }),
         };
         match frame {
             Ok(frame) => {
@@ -140,9 +154,11 @@ impl CanLink for SocketCan {
         if let Some(error) = &self.failure {
             return Err(error.clone().into());
         }
-        // Classical frames of at most eight bytes: the driver's type holds each of them.
-        let Some(can_frame) = frame.to_embedded_can::<CanFrame>().filter(|_| self.queue.len() < OUTPUT_QUEUE)
-        else {
+        if frame.fd().is_some() {
+            self.takes_fd()?;
+        }
+        // The driver's types hold each frame.
+        let Some(can_frame) = to_linux(frame).filter(|_| self.queue.len() < OUTPUT_QUEUE) else {
             self.stats.dropped_out += 1;
             return Err(SendError::QueueFull { link: self.name.clone() });
         };
@@ -170,6 +186,11 @@ impl CanLink for SocketCan {
         }
     }
 
+    fn takes_fd(&self) -> Result<(), LinkError> {
+        let error = || LinkError::ClassicalOnly { link: self.name.clone(), advice: fd_command(&self.name) };
+        if self.takes_fd { Ok(()) } else { Err(error()) }
+    }
+
     fn register<'a>(&'a self, set: &mut PollSet<'a>) {
         set.add_borrowed(self.socket.as_fd(), true, false);
     }
@@ -183,6 +204,14 @@ impl CanLink for SocketCan {
     }
 }
 
+fn to_linux(frame: &Frame) -> Option<CanAnyFrame> {
+    let Some(flags) = frame.fd() else { return frame.to_embedded_can::<CanFrame>().map(CanAnyFrame::from) };
+    let mut long = CanFdFrame::new(frame.id(), frame.data())?;
+    long.set_brs(flags.brs);
+    long.set_esi(flags.esi);
+    Some(long.into())
+}
+
 fn bus_error(frame: &CanErrorFrame) -> BusError {
     let mut details = [0; 8];
     for (to, from) in details.iter_mut().zip(frame.data()) {
@@ -191,10 +220,14 @@ fn bus_error(frame: &CanErrorFrame) -> BusError {
     BusError { class: frame.error_bits(), details }
 }
 
+/// What the kernel says about the interface.
+fn attribute(interface: &str, name: &str) -> io::Result<String> {
+    fs::read_to_string(format!("/sys/class/net/{interface}/{name}"))
+}
+
 /// Reads the kernel's data about the interface before it is opened: errno alone says less.
 fn check(interface: &str) -> Result<(), OpenError> {
-    let attribute = |name: &str| fs::read_to_string(format!("/sys/class/net/{interface}/{name}"));
-    let kind = match attribute("type") {
+    let kind = match attribute(interface, "type") {
         Ok(kind) => kind,
         Err(error) if error.kind() == ErrorKind::NotFound => return Err(no_interface(interface)),
         // Without /sys only errno is known.
@@ -203,7 +236,7 @@ fn check(interface: &str) -> Result<(), OpenError> {
     if kind.trim().parse() != Ok(ARPHRD_CAN) {
         return Err(OpenError::NotCan { interface: interface.to_owned(), present: can_interfaces() });
     }
-    let flags = attribute("flags").unwrap_or_default();
+    let flags = attribute(interface, "flags").unwrap_or_default();
     let flags = u32::from_str_radix(flags.trim().trim_start_matches("0x"), 16).unwrap_or(IFF_UP);
     if flags & IFF_UP == 0 {
         let command = up_command(interface);
@@ -243,6 +276,16 @@ fn up_command(interface: &str) -> String {
     } else {
         format!("sudo ip link set {interface} up type can bitrate 1000000")
     }
+}
+
+/// What makes the interface take CAN FD frames.
+fn fd_command(interface: &str) -> String {
+    let up = if interface.starts_with("vcan") {
+        format!("mtu {CANFD_MTU} up")
+    } else {
+        "up type can bitrate 1000000 dbitrate 5000000 fd on".to_owned()
+    };
+    format!("`sudo ip link set {interface} down`, then `sudo ip link set {interface} {up}`")
 }
 
 /// Names of the CAN interfaces of this machine, for people.
@@ -289,6 +332,24 @@ mod tests {
         assert!(matches!(error(Errno::NOMEM), OpenError::Setup { .. }));
         assert_eq!(up_command("can0"), "sudo ip link set can0 up type can bitrate 1000000");
         assert_eq!(up_command("vcan0"), "sudo ip link set vcan0 up");
+        assert!(fd_command("can0").ends_with("up type can bitrate 1000000 dbitrate 5000000 fd on`"));
+        assert!(fd_command("vcan0").ends_with("`sudo ip link set vcan0 mtu 72 up`"));
+    }
+
+    #[test]
+    fn frames_become_those_of_linux_with_their_size_and_flags() {
+        use socketcan::frame::AsPtr;
+        let id = protocol::StandardId::new(1).unwrap();
+        let classical = Frame::from_array(id, [0xFF; 8]);
+        let long = Frame::new_fd(id, FdFlags { brs: true, esi: true }, &[0xA5; 64]).unwrap();
+        for (frame, size, flags) in
+            [(classical, 16, 0), (classical.with_fd(FdFlags::BRS), 72, 5), (long, 72, 7)]
+        {
+            let linux = to_linux(&frame).unwrap();
+            assert_eq!(linux.size(), size, "{frame}");
+            let CanAnyFrame::Fd(linux) = linux else { continue };
+            assert_eq!((linux.flags().bits(), linux.data()), (flags, frame.data()), "1 BRS, 2 ESI, 4 FDF");
+        }
     }
 
     #[test]

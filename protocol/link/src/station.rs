@@ -49,7 +49,8 @@ pub trait Speech {
 
 /// One connection to a bus.
 ///
-/// Output: 64 KiB wait for a slow far side, further frames are refused ([`SendError::QueueFull`]).
+/// Output: 64 KiB wait for a slow far side, further frames are refused ([`SendError::QueueFull`]). CAN FD frames have no text in these
+/// protocols and are refused ([`LinkError::ClassicalOnly`]).
 /// Input is never dropped: what the owner does not take waits in the operating system.
 pub struct Station<S: Speech> {
     name: String,
@@ -180,6 +181,9 @@ impl<S: Speech> CanLink for Station<S> {
     fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
         if let Some(error) = &self.failure {
             return Err(error.clone().into());
+        }
+        if frame.fd().is_some() {
+            self.takes_fd()?;
         }
         let (stream, mut queued) = (&mut self.stream, false);
         self.speech.render(frame, &mut |text| queued = stream.queue(text));

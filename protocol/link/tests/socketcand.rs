@@ -8,9 +8,9 @@ use std::time::Duration as StdDuration;
 
 use crate::common::{PATIENCE, assert_all_kinds_cross, collect, samples};
 use can_link::socketcand::{Client, ClientId, Relay, Server, ServerEvent, ServerOptions};
-use can_link::{CanLink, Clock, LinkEvent, OpenError, wait};
+use can_link::{CanLink, Clock, LinkError, LinkEvent, OpenError, SendError, wait};
 use protocol::text::BusName;
-use protocol::{Duration, ExtendedId, Frame};
+use protocol::{Duration, ExtendedId, FdFlags, Frame};
 
 fn server(options: ServerOptions) -> Server {
     Server::listen("127.0.0.1", 0, "can0", Clock::start(), options).unwrap()
@@ -52,6 +52,23 @@ fn frames_of_every_kind_cross_in_both_directions_unchanged_and_in_order() {
     let mut server = server(ServerOptions::default());
     let mut client = connect(&mut server);
     assert_all_kinds_cross(&mut server, &mut client);
+}
+
+#[test]
+fn can_fd_frames_are_refused_by_a_client_and_not_sent_as_others_by_a_server() {
+    let mut server = server(ServerOptions::default());
+    let mut client = connect(&mut server);
+    let frame = samples()[0].with_fd(FdFlags::BRS);
+    let error = client.send(&frame).unwrap_err();
+    assert!(matches!(error, SendError::Link(LinkError::ClassicalOnly { .. })), "{error}");
+    assert!(client.takes_fd().is_err() && server.takes_fd().is_err());
+    server.send(&frame).unwrap();
+    server.send(&samples()[1]).unwrap();
+    assert_eq!(collect(&mut server, &mut client, 1), [samples()[1]]);
+    assert_eq!(server.stats().dropped_out, 1);
+    // The client is still in use.
+    client.send(&samples()[2]).unwrap();
+    assert_eq!(collect(&mut client, &mut server, 1), [samples()[2]]);
 }
 
 #[test]

@@ -43,7 +43,7 @@ pub mod state;
 
 pub use command::{Clipped, Command, CommandError, Mit};
 pub use range::{KD_MAX_NM_S_RAD, KP_MAX_NM_RAD, MOTORS, MotorType, Ranges};
-pub use register::{Register, RegisterAnswer, RegisterRequest, RegisterValue};
+pub use register::{DATA_RATES, Register, RegisterAnswer, RegisterRequest, RegisterValue};
 pub use state::{State, Status};
 
 use core::fmt;
@@ -90,9 +90,8 @@ fn frame(id: u16, data: [u8; 8]) -> Frame {
     Frame::from_array(Id::Standard(StandardId::from_low_bits(id)), data)
 }
 
-/// Standard id and data of a data frame with eight bytes.
+/// Standard id and data of a frame with eight bytes, classical or CAN FD.
 fn parts(frame: &Frame) -> Option<(u16, [u8; 8])> {
     let Id::Standard(id) = frame.id() else { return None };
-    let data = frame.data().first_chunk::<8>()?;
-    (!frame.is_remote()).then_some((id.get(), *data))
+    Some((id.get(), frame.data().try_into().ok()?))
 }

@@ -19,6 +19,17 @@ const WRITE: u8 = 0x55;
 const STORE: u8 = 0xAA;
 const STATE: u8 = 0xCC;
 
+/// Values of [`Register::BitRate`] for CAN FD at 1 Mbit/s, and the data rate of each, bits per second.
+pub const DATA_RATES: [(u32, u32); 7] = [
+    (5, 2_000_000),
+    (6, 2_500_000),
+    (7, 3_200_000),
+    (8, 4_000_000),
+    (9, 5_000_000),
+    (10, 8_000_000),
+    (11, 10_000_000),
+];
+
 /// A setting or a reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Register {

@@ -59,7 +59,7 @@ fn hand_worked_base_frame_of_zeros() {
     // so the CRC is 15 more of them. A stuff bit follows the 5th, 10th, … 30th of the 34.
     let zeros = frame("000#");
     assert_eq!(crc(&zeros), 0);
-    assert_eq!(length(&zeros), Length { unstuffed: 44, stuff: 6 });
+    assert_eq!(length(&zeros), Length { unstuffed: 44, stuff: 6, fast: 0 });
     assert_eq!(length(&zeros).with_interframe_space(), 53);
 }
 
@@ -91,7 +91,7 @@ fn hand_worked_base_remote_frame_of_ones() {
     let ones = frame("7FF#R");
     assert_eq!(crc(&ones), 0x54EA);
     // Ones: stuffed behind the 5th and 10th. IDE, r0 and DLC are six zeros: stuffed behind the 5th.
-    assert_eq!(length(&ones), Length { unstuffed: 44, stuff: 3 });
+    assert_eq!(length(&ones), Length { unstuffed: 44, stuff: 3, fast: 0 });
 }
 
 #[test]
@@ -100,7 +100,7 @@ fn hand_worked_extended_frame_of_zeros() {
     // last time right before the CRC), CRC 4610 = 100 0110 0001 0000.
     let zeros = frame("00000000#");
     assert_eq!(crc(&zeros), 0x4610);
-    assert_eq!(length(&zeros), Length { unstuffed: 64, stuff: 7 });
+    assert_eq!(length(&zeros), Length { unstuffed: 64, stuff: 7, fast: 0 });
 }
 
 #[test]
@@ -150,6 +150,76 @@ fn lengths_agree_with_can_utils() {
     }
 }
 
+/// CAN FD by the definition, bit by bit: bits before and from ESI on, with stuff bits, up to the CRC.
+fn naive_fd(frame: &Frame) -> (usize, usize) {
+    let flags = frame.fd().unwrap();
+    let digits = |value: u32, len: u32| format!("{value:0len$b}", len = len as usize);
+    let raw = frame.id().raw();
+    let mut header = "0".to_owned();
+    if frame.is_extended() {
+        header += &(digits(raw >> 18, 11) + "11" + &digits(raw & 0x3_FFFF, 18) + "0");
+    } else {
+        header += &(digits(raw, 11) + "00");
+    }
+    header += if flags.brs { "101" } else { "100" };
+    let codes = [12, 16, 20, 24, 32, 48, 64];
+    let code = codes.iter().position(|len| *len == frame.dlc()).map_or(frame.dlc(), |place| 9 + place);
+    let mut text = header.clone() + if flags.esi { "1" } else { "0" } + &digits(code as u32, 4);
+    frame.data().iter().for_each(|byte| text += &digits((*byte).into(), 8));
+    let (mut run, mut last, mut lengths) = (0, ' ', [0, 0]);
+    for (place, bit) in text.chars().enumerate() {
+        let part = usize::from(place >= header.len());
+        run = if bit == last { run + 1 } else { 1 };
+        last = bit;
+        lengths[part] += 1;
+        // No stuff bit behind the last one: a fixed one comes there.
+        if run == 5 && place + 1 < text.len() {
+            (run, last) = (1, if bit == '0' { '1' } else { '0' });
+            lengths[part] += 1;
+        }
+    }
+    let fields = if frame.dlc() <= 16 { 4 + 17 } else { 4 + 21 };
+    (lengths[0], lengths[1] + fields + fields / 4 + 1)
+}
+
+#[test]
+fn can_fd_bounds_are_the_published_ones() {
+    // Bits at the nominal and at the data rate, three between frames: without stuff bits, and the worst.
+    for n in [0, 4, 8, 12, 16, 20, 24, 32, 48, 64] {
+        for (extended, nominal, worse) in [(false, 30, 4), (true, 49, 8)] {
+            let fast = if n <= 16 { 32 } else { 37 } + 8 * n;
+            let (best, worst) = (fd_best_case(extended, true, n), fd_worst_case(extended, true, n));
+            assert_eq!((best.with_interframe_space() - best.fast, best.fast as usize), (nominal, fast));
+            assert_eq!(worst.with_interframe_space() - worst.fast, nominal + worse);
+            assert_eq!(worst.fast as usize, fast + (5 + 8 * n) / 4);
+        }
+    }
+    // Eight bytes at 1 and 5 Mbit/s; without bit rate switch they take longer than a classical frame.
+    assert_eq!(fd_best_case(false, true, 8).time_ns(1_000, 200), 49_200);
+    assert_eq!(fd_worst_case(false, true, 8).time_ns(1_000, 200), 56_600);
+    assert_eq!(fd_best_case(false, false, 8).time_ns(1_000, 200), 126_000);
+    assert_eq!(best_case(false, 8).time_ns(1_000, 200), 111_000);
+}
+
+#[test]
+fn hand_worked_can_fd_frames() {
+    let fd = |id: u16, flags, data: &[u8]| {
+        Frame::new_fd(crate::id::StandardId::new(id).unwrap(), flags, data).unwrap()
+    };
+    // Zeros: fourteen up to IDE (stuffed behind the 5th and 10th), FDF, res, BRS; then ESI and DLC are five zeros, the last bits
+    // before the fixed stuff bit.
+    let zeros = length(&fd(0, FdFlags::BRS, &[]));
+    assert_eq!(zeros, Length { unstuffed: 17 + 32 + 10, stuff: 2, fast: 32 });
+    assert_eq!(zeros.before_fast(), 19);
+    // Without bit rate switch res, BRS, ESI and DLC are seven zeros: stuffed behind the 5th, at the nominal rate.
+    assert_eq!(length(&fd(0, FdFlags::default(), &[])), Length { unstuffed: 59, stuff: 3, fast: 0 });
+    // Enabling motor 1: ESI 0, DLC 1000, then 56 ones, FC. The ones are stuffed eleven times, the last time behind the 55th;
+    // the 56th and the six of FC are stuffed behind their 5th.
+    let enable = length(&fd(1, FdFlags::BRS, &[0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFC]));
+    // id 1: SOF and ten zeros, stuffed twice, a one, RRS and IDE.
+    assert_eq!(enable, Length { unstuffed: 17 + 96 + 10, stuff: 2 + 12, fast: 96 + 12 });
+}
+
 #[test]
 fn bounds_are_the_published_ones() {
     for n in 0..=8_u32 {
@@ -183,6 +253,30 @@ fn short_base_data_frames_always_have_a_stuff_bit_and_longer_ones_need_not() {
 }
 
 proptest! {
+    #[test]
+    fn can_fd_length_agrees_with_the_definition_and_stays_within_the_bounds(
+        id: u32, extended: bool, brs: bool, esi: bool, code in 0_usize..16, runs in proptest::collection::vec(1_u32..12, 520),
+    ) {
+        let len = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64][code].min(crate::frame::CAPACITY);
+        let id = if extended {
+            Id::Extended(crate::id::ExtendedId::from_low_bits(id))
+        } else {
+            Id::Standard(crate::id::StandardId::from_low_bits(id as u16))
+        };
+        let bits: Vec<u8> =
+            runs.iter().enumerate().flat_map(|(at, run)| std::iter::repeat_n((at % 2) as u8, *run as usize)).collect();
+        let data: Vec<u8> =
+            bits.chunks(8).take(len).map(|byte| byte.iter().fold(0, |all, bit| all << 1 | bit)).collect();
+        let frame = Frame::new_fd(id, FdFlags { brs, esi }, &data).unwrap();
+        let (before, behind) = naive_fd(&frame);
+        let length = length(&frame);
+        prop_assert_eq!(length.frame() as usize, before + behind + 10);
+        prop_assert_eq!(length.fast as usize, if brs { behind } else { 0 });
+        prop_assert!(length.frame() <= fd_worst_case(extended, brs, len).frame());
+        prop_assert_eq!(length.unstuffed, fd_best_case(extended, brs, len).unstuffed);
+        prop_assert_eq!(length.unstuffed + 3, frame.nominal_bits());
+    }
+
     #[test]
     fn length_and_crc_agree_with_the_definition(frame in crate::text::arbitrary::frame()) {
         let (wire, expected_crc, stuff) = naive(&frame);

@@ -3,15 +3,15 @@
 //! ```text
 //! (1700000000.123456) can0 0A5#084F64
 //! (1700000000.123789) can0 0000007F#R4 R
+//! (1700000000.123901) can0 001##1FFFFFFFFFFFFFFFC
 //! ```
 //!
 //! Three digits are an 11-bit id, eight digits a 29-bit id; `R` with an optional length is a remote
-//! frame. Read tolerantly: any number of decimals (beyond six they are cut off), dots between data
+//! frame; a second `#` and a digit of flags (1 BRS, 2 ESI) are CAN FD. Read tolerantly: any number of decimals (beyond six they are cut off), dots between data
 //! bytes (as `cansend` takes them), a raw length code behind `_` (as `candump -8` writes it, means
 //! eight bytes), a trailing `T` or `R` for sent or received (as `candump -L -x` writes it).
 //!
-//! Lines that the format allows but that are not classical CAN frames have their own errors: error frames of the
-//! controller (flag 20000000 in the id) and CAN FD frames (`##`).
+//! A line that reports an error of the bus (flag 20000000 in the id) has an error of its own.
 //!
 //! Source: `lib.c` and `candump.c` of can-utils.
 
@@ -19,12 +19,12 @@ use core::fmt;
 
 use super::buffer::{BusName, TextBuf};
 use super::cursor::{Cursor, Expected, Payload, SyntaxError, remote_frame};
-use crate::frame::{Frame, MAX_DATA_LEN};
+use crate::frame::{CAPACITY, FdFlags, Frame, MAX_DATA_LEN};
 use crate::id::{ExtendedId, Id, StandardId};
 use crate::time::Instant;
 
 /// Longest line made, without a line end, in bytes.
-pub const LINE_MAX: usize = 72;
+pub const LINE_MAX: usize = 54 + 2 * CAPACITY;
 
 /// Bit of the id that marks an error frame of the controller (`CAN_ERR_FLAG` of Linux `can.h`).
 const ERROR_FLAG: u32 = 0x2000_0000;
@@ -63,11 +63,6 @@ pub enum ParseError {
         /// Details of the error; bytes that the line does not have are zero.
         details: [u8; MAX_DATA_LEN],
     },
-    /// The line holds a CAN FD frame, which a classical bus cannot carry.
-    CanFd {
-        /// Column of the second `#`, counted from 1.
-        column: usize,
-    },
     /// The line does not follow the format.
     Syntax(SyntaxError),
 }
@@ -101,6 +96,10 @@ impl<'a> Record<'a> {
         text.push(b' ');
         text.push_id(self.frame.id());
         text.push(b'#');
+        if let Some(flags) = self.frame.fd() {
+            text.push(b'#');
+            text.push_hex(flags.nibble().into(), 1);
+        }
         if self.frame.is_remote() {
             text.push(b'R');
             if self.frame.dlc() > 0 {
@@ -137,11 +136,9 @@ fn content(cursor: &mut Cursor<'_>) -> Result<Content, ParseError> {
         return Err(cursor.error_at(start, Expected::Id).into());
     }
     cursor.expect(b'#')?;
-    if cursor.peek() == Some(b'#') {
-        return Err(ParseError::CanFd { column: cursor.position() + 1 });
-    }
-    if digits == 8 && value & ERROR_FLAG != 0 && value < ERROR_FLAG << 1 {
-        let payload = data(cursor)?;
+    let is_fd = cursor.eat(b'#');
+    if !is_fd && digits == 8 && value & ERROR_FLAG != 0 && value < ERROR_FLAG << 1 {
+        let payload = data(cursor, MAX_DATA_LEN)?;
         return Ok(Content::Error { class: value & !ERROR_FLAG, details: payload.bytes() });
     }
     let id = if digits == 3 {
@@ -152,24 +149,33 @@ fn content(cursor: &mut Cursor<'_>) -> Result<Content, ParseError> {
     } else {
         ExtendedId::new(value).map(Id::Extended).map_err(|_| cursor.error_at(start, Expected::ExtendedId))?
     };
+    if is_fd {
+        // Newer kernels set bit 2, too, which says that the frame is one of CAN FD.
+        let flags = FdFlags::from_nibble(cursor.hex_digit()?);
+        let start = cursor.position();
+        let payload = data(cursor, CAPACITY)?;
+        let frame = payload.fd_frame(id, flags);
+        return frame.map(Content::Frame).ok_or_else(|| cursor.error_at(start, Expected::FdLength).into());
+    }
     if cursor.eat(b'R') || cursor.eat(b'r') {
         let dlc = if cursor.peek().is_some_and(|byte| byte.is_ascii_digit()) { cursor.dlc()? } else { 0 };
         raw_length_code(cursor, dlc)?;
         return Ok(Content::Frame(remote_frame(id, dlc)));
     }
-    let payload = data(cursor)?;
+    let payload = data(cursor, MAX_DATA_LEN)?;
     raw_length_code(cursor, payload.len())?;
     Ok(Content::Frame(payload.data_frame(id)))
 }
 
-/// Pairs of digits, with or without dots in between.
-fn data(cursor: &mut Cursor<'_>) -> Result<Payload, SyntaxError> {
+/// Pairs of digits, at most `most`, with or without dots in between.
+fn data(cursor: &mut Cursor<'_>, most: usize) -> Result<Payload, SyntaxError> {
     let mut payload = Payload::default();
     while cursor.peek().is_some_and(|byte| byte.is_ascii_hexdigit()) {
         let start = cursor.position();
         let byte = cursor.data_byte()?;
-        if !payload.push(byte) {
-            return Err(cursor.error_at(start, Expected::AtMostEightBytes));
+        if !payload.push_within(byte, most) {
+            let expected = if most > MAX_DATA_LEN { Expected::FdLength } else { Expected::AtMostEightBytes };
+            return Err(cursor.error_at(start, expected));
         }
         if cursor.eat(b'.') && !cursor.peek().is_some_and(|byte| byte.is_ascii_hexdigit()) {
             return Err(cursor.error(Expected::DataByte));
@@ -217,7 +223,6 @@ impl fmt::Display for ParseError {
             Self::NotADataFrame { class, .. } => {
                 write!(f, "an error frame of the controller (class {class:03X}), not a frame of the bus")
             }
-            Self::CanFd { column } => write!(f, "column {column}: a CAN FD frame, not classical CAN"),
             Self::Syntax(error) => error.fmt(f),
         }
     }
@@ -297,10 +302,25 @@ mod tests {
     }
 
     #[test]
-    fn can_fd_frames_are_refused_by_name() {
-        let error = Record::parse(b"(1700000000.123456) can0 123##11122334455").unwrap_err();
-        assert_eq!(error, ParseError::CanFd { column: 30 });
-        assert_eq!(error.to_string(), "column 30: a CAN FD frame, not classical CAN");
+    fn can_fd_frames_keep_flags_and_data_and_are_written_back_unchanged() {
+        let enable = [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFC];
+        let fd = |brs, esi, data| Frame::new_fd(standard(1), FdFlags { brs, esi }, data).unwrap();
+        let mut cases = vec![
+            ("001##1FFFFFFFFFFFFFFFC".to_owned(), fd(true, false, &enable[..])),
+            ("001##0".to_owned(), fd(false, false, &[])),
+            ("001##3AB".to_owned(), fd(true, true, &[0xAB])),
+        ];
+        if CAPACITY == 64 {
+            cases.push((format!("001##1{}", "5A".repeat(64)), fd(true, false, &[0x5A; 64])));
+        }
+        for (text, frame) in cases {
+            let line = format!("(1700000000.123456) can0 {text}");
+            assert_eq!(Record::parse(line.as_bytes()), Ok(record(frame)), "{text}");
+            assert_eq!(record(frame).encode().as_str(), line);
+        }
+        // As newer kernels mark them.
+        let parsed = Record::parse(b"(1700000000.123456) can0 001##5FF.FC").unwrap();
+        assert_eq!(parsed.frame, fd(true, false, &[0xFF, 0xFC]));
     }
 
     #[test]
@@ -327,6 +347,8 @@ mod tests {
             ("(1.0) can0 123#00_9", 18, Expected::DataByte),
             ("(1.0) can0 123#0011223344556677_8", 33, Expected::Value),
             ("(1.0) can0 123#R9", 17, Expected::Dlc),
+            ("(1.0) can0 123##", 17, Expected::HexDigit),
+            ("(1.0) can0 123##1001122334455667788", 18, Expected::FdLength),
             ("(1.0) can0 123#00 X", 19, Expected::Direction),
             ("(1.0) can0 123#00 T x", 21, Expected::End),
         ] {
@@ -344,17 +366,18 @@ mod tests {
         let text = Record {
             at: Instant::FAR_FUTURE,
             bus: BusName::new("a123456789012345").unwrap(),
-            frame: Frame::from_array(ExtendedId::MAX, [0xFF; 8]),
+            frame: Frame::new_fd(ExtendedId::MAX, FdFlags::BRS, &[0xFF; CAPACITY]).unwrap(),
             direction: Some(Direction::Sent),
         }
         .encode();
         assert!(!text.is_truncated());
-        assert!(text.as_str().ends_with("1FFFFFFF#FFFFFFFFFFFFFFFF T"), "{text}");
+        assert_eq!(text.as_str().len(), LINE_MAX);
+        assert!(text.as_str().ends_with("FFFFFFFF T"), "{text}");
     }
 
     proptest! {
         #[test]
-        fn every_record_survives_the_round_trip(us: u64, frame in arbitrary::frame(), direction in 0..3_usize) {
+        fn every_record_survives_the_round_trip(us: u64, frame in arbitrary::any_frame(), direction in 0..3_usize) {
             let direction = [None, Some(Direction::Sent), Some(Direction::Received)][direction];
             let record = Record { at: Instant::from_micros(us), direction, ..record(frame) };
             let text = record.encode();

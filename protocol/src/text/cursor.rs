@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use crate::frame::{Frame, MAX_DATA_LEN};
+use crate::frame::{CAPACITY, FdFlags, Frame, MAX_DATA_LEN};
 use crate::id::{ExtendedId, Id, StandardId};
 use crate::time::Instant;
 
@@ -32,6 +32,8 @@ pub enum Expected {
     DataByte,
     /// No more data bytes: a classical CAN frame holds eight.
     AtMostEightBytes,
+    /// A length of CAN FD.
+    FdLength,
     /// As many data bytes as the length code says.
     BytesOfDlc(u8),
     /// The name of a bus.
@@ -61,6 +63,7 @@ impl fmt::Display for Expected {
             Self::Dlc => "a data length of 0 to 8",
             Self::DataByte => "a data byte of two hexadecimal digits",
             Self::AtMostEightBytes => "no more than eight data bytes",
+            Self::FdLength => "0 to 8, 12, 16, 20, 24, 32, 48 or 64 data bytes of a CAN FD frame",
             Self::BusName => "a bus name of 1 to 16 visible characters",
             Self::Verb => "a command",
             Self::Value => "a value in the range of the command",
@@ -278,17 +281,28 @@ pub(crate) const fn hex_value(byte: u8) -> Option<u8> {
     }
 }
 
-/// Collects up to eight data bytes of a frame.
-#[derive(Clone, Copy, Default)]
+/// Collects the data bytes of a frame.
+#[derive(Clone, Copy)]
 pub(crate) struct Payload {
-    bytes: [u8; MAX_DATA_LEN],
+    bytes: [u8; CAPACITY],
     len: usize,
+}
+
+impl Default for Payload {
+    fn default() -> Self {
+        Self { bytes: [0; CAPACITY], len: 0 }
+    }
 }
 
 impl Payload {
     /// False if eight bytes are there already.
     pub(crate) fn push(&mut self, byte: u8) -> bool {
-        match self.bytes.get_mut(self.len) {
+        self.push_within(byte, MAX_DATA_LEN)
+    }
+
+    /// False if `most` bytes are there already.
+    pub(crate) fn push_within(&mut self, byte: u8, most: usize) -> bool {
+        match self.bytes.get_mut(self.len).filter(|_| self.len < most) {
             Some(slot) => {
                 *slot = byte;
                 self.len += 1;
@@ -302,14 +316,19 @@ impl Payload {
         self.len
     }
 
-    /// All eight places; those beyond the length are zero.
-    pub(crate) const fn bytes(&self) -> [u8; MAX_DATA_LEN] {
-        self.bytes
+    /// The first eight places; those beyond the length are zero.
+    pub(crate) fn bytes(&self) -> [u8; MAX_DATA_LEN] {
+        self.bytes.first_chunk().copied().unwrap_or_default()
+    }
+
+    /// `None`: CAN FD has no such length.
+    pub(crate) fn fd_frame(&self, id: Id, flags: FdFlags) -> Option<Frame> {
+        Frame::new_fd(id, flags, self.bytes.get(..self.len)?).ok()
     }
 
     pub(crate) fn data_frame(&self, id: Id) -> Frame {
         let data = self.bytes.get(..self.len).unwrap_or(&[]);
-        // At most eight bytes are ever stored, so the fallback is never taken.
+        // The callers push at most eight bytes, so the fallback is never taken.
         Frame::new(id, data).unwrap_or_else(|_| Frame::from_array(id, []))
     }
 }

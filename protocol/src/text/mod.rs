@@ -25,12 +25,22 @@ pub use cursor::{Expected, SyntaxError};
 /// Strategies for the property tests of all formats.
 #[cfg(test)]
 pub(crate) mod arbitrary {
-    use crate::frame::Frame;
+    use crate::frame::{FdFlags, Frame};
     use crate::id::{ExtendedId, Id, StandardId};
     use proptest::collection::vec;
     use proptest::prelude::*;
 
-    /// Every kind of frame, both id formats, all lengths.
+    /// Classical frames and those of CAN FD.
+    pub(crate) fn any_frame() -> impl Strategy<Value = Frame> {
+        (frame(), any::<Option<(bool, bool)>>(), vec(any::<u8>(), 0..=64)).prop_map(|(frame, fd, data)| {
+            let Some((brs, esi)) = fd else { return frame };
+            let fitting = (0..=data.len()).rev();
+            let long = fitting.map(|len| Frame::new_fd(frame.id(), FdFlags { brs, esi }, &data[..len]));
+            long.flatten().next().unwrap()
+        })
+    }
+
+    /// Every kind of classical frame, both id formats, all lengths.
     pub(crate) fn frame() -> impl Strategy<Value = Frame> {
         (any::<u32>(), any::<bool>(), any::<bool>(), vec(any::<u8>(), 0..=8)).prop_map(
             |(raw, extended, remote, data)| {

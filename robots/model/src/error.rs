@@ -130,6 +130,17 @@ pub enum Problem {
         /// Joint that has it first, or the gripper.
         owner: String,
     },
+    /// `[bus]` of CAN FD, and no motors that know it.
+    #[error("only Damiao motors ([joint.mit]) are led over CAN FD here")]
+    FdWithoutMit,
+    /// No motor has such a setting.
+    #[error(
+        "{bit_s} bit/s is no data rate of these motors: 2000000, 2500000, 3200000, 4000000, 5000000, 8000000 or 10000000 (register 35)"
+    )]
+    DataRate {
+        /// What the file says.
+        bit_s: i64,
+    },
     /// A limit of a joint that the frames of its motor cannot hold.
     #[error("{value:.1} is more than the frames of a motor {motor} hold ({max:.1})")]
     BeyondMitRange {

@@ -12,6 +12,9 @@ pub struct MitMotors {
     pub joints: Vec<MitMotor>,
     /// Of the gripper.
     pub gripper: Option<MitGripper>,
+    /// Data rate of CAN FD that all of them are set to (register 35), bits per second, with 1 Mbit/s in arbitration; `None`: classical
+    /// CAN.
+    pub data_bit_rate_bit_s: Option<u32>,
 }
 
 /// A motor with its gear; all values at the shaft behind it.

@@ -24,7 +24,10 @@ impl RobotModel {
     /// The drives as text, for a fingerprint; empty if there are none but PowerCubes.
     #[must_use]
     pub fn motors_text(&self) -> String {
-        let motors = self.mit_motors().map(|all| format!("{all:?}"));
+        // Without the rate of the bus, which changes no motion.
+        let motors = self
+            .mit_motors()
+            .map(|all| format!("MitMotors {{ joints: {:?}, gripper: {:?} }}", all.joints, all.gripper));
         let servos = self.cia402_servos().map(|all| format!("{all:?} {:?}", self.cia402_output()));
         let axes = self.odrive_axes().map(|all| format!("{all:?} {:?}", self.odrive_gripper()));
         motors.or(servos).or(axes).unwrap_or_default()

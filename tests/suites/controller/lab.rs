@@ -152,7 +152,7 @@ impl Lab {
         );
         let config = BusConfig::default();
         let watch = Watch {
-            checkers: Checkers::new(&expect, &limits, config.bit_rate_bit_s),
+            checkers: Checkers::new(&expect, &limits, &config),
             allowed: false,
             halted: false,
             halt_at: None,

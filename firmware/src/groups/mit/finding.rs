@@ -1,7 +1,7 @@
 //! How a motor is found: from silence to torque, without a motion.
 //!
 //! ```text
-//! Look ──► Register 0..8 ──► Zero ──► Enable ──► Silence ──► Expired ──► Recover ──► Zero ──► Enable ──► Held
+//! Look ──► Register 0..9 ──► Zero ──► Enable ──► Silence ──► Expired ──► Recover ──► Zero ──► Enable ──► Held
 //!  │ fault, left on ▲                    └─────────────── proven before ────────────────────────────────► │
 //!  └► Clear, Release┘  only with a reset                                             fault, no answer ──► Off
 //! ```
@@ -98,11 +98,12 @@ pub(super) fn time_out(settings: &Settings) -> Duration {
 }
 
 /// Requests for registers in their order, with the value that must come back. Ids and ranges are read. Mode and time-out are written to
-/// RAM, then read: the answer to a write may repeat what was asked.
+/// RAM, then read: the answer to a write may repeat what was asked. The bit rate is compared on CAN FD only.
 pub(super) fn register(
     row: u8,
     motor: &Motor,
     settings: &Settings,
+    fd_rate: Option<u32>,
 ) -> Option<(RegisterRequest, RegisterValue)> {
     use RegisterValue::{Float, Whole};
     let time_out = Whole(settings.watchdog_timeout_us / TIME_OUT_UNIT_US);
@@ -118,6 +119,7 @@ pub(super) fn register(
         6 => write(Register::TimeOut, time_out),
         7 => read(Register::Mode, MODE),
         8 => read(Register::TimeOut, time_out),
+        9 => read(Register::BitRate, Whole(fd_rate?)),
         _ => None,
     }
 }
@@ -148,10 +150,10 @@ pub(super) fn too_narrow(answer: &RegisterAnswer, limits: &JointSettings) -> Opt
 
 impl Step {
     /// What the motor is asked.
-    pub(super) fn ask(self, motor: &Motor, settings: &Settings) -> Option<Ask> {
+    pub(super) fn ask(self, motor: &Motor, settings: &Settings, fd_rate: Option<u32>) -> Option<Ask> {
         Some(match self {
             Self::Look | Self::Expired => Ask::Register(RegisterRequest::State),
-            Self::Register(row) => Ask::Register(register(row, motor, settings)?.0),
+            Self::Register(row) => Ask::Register(register(row, motor, settings, fd_rate)?.0),
             Self::Clear | Self::Recover => Ask::Command(Command::ClearFault),
             Self::Release | Self::Off => Ask::Command(Command::Disable),
             Self::Zero => Ask::Command(Command::Mit(SetPoint::default())),
@@ -221,7 +223,8 @@ impl Mit {
         answer: RegisterAnswer,
     ) {
         let Step::Register(row) = self.drives.at(joint).step else { return };
-        let Some((_, expected)) = register(row, motor, settings) else { return };
+        let fd_rate = self.options.fd_rate();
+        let Some((_, expected)) = register(row, motor, settings, fd_rate) else { return };
         let mismatch = Mismatch { register: answer.register, found: answer.value, expected };
         let mismatch = if holds(answer.register, answer.value, expected) {
             too_narrow(&answer, &self.limits(settings, joint))
@@ -233,7 +236,7 @@ impl Mit {
             self.refuse(joint, Cause::DriveSettingsDiffer);
             return;
         }
-        let is_last = register(row.saturating_add(1), motor, settings).is_none();
+        let is_last = register(row.saturating_add(1), motor, settings, fd_rate).is_none();
         let next = if is_last { Step::Zero } else { Step::Register(row.saturating_add(1)) };
         self.drives.at_mut(joint).go_to(next);
     }

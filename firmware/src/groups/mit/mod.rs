@@ -19,6 +19,11 @@
 //! the motor lives and is no measurement. An answer is stale if it stays the same bit by bit while the
 //! set point moves, torn if the joint cannot have got there. It shows the joint when the command came: at the joint's place in the burst.
 //!
+//! # CAN FD
+//!
+//! With [`Options::with_fd`] all commands go as CAN FD frames with bit rate switch. A motor that is set to classical CAN obeys them, and
+//! answers classically: the last register shows it, and it is refused. A motor that is set to CAN FD does not answer classical commands.
+//!
 //! # Gripper
 //!
 //! The motor of the fingers has the place after the last joint. It stands where it is until the first order, then holds the fingers
@@ -241,7 +246,7 @@ impl DriveGroup for Mit {
             }
             return;
         };
-        self.counters.bits = self.counters.bits.wrapping_add(frame.nominal_bits());
+        self.counters.bits = self.counters.bits.wrapping_add(self.options.frame_bits());
         // The command and its answer, at least.
         let is_early = now < self.after_command(joint, 1);
         let at = self.after_command(joint, 0);
@@ -316,7 +321,7 @@ impl DriveGroup for Mit {
     }
 
     fn poll_packet(&mut self) -> Option<Frame> {
-        self.out.pop_front()
+        self.out.pop_front().map(|frame| self.options.on_bus(frame))
     }
 
     fn poll_timeout(&self, _: Instant, _: &Settings) -> Option<Instant> {

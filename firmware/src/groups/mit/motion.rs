@@ -25,6 +25,7 @@ impl Mit {
             self.drives.at_mut(joint).go_to(Step::Expired);
         }
         let is_gripper = self.gripper_place(settings) == Some(joint);
+        let fd_rate = self.options.fd_rate();
         let (is_finding, abandoned, is_odd) = (self.leader.is_finding(), self.abandoned, self.is_odd);
         let set = self.leader.joints.at(joint).set;
         let drive = self.drives.at_mut(joint);
@@ -49,7 +50,7 @@ impl Mit {
             return None;
         }
         drive.looked_since.get_or_insert(now);
-        match drive.step.ask(&motor, settings)? {
+        match drive.step.ask(&motor, settings, fd_rate)? {
             Ask::Register(request) => {
                 drive.asked = Some(request);
                 Some(request.encode(motor.id))
@@ -104,7 +105,7 @@ impl Mit {
             frames.set(joint, None);
             let drive = self.drives.at_mut(joint);
             (drive.answers.awaited, drive.place) = (true, place);
-            self.counters.bits = self.counters.bits.wrapping_add(frame.nominal_bits());
+            self.counters.bits = self.counters.bits.wrapping_add(self.options.frame_bits());
             // There is room for one frame per motor.
             let _ = self.out.push_back(frame);
         }

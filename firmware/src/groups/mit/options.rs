@@ -4,8 +4,8 @@ use core::fmt;
 
 use crate::groups::dynamics::ArmModel;
 use heapless::Vec;
-use mit_protocol::{KD_MAX_NM_S_RAD, KP_MAX_NM_RAD, MotorId, REGISTER_ID, Ranges};
-use protocol::{Duration, JOINTS_MAX, JointIndex, StandardId};
+use mit_protocol::{DATA_RATES, KD_MAX_NM_S_RAD, KP_MAX_NM_RAD, MotorId, REGISTER_ID, Ranges};
+use protocol::{Duration, FdFlags, Frame, JOINTS_MAX, JointIndex, StandardId, bits};
 
 /// The motor of a joint. Direction, offset and limits are those of [`crate::settings::JointSettings`]; angles are of the shaft, so there is
 /// no gear.
@@ -48,6 +48,8 @@ pub enum OptionsError {
     },
     /// A gain is outside its field, or the position gain is zero.
     Gain(JointIndex),
+    /// No motor can be set to this data rate, bits per second.
+    DataRate(u32),
 }
 
 impl fmt::Display for OptionsError {
@@ -63,6 +65,12 @@ impl fmt::Display for OptionsError {
                 f,
                 "a gain of joint {joint} does not fit: kp above 0 up to {KP_MAX_NM_RAD} N·m/rad, kd 0 to {KD_MAX_NM_S_RAD} N·m·s/rad"
             ),
+            Self::DataRate(bit_s) => {
+                write!(
+                    f,
+                    "no motor has the data rate {bit_s} bit/s: 2, 2.5, 3.2, 4, 5, 8 or 10 Mbit/s (register 35)"
+                )
+            }
         }
     }
 }
@@ -78,6 +86,8 @@ pub struct Options {
     motors: Vec<Motor, JOINTS_MAX>,
     gripper: Option<GripperMotor>,
     model: Option<ArmModel>,
+    /// Value of register 35 if the motors speak CAN FD.
+    fd_rate: Option<u32>,
     /// Shortest time of a frame on the bus.
     pub frame: Duration,
     /// Temperature of transistors or rotor that stops the group, °C.
@@ -85,13 +95,20 @@ pub struct Options {
 }
 
 impl Options {
-    /// Motors at 1 Mbit/s.
+    /// Motors on classical CAN at 1 Mbit/s.
     ///
     /// # Errors
     /// See [`OptionsError`].
     pub fn new(motors: &[Motor]) -> Result<Self, OptionsError> {
         let all = Vec::from_slice(motors).map_err(|_| OptionsError::Count)?;
-        let options = Self { motors: all, gripper: None, model: None, frame: CLASSICAL_FRAME, hot_c: 90 };
+        let options = Self {
+            motors: all,
+            gripper: None,
+            model: None,
+            fd_rate: None,
+            frame: CLASSICAL_FRAME,
+            hot_c: 90,
+        };
         if options.motors.is_empty() {
             return Err(OptionsError::Count);
         }
@@ -116,6 +133,32 @@ impl Options {
     pub fn with_model(self, model: ArmModel) -> Result<Self, OptionsError> {
         let fits = model.bodies.len() == self.motors.len();
         if fits { Ok(Self { model: Some(model), ..self }) } else { Err(OptionsError::Count) }
+    }
+
+    /// With CAN FD, bit rate switch included: 1 Mbit/s, and this data rate in bits per second. Each motor must be set to it.
+    ///
+    /// # Errors
+    /// [`OptionsError::DataRate`].
+    pub fn with_fd(self, data_bit_rate_bit_s: u32) -> Result<Self, OptionsError> {
+        let rate = DATA_RATES.iter().find(|(_, bit_s)| *bit_s == data_bit_rate_bit_s);
+        let Some((code, bit_s)) = rate else { return Err(OptionsError::DataRate(data_bit_rate_bit_s)) };
+        let ns = bits::fd_best_case(false, true, 8).time_ns(1_000, u64::from(1_000_000_000 / bit_s));
+        Ok(Self { fd_rate: Some(*code), frame: Duration::from_micros(ns / 1_000), ..self })
+    }
+
+    /// What register 35 of each motor must hold; `None`: classical CAN, where another value is silence.
+    pub(super) const fn fd_rate(&self) -> Option<u32> {
+        self.fd_rate
+    }
+
+    /// The frame as it goes onto the bus.
+    pub(super) const fn on_bus(&self, frame: Frame) -> Frame {
+        if self.fd_rate.is_some() { frame.with_fd(FdFlags::BRS) } else { frame }
+    }
+
+    /// Time of a frame in bits of 1 Mbit/s, without stuff bits.
+    pub(super) const fn frame_bits(&self) -> u32 {
+        self.frame.as_micros() as u32
     }
 
     pub(super) const fn model(&self) -> Option<&ArmModel> {
@@ -198,6 +241,9 @@ mod tests {
         assert_eq!(overlap(&[motor(1, 0x11), motor(2, 0x7FF)]), (0x7FF, 1));
         assert_eq!(Options::new(&[]), Err(OptionsError::Count));
         assert_eq!(Options::new(&[motor(1, 0x11); 9]), Err(OptionsError::Count));
+        let fd = |bit_s| Options::new(&[motor(1, 0x11)]).unwrap().with_fd(bit_s);
+        assert_eq!(fd(5_000_000).unwrap().frame, Duration::from_micros(49));
+        assert_eq!(fd(6_000_000), Err(OptionsError::DataRate(6_000_000)));
         let joint = JointIndex::new(0).unwrap();
         let refused = Options::new(&[Motor { kd_nm_s_rad: 5.1, ..motor(1, 0x11) }]);
         assert_eq!(refused, Err(OptionsError::Gain(joint)));

@@ -11,6 +11,9 @@ use super::{Bus, Stage, indices};
 /// Recessive bits at the end of a good frame and of an error frame.
 pub(super) const TRAILING_RECESSIVE: u8 = 8;
 
+/// ESI and length code of CAN FD.
+const CONTROL_BITS: u32 = 5;
+
 /// Frame under way.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Attempt {
@@ -20,6 +23,10 @@ pub(super) struct Attempt {
     pub(super) start_ns: u64,
     /// Start of frame to end of frame.
     pub(super) bits: u32,
+    /// Of these, the first one at the data rate, how many follow, and how long each lasts.
+    fast_from: u32,
+    fast_bits: u32,
+    fast_bit_ns: u64,
     /// Receivers that take it, one bit before its end.
     pub(super) takers: u64,
     pub(super) delivered: bool,
@@ -27,8 +34,43 @@ pub(super) struct Attempt {
 }
 
 impl Attempt {
+    fn new(senders: u64, frame: Frame, start_ns: u64, takers: u64, fast_bit_ns: u64) -> Self {
+        let length = bits::length(&frame);
+        Self {
+            senders,
+            frame,
+            start_ns,
+            bits: length.frame(),
+            fast_from: length.before_fast(),
+            fast_bits: length.fast,
+            fast_bit_ns,
+            takers,
+            delivered: false,
+            failure: None,
+        }
+    }
+
     pub(super) fn at_bit_ns(&self, bit: u32, bit_ns: u64) -> u64 {
-        self.start_ns + u64::from(bit) * bit_ns
+        let fast = bit.saturating_sub(self.fast_from).min(self.fast_bits);
+        self.start_ns + u64::from(bit - fast) * bit_ns + u64::from(fast) * self.fast_bit_ns
+    }
+
+    /// Whole bits that are over at `now_ns`.
+    pub(super) fn bits_over(&self, now_ns: u64, bit_ns: u64) -> u32 {
+        let mut over = (now_ns.saturating_sub(self.start_ns) / bit_ns) as u32;
+        if self.fast_bits > 0 && over > self.fast_from {
+            let in_fast_ns = now_ns - self.at_bit_ns(self.fast_from, bit_ns);
+            let fast = ((in_fast_ns / self.fast_bit_ns) as u32).min(self.fast_bits);
+            let behind_ns = in_fast_ns - u64::from(fast) * self.fast_bit_ns;
+            over =
+                self.fast_from + fast + if fast < self.fast_bits { 0 } else { (behind_ns / bit_ns) as u32 };
+        }
+        over
+    }
+
+    /// First bit after ESI and length code, where a controller that does not know CAN FD has noticed.
+    pub(super) fn after_control(&self) -> u32 {
+        self.fast_from + CONTROL_BITS
     }
 }
 
@@ -63,15 +105,17 @@ impl Bus {
             return true;
         }
         let Some((senders, frame)) = self.arbitrate(candidates, ready_ns, start_ns) else { return false };
-        let bits = bits::length(&frame).frame();
         let takers = self.online & !senders;
-        let mut attempt = Attempt { senders, frame, start_ns, bits, takers, delivered: false, failure: None };
+        let mut attempt = Attempt::new(senders, frame, start_ns, takers, self.fast_bit_ns);
         if self.is_collision(senders, &frame) {
             attempt.failure = self.collide(&mut attempt);
         }
+        if attempt.failure.is_none() && frame.fd().is_some() {
+            self.take_for_error(&mut attempt);
+        }
         if attempt.failure.is_none() {
             let from = senders.trailing_zeros() as usize;
-            let disturbance = wire.disturb(start_ns, from, &frame, bits);
+            let disturbance = wire.disturb(start_ns, from, &frame, attempt.bits);
             self.judge(&mut attempt, disturbance);
         }
         self.stage = Stage::Attempt(attempt);
@@ -164,7 +208,7 @@ impl Bus {
     fn succeed(&mut self, attempt: &Attempt, end_ns: u64) {
         for port in indices(attempt.senders) {
             self.ports[port].controller.counters.transmitted();
-            self.finish_transmission(port, attempt.start_ns, attempt.bits, end_ns);
+            self.finish_transmission(port, attempt, end_ns);
         }
         self.end_attempt(attempt, end_ns);
     }
@@ -192,18 +236,19 @@ impl Bus {
         }
     }
 
-    fn finish_transmission(&mut self, port: usize, start_ns: u64, bits: u32, end_ns: u64) {
+    fn finish_transmission(&mut self, port: usize, attempt: &Attempt, end_ns: u64) {
+        let taken_ns = end_ns - attempt.start_ns + u64::from(INTERMISSION_BITS) * self.bit_ns;
         let node = &mut self.ports[port];
         node.stats.sent += 1;
         let Some(done) = node.queue.remove(node.sending) else { return };
         if node.queue.is_empty() {
             self.pending &= !(1 << port);
         }
-        self.good_ns += u64::from(bits + INTERMISSION_BITS) * self.bit_ns;
+        self.good_ns += taken_ns;
         if let Some(row) = self.ids.row(done.frame.id()) {
-            let wait_ns = start_ns.saturating_sub(done.since_ns);
+            let wait_ns = attempt.start_ns.saturating_sub(done.since_ns);
             row.frames += 1;
-            row.bits += u64::from(bits + INTERMISSION_BITS);
+            row.busy_ns += taken_ns;
             row.failed_attempts += u64::from(done.failed);
             row.wait_sum_ns += wait_ns;
             row.wait_max_ns = row.wait_max_ns.max(wait_ns);
@@ -247,5 +292,7 @@ impl Bus {
 
 /// Of two frames with the same key, the one that is dominant where they first differ.
 fn dominant(a: Frame, b: Frame) -> Frame {
-    if (b.dlc(), b.data()) < (a.dlc(), a.data()) { b } else { a }
+    // FDF is recessive: of two with one id the classical one.
+    let order = |frame: &Frame| (frame.fd().is_some(), frame.dlc());
+    if (order(&b), b.data()) < (order(&a), a.data()) { b } else { a }
 }

@@ -6,6 +6,8 @@
 //! | a receiver reads a bit wrongly | after the acknowledge delimiter, or after a later bit | senders 8, that receiver 1 + 8 (rule 2), others 1 |
 //! | the same, error-passive | none: it misses the frame | that receiver 1 |
 //! | no node acknowledges | after the acknowledge slot | the sender 8, nothing once it is error-passive (rule 3, exception 1) |
+//! | a CAN FD frame, and a receiver that is classical | after ESI and length code | senders 8, that receiver 1 + 8 (rule 2), others 1 |
+//! | the same, error-passive | none: it misses the frame | that receiver 1 |
 //! | two nodes send one id with other data | after the first byte that differs | both 8, receivers 1 |
 //! | the line is held dominant | - | all nodes as receivers: 1, then 8 per eight bits (rules 1, 2 and 6) |
 //!
@@ -100,6 +102,22 @@ impl Bus {
         })
     }
 
+    /// A CAN FD frame on a bus with controllers that do not know it: they read its data phase as stuff and form errors.
+    pub(super) fn take_for_error(&mut self, attempt: &mut Attempt) {
+        let classical = attempt.takers & self.classical;
+        if classical == 0 {
+            return;
+        }
+        attempt.takers &= !classical;
+        if indices(classical).all(|port| self.is_passive(port)) {
+            self.count_receivers(classical, ErrorKind::Stuff, attempt, attempt.start_ns);
+            return;
+        }
+        let others = std::mem::take(&mut attempt.takers);
+        let flag_bit = attempt.after_control();
+        attempt.failure = Some(Failure { flag_bit, kind: ErrorKind::Bit, first: classical, others });
+    }
+
     /// Sets who takes the frame and how it fails, if it does.
     pub(super) fn judge(&mut self, attempt: &mut Attempt, disturbance: Option<Disturbance>) {
         let receivers = attempt.takers;
@@ -156,7 +174,7 @@ impl Bus {
             return;
         }
         attempt.takers &= !(1 << port);
-        let over = (now_ns.saturating_sub(attempt.start_ns) / self.bit_ns) as u32;
+        let over = attempt.bits_over(now_ns, self.bit_ns);
         let others = self.online & !attempt.senders & !(1 << port);
         if attempt.senders == 1 << port {
             attempt.senders = 0;
@@ -179,7 +197,9 @@ impl Bus {
         for port in indices(attempt.senders & self.online) {
             self.count_sender(port, failure.kind, attempt, at_ns);
         }
-        self.count_receivers(failure.first, ErrorKind::Crc, attempt, at_ns);
+        // A classical controller stumbles within a CAN FD frame, others find a wrong checksum behind it.
+        let found = if failure.kind == ErrorKind::Bit { ErrorKind::Stuff } else { ErrorKind::Crc };
+        self.count_receivers(failure.first, found, attempt, at_ns);
         for port in indices(failure.first & self.online) {
             self.ports[port].controller.counters.receive_error_grave();
         }
@@ -268,8 +288,13 @@ impl Bus {
 /// Bits from the start of frame to the end of the first length code or data byte that differs in two frames with
 /// one id, with the largest possible number of stuff bits.
 fn bits_to_difference(a: &Frame, b: &Frame) -> u32 {
-    let header = if a.is_extended() { 39 } else { 19 };
-    let bytes = if a.dlc() == b.dlc() {
+    let header = match (a.fd(), a.is_extended()) {
+        (None, true) => 39,
+        (None, false) => 19,
+        (Some(_), true) => 41,
+        (Some(_), false) => 22,
+    };
+    let bytes = if a.dlc() == b.dlc() && a.fd() == b.fd() {
         1 + a.data().iter().zip(b.data()).take_while(|(a, b)| a == b).count() as u32
     } else {
         0

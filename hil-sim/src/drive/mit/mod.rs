@@ -24,6 +24,8 @@
 //! * A set point that arrives while the motor is off is kept. It acts as soon as the motor is enabled, unless another one arrives
 //!   first: the worst case for a host. Power-on and a change of the mode clear it.
 //! * `FE` sets the zero in every state.
+//! * Set to CAN FD (register 35), it obeys and answers CAN FD frames with bit rate switch only, as users report. Set to classical CAN, it
+//!   obeys both, and answers classically. The setting acts from the next power-on on.
 //! * An order to store is ignored while the motor is on.
 //! * Modes 2 to 4 lead a reference at the largest velocity behind a position loop that is critically damped at 30 rad/s for the
 //!   rotor alone.

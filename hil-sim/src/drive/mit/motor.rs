@@ -3,13 +3,19 @@
 use std::collections::VecDeque;
 use std::f64::consts::{PI, TAU};
 
-use mit_protocol::{Command, Mit, MotorId, Ranges, RegisterAnswer, RegisterRequest, State, Status};
-use protocol::{Duration, Frame, Instant, Node, StandardId};
+use mit_protocol::{
+    Command, DATA_RATES, Mit, MotorId, Ranges, RegisterAnswer, RegisterRequest, State, Status,
+};
+use protocol::{Duration, FdFlags, Frame, Instant, Node, StandardId};
 
 use super::options::{MitFaults, MitOptions};
 use super::registers::Registers;
 use crate::drive::bench::ShaftMotor;
 use crate::mechanics::{AxisInput, AxisState};
+use crate::participants::BusConnection;
+
+/// Bits per second by register 35; with CAN FD, from 5 on, arbitration has 1 Mbit/s.
+const RATES_BIT_S: [u32; 5] = [125_000, 200_000, 250_000, 500_000, 1_000_000];
 
 /// Unit of the time-out register.
 const TIME_OUT_UNIT_US: u64 = 50;
@@ -34,6 +40,8 @@ pub struct MitMotor {
     flash: Registers,
     ram: Registers,
     powered: bool,
+    /// Register 35 at power-on.
+    bit_rate: u32,
     status: Status,
     /// Last set point, of any mode.
     wanted: Option<Command>,
@@ -61,6 +69,7 @@ impl MitMotor {
             flash: registers,
             ram: registers,
             powered: true,
+            bit_rate: options.bit_rate,
             status: Status::Disabled,
             wanted: None,
             reference_rad: 0.0,
@@ -106,9 +115,28 @@ impl MitMotor {
         self.answers.clear();
         self.ready.clear();
         self.ram = self.flash;
+        self.bit_rate = self.ram.bit_rate;
         // The encoder at the shaft knows its place within one turn.
         let within = (self.axis.q_rad - self.zero_rad + PI).rem_euclid(TAU) - PI;
         self.origin_rad = self.axis.q_rad - within;
+    }
+
+    /// Data rate that it was set to when it got power, bits per second; `None`: classical CAN.
+    fn data_bit_rate_bit_s(&self) -> Option<u32> {
+        DATA_RATES.iter().find(|(code, _)| *code == self.bit_rate).map(|(_, bit_s)| *bit_s)
+    }
+
+    /// How it is connected to a bus with this bit rate and data rate, bits per second. On classical CAN any data rate will do: its
+    /// controller follows that of the bus.
+    pub fn link(&self, bit_rate_bit_s: u32, data_bit_rate_bit_s: Option<u32>) -> BusConnection {
+        let own = RATES_BIT_S.get(self.bit_rate as usize).copied().unwrap_or(1_000_000);
+        let fits =
+            self.data_bit_rate_bit_s().is_none_or(|own| data_bit_rate_bit_s.is_none_or(|bus| own == bus));
+        match (self.powered, own == bit_rate_bit_s && fits) {
+            (false, _) => BusConnection::Off,
+            (true, true) => BusConnection::On,
+            (true, false) => BusConnection::OtherRate,
+        }
     }
 
     fn lead(&mut self, p_rad: f32, v_max_rad_s: f64, dt_s: f64) {
@@ -183,6 +211,8 @@ impl MitMotor {
         if (lost > 0 && self.answered.is_multiple_of(lost)) || self.answers.len() >= ANSWERS_MAX {
             return;
         }
+        let is_fd = self.data_bit_rate_bit_s().is_some();
+        let frame = if is_fd { frame.with_fd(FdFlags::BRS) } else { frame };
         self.answers.push_back((now + self.options.answer_after, frame));
     }
 
@@ -300,6 +330,10 @@ impl Node for MitMotor {
             return;
         }
         self.handle_timeout(now);
+        let switches = frame.fd().is_some_and(|flags| flags.brs);
+        if self.data_bit_rate_bit_s().is_some() && !switches {
+            return;
+        }
         let id = self.id();
         if let Some((to, request)) = RegisterRequest::decode(frame) {
             if Some(to) == id {

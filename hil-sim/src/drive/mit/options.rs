@@ -24,6 +24,8 @@ pub struct MitOptions {
     pub time_out: u32,
     /// Mode in flash: 1 to 4.
     pub mode: u32,
+    /// Register 35 in flash: 4 for 1 Mbit/s on classical CAN; 5 to 11 for CAN FD.
+    pub bit_rate: u32,
     /// From a command to its answer.
     pub answer_after: Duration,
     /// Position of the zero, rad of the shaft. At power-on it is known within half a turn.
@@ -51,6 +53,7 @@ impl MitOptions {
             rotor_kg_m2,
             time_out: 0,
             mode: 1,
+            bit_rate: 4,
             answer_after: Duration::from_micros(150),
             zero_rad: 0.0,
         })

@@ -19,9 +19,6 @@ pub(super) struct Registers {
     pub(super) bit_rate: u32,
 }
 
-/// Register 35: 1 Mbit/s, classical.
-const MBIT: u32 = 4;
-
 impl Registers {
     pub(super) fn delivered(options: &MitOptions) -> Self {
         let ranges = options.motor.ranges;
@@ -34,7 +31,7 @@ impl Registers {
             time_out: options.time_out,
             mode: options.mode,
             ranges,
-            bit_rate: MBIT,
+            bit_rate: options.bit_rate,
         }
     }
 

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::collect::Reading;
 use super::{AFTER_S, BEFORE_S, PlanClock};
-use crate::samples::BusFrame;
+use crate::samples::{BitTimes, BusFrame};
 
 /// Width of a step of the curve, s.
 pub const STEP_S: f64 = 0.01;
@@ -86,9 +86,9 @@ pub struct BusUse {
     pub slots: Vec<Slot>,
 }
 
-/// Usage around a plan of `end_t_s`; a bit takes `bit_s`.
+/// Usage around a plan of `end_t_s`.
 #[must_use]
-pub fn usage(frames: &[BusFrame], clock: PlanClock, end_t_s: f64, bit_s: f64) -> BusUse {
+pub fn usage(frames: &[BusFrame], clock: PlanClock, end_t_s: f64, times: BitTimes) -> BusUse {
     let steps = ((end_t_s + AFTER_S + BEFORE_S) / STEP_S).ceil() as usize;
     let mut taken_s = vec![0.0; steps];
     let mut ids: BTreeMap<(Traffic, u32), (String, u64, f64)> = BTreeMap::new();
@@ -96,11 +96,11 @@ pub fn usage(frames: &[BusFrame], clock: PlanClock, end_t_s: f64, bit_s: f64) ->
     for line in frames {
         let to_t_s = clock.t_s(line.at);
         let length = bits::length(&line.frame);
-        let from_t_s = to_t_s - f64::from(length.frame()) * bit_s;
+        let from_t_s = to_t_s - times.frame_s(length);
         if from_t_s < -BEFORE_S || to_t_s > end_t_s + AFTER_S {
             continue;
         }
-        let took_s = f64::from(length.with_interframe_space()) * bit_s;
+        let took_s = times.frame_s(length) + f64::from(bits::INTERFRAME_SPACE) * times.nominal_s;
         slots.push(Slot { from_t_s, to_t_s, frame: line.frame });
         spread(&mut taken_s, from_t_s, took_s);
         if (0.0..=end_t_s).contains(&to_t_s) {
@@ -128,7 +128,7 @@ pub fn usage(frames: &[BusFrame], clock: PlanClock, end_t_s: f64, bit_s: f64) ->
     ids.sort_by(|a, b| b.share.total_cmp(&a.share));
     let inside = over_time.iter().filter(|r| r.t_s >= -1e-9 && r.t_s + STEP_S <= end_t_s);
     BusUse {
-        bit_rate_bit_s: 1.0 / bit_s,
+        bit_rate_bit_s: 1.0 / times.nominal_s,
         frames: count,
         utilisation: busy_s / end_t_s,
         utilisation_peak: inside.map(|r| r.value).fold(0.0, f64::max),
@@ -164,7 +164,7 @@ mod tests {
         let at = |k: u64| Instant::from_micros(1_000_000 + 1_000 * k);
         let frames: Vec<BusFrame> = (1..=100).map(|k| BusFrame { at: at(k), frame }).collect();
         let clock = PlanClock::starting(Instant::from_micros(1_000_000));
-        let usage = usage(&frames, clock, 0.1, 1e-6);
+        let usage = usage(&frames, clock, 0.1, BitTimes::of(1_000_000, None));
         let expected = (95.0 + stuff) * 1e-3;
         assert_eq!(usage.frames, 100);
         assert!((usage.utilisation - expected).abs() < 1e-9, "{} {expected}", usage.utilisation);
@@ -172,5 +172,19 @@ mod tests {
         assert_eq!((usage.ids.len(), usage.ids[0].id.as_str(), usage.ids[0].frames), (1, "0E1", 100));
         let sum: f64 = usage.over_time.iter().map(|r| r.value * STEP_S).sum();
         assert!((sum - 0.1 * expected).abs() < 1e-9, "no bit is lost at the border of two steps: {sum}");
+    }
+
+    #[test]
+    fn frames_of_can_fd_take_their_bits_at_two_rates() {
+        let data = [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFC];
+        let frame = Frame::from_array(StandardId::from_low_bits(1), data).with_fd(protocol::FdFlags::BRS);
+        let at = |k: u64| Instant::from_micros(1_000_000 + 1_000 * k);
+        let frames: Vec<BusFrame> = (1..=100).map(|k| BusFrame { at: at(k), frame }).collect();
+        let clock = PlanClock::starting(Instant::from_micros(1_000_000));
+        // 17 bits and 2 stuff bits, 96 and 12 at 5 Mbit/s, 10 bits and 3 behind.
+        for (data_bit_rate_bit_s, us) in [(Some(5_000_000), 19.0 + 108.0 / 5.0 + 13.0), (None, 140.0)] {
+            let usage = usage(&frames, clock, 0.1, BitTimes::of(1_000_000, data_bit_rate_bit_s));
+            assert!((usage.utilisation - 1e-3 * us).abs() < 1e-9, "{} {us}", usage.utilisation);
+        }
     }
 }

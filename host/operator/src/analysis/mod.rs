@@ -233,7 +233,7 @@ pub fn analyse(run: &Run<'_>) -> Result<RunAnalysis, AnalysisError> {
             .filter(|_| heard.joints.iter().any(|joint| !joint.commands.is_empty()))
             .map(|certified| coverage::coverage(&heard, end_s, certified)),
         answers: bus.map(|bus| timing::answers(&bus.frames, clock, end_s)),
-        bus: bus.map(|bus| bus::usage(&bus.frames, clock, end_s, bus.bit_s())),
+        bus: bus.map(|bus| bus::usage(&bus.frames, clock, end_s, bus.bit_times)),
         counts: heard.counts(end_s),
         events: events::events(samples, clock),
         fault: events::first_fault(samples, motion, clock),

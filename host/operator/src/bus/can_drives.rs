@@ -93,6 +93,10 @@ impl CanDrives {
             }),
             None => Ok(options),
         });
+        let options = options.and_then(|options| match motors.data_bit_rate_bit_s {
+            Some(bit_s) => options.with_fd(bit_s),
+            None => Ok(options),
+        });
         let options = options.map_err(|error| invalid(error.to_string()))?;
         alone(options.ids()).map_err(invalid)?;
         Ok(Self::Mit(Mit::new(options)))

@@ -95,6 +95,10 @@ impl LiveBus {
         soft.finish()
     }
 
+    pub(super) fn takes_fd(&self) -> Result<(), LinkError> {
+        self.link.takes_fd()
+    }
+
     pub(super) fn now(&self) -> Instant {
         self.clock.now().max(self.last)
     }

@@ -5,7 +5,7 @@ use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use can_link::{BusError, Role, Urgent};
+use can_link::{BusError, LinkError, Role, Urgent};
 use firmware::authority::{Digest, Key};
 use protocol::cyphal::cubecell::command::Trajectory;
 use protocol::cyphal::cubecell::stop::Reason;
@@ -144,6 +144,17 @@ impl Session {
     /// True in virtual time.
     pub const fn is_simulated(&self) -> bool {
         matches!(self.medium, Medium::Sim(_))
+    }
+
+    /// Whether CAN FD frames can be sent on this bus.
+    ///
+    /// # Errors
+    /// [`LinkError::ClassicalOnly`], with what helps.
+    pub fn takes_fd(&self) -> Result<(), LinkError> {
+        match &self.medium {
+            Medium::Sim(sim) => sim.takes_fd(),
+            Medium::Live(live) => live.takes_fd(),
+        }
     }
 
     /// The embedded cell, if there is one.

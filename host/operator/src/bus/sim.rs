@@ -4,6 +4,7 @@ use std::cell::Cell;
 use std::rc::Rc;
 use std::time::Instant as WallTime;
 
+use can_link::LinkError;
 use firmware::ControllerNode;
 use firmware::authority::Seed;
 use firmware::host_link::Identity;
@@ -218,6 +219,13 @@ impl SimBus {
     /// The world, to read it and to add faults.
     pub fn world(&mut self) -> &mut World<SimParticipants> {
         &mut self.world
+    }
+
+    /// See [`super::Session::takes_fd`].
+    pub(super) fn takes_fd(&self) -> Result<(), LinkError> {
+        let advice = || "name a robot file with `[bus] data_bit_rate_bit_s`".to_owned();
+        let error = || LinkError::ClassicalOnly { link: "sim".to_owned(), advice: advice() };
+        self.world.bus().data_bit_rate_bit_s().map(|_| ()).ok_or_else(error)
     }
 
     pub fn cell(&self) -> &SimCell {

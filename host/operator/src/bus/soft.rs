@@ -222,6 +222,10 @@ impl CanLink for Shared {
         Ok(event)
     }
 
+    fn takes_fd(&self) -> Result<(), LinkError> {
+        self.wire.takes_fd()
+    }
+
     fn register<'a>(&'a self, set: &mut PollSet<'a>) {
         self.wire.register(set);
         if !self.apart {

@@ -18,7 +18,6 @@ use super::stopping::{StopView, Stopping};
 use crate::log::facts::{Fact, position};
 use crate::log::watch::{LogEvent, Severity, Watch};
 use crate::machine::{Machine, Placed};
-use crate::node::host_node::frame_bits;
 use crate::tap::{Tap, Way};
 
 /// The load of the bus is the mean over this time.
@@ -232,7 +231,7 @@ impl LiveState {
         self.advance_to(at);
         self.frames += 1;
         self.heard = Some(at);
-        self.bits.push_back((at, frame_bits(frame)));
+        self.bits.push_back((at, self.machine.frame_bits(frame, self.bit_rate_bit_s)));
         let notes = self.watch.pass(at, way, frame);
         self.follow_stop(at, notes.fact.as_ref());
         match notes.fact {
@@ -587,7 +586,7 @@ mod tests {
                 loads.push(state.snapshot(0).load_percent);
             }
         }
-        let wanted = 100.0 * frame_bits(&frame) as f64 / 1_000.0;
+        let wanted = 100.0 * f64::from(frame.nominal_bits()) / 1_000.0;
         for load in loads {
             assert!((load / wanted - 1.0).abs() < 0.02, "{load} % instead of {wanted} %");
         }

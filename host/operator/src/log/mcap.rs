@@ -269,13 +269,17 @@ impl<W: Write + Seek> Log<W> {
 }
 
 fn frame_message(at: Instant, sent: bool, frame: &Frame) -> Message {
-    Message::default()
+    let message = Message::default()
         .uint(1, at.as_micros())
         .uint(2, frame.id().raw().into())
         .uint(3, frame.is_extended().into())
         .uint(4, frame.is_remote().into())
         .uint(5, sent.into())
-        .bytes(6, frame.data())
+        .bytes(6, frame.data());
+    match frame.fd() {
+        Some(flags) => message.uint(7, 1).uint(8, flags.brs.into()).uint(9, flags.esi.into()),
+        None => message,
+    }
 }
 
 /// `None` for an answer with neither position nor current.

@@ -112,6 +112,9 @@ const MESSAGES: &[(&str, Fields)] = &[
             ("remote", Type::Bool),
             ("sent", Type::Bool),
             ("data", Type::Bytes),
+            ("can_fd", Type::Bool),
+            ("bit_rate_switch", Type::Bool),
+            ("error_state_indicator", Type::Bool),
         ],
     ),
     (

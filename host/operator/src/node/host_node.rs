@@ -379,12 +379,6 @@ const fn tool_bit(node: NodeId) -> u16 {
     }
 }
 
-/// Bits of a frame on the wire with its interframe space, without stuff bits.
-#[must_use]
-pub fn frame_bits(frame: &Frame) -> u64 {
-    u64::from(frame.nominal_bits())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -14,7 +14,7 @@ pub mod of_log;
 
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::cubecell::joint_state::JointSample;
-use protocol::{Duration, Frame, Instant};
+use protocol::{Frame, Instant, bits};
 
 use crate::log::watch::LogEvent;
 use drives::Drives;
@@ -105,17 +105,34 @@ pub struct BusFrame {
 pub struct BusLog {
     /// Its frames, in ascending time.
     pub frames: Vec<BusFrame>,
-    /// Bit rate, bit/s.
-    pub bit_rate_bit_s: u32,
+    /// How long bits take on it.
+    pub bit_times: BitTimes,
     /// Which drive is which joint.
     pub drives: Drives,
 }
 
-impl BusLog {
-    /// Time of a bit, s.
+/// How long the bits of a bus take, s.
+#[derive(Clone, Copy, Debug)]
+pub struct BitTimes {
+    /// Of classical frames, and of the arbitration of others.
+    pub nominal_s: f64,
+    /// In the data phase of CAN FD.
+    pub fast_s: f64,
+}
+
+impl BitTimes {
+    /// Of a bus with these rates, bit/s; without a data rate the data phase of CAN FD is as slow as the rest.
     #[must_use]
-    pub fn bit_s(&self) -> f64 {
-        1.0 / f64::from(self.bit_rate_bit_s.max(1))
+    pub fn of(bit_rate_bit_s: u32, data_bit_rate_bit_s: Option<u32>) -> Self {
+        let [nominal_s, fast_s] = [bit_rate_bit_s, data_bit_rate_bit_s.unwrap_or(bit_rate_bit_s)]
+            .map(|rate| 1.0 / f64::from(rate.max(1)));
+        Self { nominal_s, fast_s }
+    }
+
+    /// Time from the start of a frame to its end, s.
+    #[must_use]
+    pub fn frame_s(&self, length: bits::Length) -> f64 {
+        f64::from(length.frame() - length.fast) * self.nominal_s + f64::from(length.fast) * self.fast_s
     }
 }
 
@@ -169,9 +186,4 @@ impl Samples {
             && self.joints.iter().all(silent)
             && self.bus.as_ref().is_none_or(|bus| bus.frames.is_empty())
     }
-}
-
-/// Time that `bits` take on a bus.
-pub(crate) fn span_of(bits: u32, bit_s: f64) -> Duration {
-    Duration::from_secs_f64(f64::from(bits) * bit_s)
 }

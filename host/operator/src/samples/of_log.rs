@@ -12,7 +12,7 @@ use robot_model::{Cia402Servo, Joint, MitMotor, OdriveAxis};
 
 use super::drives::Drives;
 use super::{
-    At, BusFrame, BusLog, Freeze, GroupTold, JointFreeze, JointSamples, RampOrder, Samples, span_of,
+    At, BitTimes, BusFrame, BusLog, Freeze, GroupTold, JointFreeze, JointSamples, RampOrder, Samples,
 };
 use crate::log::candump::Line;
 use crate::log::facts::{Fact, position};
@@ -33,7 +33,8 @@ impl Samples {
     #[must_use]
     pub fn of_log(lines: Vec<Line>, drives: Drives, arm: &Arm, bit_rate_bit_s: u32) -> Self {
         let frames = lines.into_iter().map(|line| BusFrame { at: line.at, frame: line.frame }).collect();
-        let bus = BusLog { frames, bit_rate_bit_s, drives };
+        let data_bit_rate_bit_s = arm.mit_motors().and_then(|motors| motors.data_bit_rate_bit_s);
+        let bus = BusLog { frames, bit_times: BitTimes::of(bit_rate_bit_s, data_bit_rate_bit_s), drives };
         let drives = &bus.drives;
         let names =
             drives.address.iter().zip(arm.joints()).map(|(address, joint)| (*address, joint.name.clone()));
@@ -53,7 +54,8 @@ impl Samples {
             let notes = watch.take(*at, frame);
             reader.samples.events.extend(notes.events);
             reader.samples.freezes.extend(notes.freeze.map(|freeze| frozen(&freeze, drives)));
-            let begun = at.saturating_sub(span_of(bits::length(frame).frame(), bus.bit_s()));
+            let begun =
+                at.saturating_sub(Duration::from_secs_f64(bus.bit_times.frame_s(bits::length(frame))));
             if let Some(fact) = notes.fact {
                 reader.take(*at, begun, &fact);
             }

@@ -181,12 +181,16 @@ impl<D: Dialect> Hub<D> {
 
     fn deliver(&mut self, at: Instant, frame: &Frame, to: impl Fn(ClientId) -> bool) {
         let (now, unix) = (self.clock.now(), self.clock.to_unix(at));
+        // The protocols have no text for CAN FD: as with a real server, such a frame does not get to a peer.
+        let is_lost = frame.fd().is_some();
         for Peer { session, line, .. } in &mut self.peers {
             if !to(line.id) || line.leaving.is_some() {
                 continue;
             }
-            let mut lost = false;
-            self.dialect.render(session, at, unix, frame, &mut |text| lost = !line.stream.queue(text));
+            let mut lost = is_lost;
+            if !is_lost {
+                self.dialect.render(session, at, unix, frame, &mut |text| lost = !line.stream.queue(text));
+            }
             if lost {
                 self.stats.dropped_out += 1;
                 self.dialect.note_loss(session);

@@ -1,6 +1,6 @@
 //! `[joint.mit]` and `[gripper.mit]`: Damiao motors that take MIT frames.
 
-use mit_protocol::{KD_MAX_NM_S_RAD, KP_MAX_NM_RAD, MOTORS, MotorId, MotorType, REGISTER_ID};
+use mit_protocol::{DATA_RATES, KD_MAX_NM_S_RAD, KP_MAX_NM_RAD, MOTORS, MotorId, MotorType, REGISTER_ID};
 use protocol::StandardId;
 use toml_reader::Value;
 
@@ -29,6 +29,7 @@ pub(super) fn read(
     sections: &[Section<'_>],
     gripper: &Section<'_>,
     joints: &[Joint],
+    bus: Option<&Section<'_>>,
 ) -> Result<Option<MitMotors>, LoadError> {
     let (mut ids, mut motors, mut bare) = (Ids::default(), Vec::new(), None);
     for (section, joint) in sections.iter().zip(joints) {
@@ -48,12 +49,29 @@ pub(super) fn read(
             Err(section.error("mit", Problem::FamilyMissing { what: "MIT motor", joint: joint.name.clone() }))
         }
         (Some(_), Some(_)) => Err(gripper.error("mit", Problem::GripperAlone("MIT motor"))),
-        (Some(_), None) => Ok(None),
+        (Some(_), None) => match bus {
+            Some(bus) => Err(bus.error("data_bit_rate_bit_s", Problem::FdWithoutMit)),
+            None => Ok(None),
+        },
         (None, part) => {
             let gripper = part.map(|part| read_gripper(&part, &mut ids)).transpose()?;
-            Ok(Some(MitMotors { joints: motors, gripper }))
+            let data_bit_rate_bit_s = bus.map(read_data_rate).transpose()?;
+            Ok(Some(MitMotors { joints: motors, gripper, data_bit_rate_bit_s }))
         }
     }
+}
+
+fn read_data_rate(bus: &Section<'_>) -> Result<u32, LoadError> {
+    let rate = bus.required("data_bit_rate_bit_s", |value| {
+        let rate = value.integer(0..=i64::from(u32::MAX))?;
+        DATA_RATES
+            .map(|(_, bit_s)| bit_s)
+            .into_iter()
+            .find(|bit_s| i64::from(*bit_s) == rate)
+            .ok_or_else(|| value.error(Problem::DataRate { bit_s: rate }))
+    })?;
+    bus.finish()?;
+    Ok(rate)
 }
 
 fn read_motor(part: &Section<'_>, owner: &str, ids: &mut Ids) -> Result<MitMotor, LoadError> {

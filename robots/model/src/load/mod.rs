@@ -135,7 +135,8 @@ fn read_model(root: &Section<'_>) -> Result<RobotModel, LoadError> {
 
     let gripper_section = root.required("gripper", Value::section)?;
     families::require_one(&joint_sections, &joints)?;
-    let mit_motors = mit::read(&joint_sections, &gripper_section, &joints)?;
+    let bus = root.optional("bus", Value::section)?;
+    let mit_motors = mit::read(&joint_sections, &gripper_section, &joints, bus.as_ref())?;
     let cia402_servos = cia402::read(&joint_sections, &joints)?;
     let cia402_output = cia402::read_output(&gripper_section, cia402_servos.as_deref())?;
     let odrive_axes = odrive::read(&joint_sections, &joints)?;

@@ -1,6 +1,7 @@
 //! `cubectl doctor`
 
 mod beside;
+mod damiao;
 mod kind;
 mod losses;
 
@@ -39,7 +40,7 @@ const MOTOR_OFF_V: f64 = 5.0;
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl doctor --bus can0\n  cubectl doctor --bus can0 --modules 1-2    # only these are plugged in\n  cubectl doctor --robot kr16_2 --bus rsi:udp://0.0.0.0:49152\n  cubectl doctor --bus can0 --probe-29-bit   # motors off!\n\nNothing is set in motion. Beside a controller nothing is asked: its fault is told, and the modules as they are heard.\nWith findings of the level PROBLEM the exit code is 9. `cubectl explain WORD` says what a word of a state means."
+    after_help = "Examples:\n  cubectl doctor --bus can0\n  cubectl doctor --bus can0 --modules 1-2    # only these are plugged in\n  cubectl doctor --robot robots/openarm7.toml --bus can0    # motors: classical CAN or CAN FD?\n  cubectl doctor --robot kr16_2 --bus rsi:udp://0.0.0.0:49152\n  cubectl doctor --bus can0 --probe-29-bit   # motors off!\n\nNothing is set in motion. Beside a controller nothing is asked: its fault is told, and the modules as they are heard.\nWith findings of the level PROBLEM the exit code is 9. `cubectl explain WORD` says what a word of a state means."
 )]
 pub struct Args {
     /// Bus options.
@@ -66,13 +67,23 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         return crate::cmd::rsi::doctor(&spec, &described, &arm, args.json);
     }
     let cell = args.bus.cell.load()?;
+    let names_modules = args.modules.is_some() || args.probe || args.bus.beside;
+    if cell.robot.mit_motors().is_some() && names_modules {
+        let what = "--modules, --probe-29-bit and --beside are about PowerCubes, and this robot has motors with MIT frames";
+        return Err(ExpectedError::new(exit::USAGE, what).next("leave them out"));
+    }
     let wanted = match &args.modules {
         Some(modules) => Wanted::named(&modules.0),
         None => Wanted::of_robot(&cell.robot),
     };
     let mut session = args.bus.open_cell(&cell, None)?;
-    require_powercubes(&mut session, &args.bus, &cell.robot)?;
-    let (modules, mut findings) = look(&mut session, &wanted, args.probe, args.bus.beside)?;
+    let (modules, mut findings) = match cell.robot.mit_motors() {
+        Some(motors) => (Vec::new(), damiao::find(&mut session, motors)?),
+        None => {
+            require_powercubes(&mut session, &args.bus, &cell.robot)?;
+            look(&mut session, &wanted, args.probe, args.bus.beside)?
+        }
+    };
     let place = Place::of_bus(&args.bus);
     for found in &mut findings {
         found.next = place.complete(&found.next);
