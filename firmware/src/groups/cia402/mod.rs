@@ -397,7 +397,6 @@ impl DriveGroup for Cia402 {
         if !core::mem::take(&mut self.is_begun) {
             return;
         }
-        self.beat(now, settings);
         if !self.is_synchronous {
             return;
         }
@@ -413,6 +412,8 @@ impl DriveGroup for Cia402 {
         if let Some(frame) = self.data_to_gripper() {
             self.send(frame);
         }
+        // Behind the set points: each frame of the host link wins against it, and a link may keep the order of frames.
+        self.beat(now, settings);
     }
 
     fn poll_packet(&mut self) -> Option<Frame> {
