@@ -9,6 +9,8 @@ use serde_json::Value;
 struct Arm {
     drives: &'static str,
     robot: &'static str,
+    /// Its servos follow in mode 7 and count millidegrees.
+    interpolates: bool,
     period_ms: u32,
     bit_rate_bit_s: u32,
     /// End of the motion, rad; `None`: `move` has its usual period, which this bus does not hold.
@@ -29,10 +31,11 @@ const SIX: &str = "0.3,0.4,0.5,0,0.2,0";
 const SEVEN: &str = "0.3,0.4,0,0.5,0,0.2,0";
 
 /// Bounds are twice what is measured, rounded up.
-const ARMS: [Arm; 5] = [
+const ARMS: [Arm; 7] = [
     Arm {
         drives: "PowerCube",
         robot: "powercube6",
+        interpolates: false,
         period_ms: 3,
         bit_rate_bit_s: 1_000_000,
         joints: Some(SIX),
@@ -43,6 +46,7 @@ const ARMS: [Arm; 5] = [
     Arm {
         drives: "CiA 402, mode 8",
         robot: robot!("canopen6"),
+        interpolates: false,
         period_ms: 3,
         bit_rate_bit_s: 1_000_000,
         joints: Some(SIX),
@@ -53,6 +57,29 @@ const ARMS: [Arm; 5] = [
     Arm {
         drives: "CiA 402, mode 8",
         robot: robot!("canopen6"),
+        interpolates: false,
+        period_ms: 5,
+        bit_rate_bit_s: 500_000,
+        joints: None,
+        target: "0.75,0.1,0.05",
+        error_max_rad: 1e-2,
+        landing_max_m: 1e-2,
+    },
+    Arm {
+        drives: "CiA 402, mode 7",
+        robot: robot!("canopen6"),
+        interpolates: true,
+        period_ms: 3,
+        bit_rate_bit_s: 1_000_000,
+        joints: Some(SIX),
+        target: "0.75,0.1,0.05",
+        error_max_rad: 1e-3,
+        landing_max_m: 1e-3,
+    },
+    Arm {
+        drives: "CiA 402, mode 7",
+        robot: robot!("canopen6"),
+        interpolates: true,
         period_ms: 5,
         bit_rate_bit_s: 500_000,
         joints: None,
@@ -63,6 +90,7 @@ const ARMS: [Arm; 5] = [
     Arm {
         drives: "MIT frames",
         robot: robot!("openarm7"),
+        interpolates: false,
         period_ms: 3,
         bit_rate_bit_s: 1_000_000,
         joints: Some(SEVEN),
@@ -73,6 +101,7 @@ const ARMS: [Arm; 5] = [
     Arm {
         drives: "ODrive",
         robot: robot!("odrive6"),
+        interpolates: false,
         period_ms: 3,
         bit_rate_bit_s: 1_000_000,
         joints: Some(SIX),
@@ -102,18 +131,29 @@ fn tracking(summary: &Value) -> [f64; 2] {
     [max, (rms.iter().map(|x| x * x).sum::<f64>() / rms.len() as f64).sqrt()]
 }
 
+/// The file of an arm of CANopen servos, with modules that have mode 7 only and count millidegrees.
+pub(crate) fn interpolating(file: &str, folder: &Folder) -> String {
+    let text = std::fs::read_to_string(file).unwrap();
+    let count = text.matches("counts_per_turn = 655360").count();
+    assert_eq!(count, 6, "{file}");
+    let own = "mode = \"interpolated_position\", counts_per_turn = 360000";
+    let to = folder.file("interpolating.toml");
+    std::fs::write(&to, text.replace("counts_per_turn = 655360", own)).unwrap();
+    to
+}
+
 fn row(arm: &Arm) -> String {
     let folder = Folder::new(&format!("side-{}-{}", arm.drives.replace(' ', "-"), arm.bit_rate_bit_s));
     let scenario = folder.file("cell.toml");
     let text =
         format!("schema_version = 1\nduration_s = 60\n\n[bus]\nbit_rate_bit_s = {}\n", arm.bit_rate_bit_s);
     std::fs::write(&scenario, text).unwrap();
+    let robot = if arm.interpolates { interpolating(arm.robot, &folder) } else { arm.robot.to_owned() };
     let dir = |name: &str| folder.0.join(name).to_str().unwrap().to_owned();
     let run = |words: &[&str], name: &str| {
         let to = dir(name);
-        let done = cubectl(
-            &[words, &["--robot", arm.robot, "--scenario", &scenario, "--yes", "--out", &to]].concat(),
-        );
+        let done =
+            cubectl(&[words, &["--robot", &robot, "--scenario", &scenario, "--yes", "--out", &to]].concat());
         assert_eq!(code(&done), 0, "{} {words:?}: {}{}", arm.drives, out(&done), err(&done));
         json(&folder.0.join(name).join("summary.json"))
     };
