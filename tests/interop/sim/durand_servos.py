@@ -9,9 +9,12 @@ standard: durand has none. Its servo reaches each target with the next SYNC. Jud
 """
 
 import collections
+import os
+import re
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 
 from durand import Array, DatatypeEnum as T, MinimalNode, Record, Variable, set_scheduler
@@ -288,6 +291,22 @@ def main(cubectl, robot, *ports):
     assert errors == [HEARTBEAT_LOST, OVER_CURRENT] + 3 * [HEARTBEAT_LOST], [hex(error) for error in errors]
     print("the controller ends: heartbeat lost, fault", hex(errors[0]))
     cell.check()
+
+    # The data sheet that durand writes of itself, beside the node; and the same with a type that it does not have.
+    own = servos[3].node.eds.content
+    other = re.sub(r"(\[6065\][^\[]*DataType=)0x7", r"\g<1>0x6", own)
+    assert other != own
+    with tempfile.TemporaryDirectory() as folder:
+        sheet = os.path.join(folder, "durand.eds")
+        for content, code, said in (
+            (own, 0, r"^node 7: 4\d objects as in "),
+            (other, 9, r"^node 7, 6065:00 object 6065: the node gives 4 bytes, the sheet says 2$"),
+        ):
+            with open(sheet, "w") as file:
+                file.write(content)
+            text = cell.end(cell.start("modules", "show", "--eds", sheet, "--node", "7"), code)
+            assert re.search(said, text, re.MULTILINE), text
+    print("data sheet: as the node, and a type that is not is named")
 
 
 if __name__ == "__main__":
