@@ -1,12 +1,12 @@
-"""Catches of the simulated court, played again by MuJoCo: does the ball stay in the cup there too?
+"""Catches of the simulated cell, played again by MuJoCo: does the ball stay in the cup there too?
 
-    replay.py CUBECTL COURT ROBOT [--throws N] [--agree SHARE] [--seed S] [--jobs N]
+    replay.py CUBECTL CELL ROBOT [--throws N] [--agree SHARE] [--seed S] [--jobs N]
 
-Balls are drawn at the catcher of the court file, each with a restitution from 0.15 to 0.7. `cubectl catch --ball` catches them; two of three
+Balls are drawn at the catcher of the cell file, each with a restitution from 0.15 to 0.7. `cubectl catch --ball` catches them; two of three
 arms count on a cup without bounce, so that they try what the ball will not stay in. Of what it executed only the joints, and the path of the
 ball until 40 ms before it touches the cup, are taken. MuJoCo moves the arm's cup (capsules for the wall, a cylinder for the bottom) by these
 joints, throws the ball from there, and says whether it lies in the cup in the end. Its contact is a spring and a damper; the damper for a
-restitution is found by drops, which are printed. Friction and rolling resistance act as forces by the definitions of the court file. Arm and cup
+restitution is found by drops, which are printed. Friction and rolling resistance act as forces by the definitions of the cell file. Arm and cup
 are an own reading of the two files. Ends with code 1 if fewer throws than the given share agree.
 """
 
@@ -49,12 +49,12 @@ def numbers(values):
     return " ".join(f"{value:.12g}" for value in values)
 
 
-class Court:
-    def __init__(self, court, robot):
-        self.court = tomllib.loads(pathlib.Path(court).read_text(encoding="utf-8"))
+class TwoArmCell:
+    def __init__(self, cell, robot):
+        self.cell = tomllib.loads(pathlib.Path(cell).read_text(encoding="utf-8"))
         self.robot = tomllib.loads(pathlib.Path(robot).read_text(encoding="utf-8"))
         assert self.robot["frame_convention"] == "modified_dh"
-        self.ball, self.cup, self.catcher = self.court["ball"], self.court["cup"], self.court["arm"][1]
+        self.ball, self.cup, self.catcher = self.cell["ball"], self.cell["cup"], self.cell["arm"][1]
         self.gravity = self.robot["world"]["gravity_m_s2"]
 
     def ball_xml(self):
@@ -233,20 +233,20 @@ def draw(draw_from):
 
 def one(task):
     files, cubectl, folder, number, seed = task
-    court = Court(*files)
+    cell = TwoArmCell(*files)
     rng = random.Random(seed * 100_003 + number)
     restitution = RESTITUTIONS[0] + (RESTITUTIONS[1] - RESTITUTIONS[0]) * rng.random()
-    file = folder / f"court-{number}.toml"
+    file = folder / f"cell-{number}.toml"
     text = pathlib.Path(files[0]).read_text(encoding="utf-8")
     head, cup = text.split("[cup]")
-    before = f"restitution = {court.cup['restitution']}"
+    before = f"restitution = {cell.cup['restitution']}"
     assert cup.index(before) < cup.index("[ground]")
     file.write_text(f"{head}[cup]{cup.replace(before, f'restitution = {restitution:.6f}', 1)}", encoding="utf-8")
     kind = rng.choice(["matched", "hold", "hold", "either"])
     # One arm of three knows the cup; the others try what will bounce out.
     belief = ["--restitution", "0"] if number % 3 else []
     ball = ",".join(f"{value:.4f}" for value in draw(rng))
-    words = [cubectl, "catch", "--json", "--robot", "powercube6", "--court", file, "--hand", kind, *belief]
+    words = [cubectl, "catch", "--json", "--robot", "powercube6", "--cell", file, "--hand", kind, *belief]
     words += ["--seed", str(number), "--cooperative", "--ball", ball]
     done = subprocess.run([str(word) for word in words], capture_output=True, text=True, check=False)
     if not done.stdout.startswith("{"):
@@ -257,32 +257,32 @@ def one(task):
     early = any(event["event"] == "hit a link" for event in catch["events"] if event.get("part") != "fingers")
     if catch["choice"] is None or crossing is None or not touched or crossing["miss_m"] > 0.04:
         return number, None
-    damping = court.damping(restitution)
+    damping = cell.damping(restitution)
     return number, {
         "restitution": restitution,
         "mode": catch["choice"]["mode"],
         "speed": crossing["speed_m_s"],
         "link": early,
-        "court": catch["caught"],
-        "mujoco": court.replay(damping, catch),
+        "cell": catch["caught"],
+        "mujoco": cell.replay(damping, catch),
     }
 
 
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("cubectl", type=pathlib.Path)
-    parser.add_argument("court", type=pathlib.Path)
+    parser.add_argument("cell", type=pathlib.Path)
     parser.add_argument("robot", type=pathlib.Path)
     parser.add_argument("--throws", type=int, default=100)
     parser.add_argument("--agree", type=float, default=0.95)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     args = parser.parse_args()
-    court = Court(args.court, args.robot)
+    cell = TwoArmCell(args.cell, args.robot)
     print("restitution: damping ratio of the contact, restitution of drops with 1, 3 and 5 m/s")
     for restitution in (0.15, 0.3, 0.5, 0.7):
-        damping = court.damping(restitution)
-        drops = [court.drop(damping, speed) for speed in (1.0, 3.0, 5.0)]
+        damping = cell.damping(restitution)
+        drops = [cell.drop(damping, speed) for speed in (1.0, 3.0, 5.0)]
         print(f"  {restitution:.2f}: {damping:.4f}, {', '.join(f'{drop:.3f}' for drop in drops)}")
         assert all(abs(drop - restitution) < 0.02 for drop in drops), "a drop does not have the restitution that it was calibrated for"
     results, number = [], 0
@@ -291,16 +291,16 @@ def main():
         while len(results) < args.throws and number < 10 * args.throws:
             batch = range(number, number + args.throws - len(results))
             number = batch.stop
-            tasks = [((args.court, args.robot), args.cubectl, pathlib.Path(folder), k, args.seed) for k in batch]
+            tasks = [((args.cell, args.robot), args.cubectl, pathlib.Path(folder), k, args.seed) for k in batch]
             results += [(k, result) for k, result in pool.map(one, tasks) if result]
-    same = sum(result["court"] == result["mujoco"] for _, result in results)
-    kept = sum(result["court"] for _, result in results)
+    same = sum(result["cell"] == result["mujoco"] for _, result in results)
+    kept = sum(result["cell"] for _, result in results)
     for k, result in results:
-        if result["court"] != result["mujoco"]:
+        if result["cell"] != result["mujoco"]:
             words = {True: "in the cup", False: "out"}
             print(
                 f"  throw {k}: {result['mode']}, restitution {result['restitution']:.3f}, {result['speed']:.2f} m/s against the hand: "
-                f"{words[result['court']]} in the court, {words[result['mujoco']]} by MuJoCo{'; it hit a link' if result['link'] else ''}"
+                f"{words[result['cell']]} in the cell, {words[result['mujoco']]} by MuJoCo{'; it hit a link' if result['link'] else ''}"
             )
     print(f"{same} of {len(results)} catches agree; {kept} lie in the cup, {len(results) - kept} bounced out ({number} drawn)")
     few = len(results) < args.throws

@@ -17,7 +17,7 @@
 //! | seen from the bus | [`record`], [`checker`] | candump log, trace, invariants that only use frames | look into a node |
 //! | industrial robot | [`krc`] | a robot controller behind Ethernet RSI, in virtual time, lock step or real time | know its client |
 //! | tracker | [`tracker`] | an optical tracker: DTrack data and commands | know its client |
-//! | two-arm cell | [`court`] | two arms, a ball that bounces, cups as hands, the tracker that measures | move an arm; know its controller |
+//! | two-arm cell | [`two_arms`] | two arms, a ball that bounces, cups as hands, the tracker that measures | move an arm; know its controller |
 //! | results | [`report`] | a run in numbers, as table and JSON | judge |
 //! | situations | [`scenario`], [`swarm`] | TOML and seeds to options; printed before a run | act on their own |
 //!
@@ -62,7 +62,6 @@
 pub mod bus;
 pub mod cell;
 pub mod checker;
-pub mod court;
 pub mod drive;
 pub mod fault;
 pub mod krc;
@@ -75,6 +74,7 @@ pub mod rng;
 pub mod scenario;
 pub mod swarm;
 pub mod tracker;
+pub mod two_arms;
 pub mod witness;
 pub mod world;
 

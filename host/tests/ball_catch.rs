@@ -67,9 +67,9 @@ fn a_ball_that_is_seen_too_late_is_not_refused_for_want_of_a_posture() {
     }
 }
 
-/// From behind the place where the other arm of the built-in court stands.
+/// From behind the place where the other arm of the built-in cell stands.
 #[test]
-fn no_other_arm_stands_in_the_way_unless_a_court_was_asked_for_and_then_it_is_named() {
+fn no_other_arm_stands_in_the_way_unless_a_cell_was_asked_for_and_then_it_is_named() {
     let words = "catch --ball 3.3,0,0.2,-3.6,0,3.0 --json";
     let hits = |json: &[u8]| {
         let told: serde_json::Value = serde_json::from_slice(json).unwrap();
@@ -79,9 +79,9 @@ fn no_other_arm_stands_in_the_way_unless_a_court_was_asked_for_and_then_it_is_na
         events.iter().filter(|event| event["arm"] == "thrower").count()
     };
     assert_eq!(hits(&cubectl(words).stdout), 0);
-    let court = concat!(env!("CARGO_MANIFEST_DIR"), "/../hil-sim/src/court/two_arms.toml");
-    assert!(hits(&cubectl(&format!("{words} --court {court}")).stdout) > 0);
-    let text = cubectl(&format!("catch --ball 3.3,0,0.2,-3.6,0,3.0 --court {court}"));
+    let cell = concat!(env!("CARGO_MANIFEST_DIR"), "/../hil-sim/src/two_arms/two_arms.toml");
+    assert!(hits(&cubectl(&format!("{words} --cell {cell}")).stdout) > 0);
+    let text = cubectl(&format!("catch --ball 3.3,0,0.2,-3.6,0,3.0 --cell {cell}"));
     let text = String::from_utf8_lossy(&text.stdout).into_owned();
     assert!(text.contains("the ball hit the other arm"), "{text}");
 }
@@ -90,7 +90,7 @@ fn no_other_arm_stands_in_the_way_unless_a_court_was_asked_for_and_then_it_is_na
 fn a_ball_that_is_never_released_ends_as_not_released() {
     for cooperative in ["", " --cooperative"] {
         let ended =
-            cubectl(&format!("catch --ball 2.0,0.1,0.2,-2.3,-0.1,3.4 --trouble not-released{cooperative}"));
+            cubectl(&format!("catch --ball 2.0,0.1,0.2,-2.3,-0.1,3.4 --fault not-released{cooperative}"));
         assert_eq!(ended.status.code(), Some(i32::from(host::exit::NOT_RELEASED)), "{ended:?}");
     }
 }
@@ -149,7 +149,7 @@ fn a_catch_on_a_bus_is_refused_with_the_reason_where_it_makes_no_sense() {
         ("--bus sim --tracker 127.0.0.1:0".to_owned(), host::exit::BAD_INPUT, "nobody throws"),
         ("--bus can77".to_owned(), host::exit::USAGE, "--tracker"),
         ("--bus can77 --tracker 127.0.0.1:0 --ball 2,0,0,-2,0,3".to_owned(), host::exit::USAGE, "--ball"),
-        ("--bus can77 --tracker 127.0.0.1:0 --trouble bias:2".to_owned(), host::exit::USAGE, "--trouble"),
+        ("--bus can77 --tracker 127.0.0.1:0 --fault bias:2".to_owned(), host::exit::USAGE, "--fault"),
         ("--bus can77 --tracker 127.0.0.1:0".to_owned(), host::exit::USAGE, "--yes"),
         ("--bus can77 --tracker 127.0.0.1:0 --yes --robot pincher4".to_owned(), host::exit::BAD_INPUT, "six"),
         (

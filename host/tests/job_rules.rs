@@ -132,7 +132,7 @@ fn the_exit_code_of_a_catch_is_that_of_the_ball() {
         let ended = cubectl(&[
             "catch",
             "--ball=2.0,0.1,0.2,-2.3,-0.1,3.4",
-            "--trouble",
+            "--fault",
             "bias:-30",
             "--seed",
             seed,

@@ -5,10 +5,10 @@ mod faults;
 mod progress;
 mod run;
 mod serve;
-mod serve_court;
 mod serve_krc;
 mod serve_motors;
 mod serve_tracker;
+mod serve_two_arms;
 mod swarm;
 
 use std::process::ExitCode;
@@ -28,7 +28,8 @@ enum Verb {
     /// Serve or join a bus in real time, so that other programs can use the drives.
     Serve(serve::Args),
     /// Serve two arms with a ball between them, each on a bus of its own, and the tracker that watches, in real time.
-    ServeCourt(serve_court::Args),
+    #[command(alias = "serve-court")]
+    ServeTwoArms(serve_two_arms::Args),
     /// Serve a robot controller behind Ethernet RSI, in real time or in lock step with its client.
     ServeKrc(serve_krc::Args),
     /// Serve Damiao motors and ODrive axes, each with an inertia at its shaft, in real time.
@@ -47,7 +48,7 @@ enum Verb {
 pub(crate) fn main() -> ExitCode {
     let result = match Args::parse().verb {
         Verb::Serve(args) => serve::run(&args),
-        Verb::ServeCourt(args) => serve_court::run(&args),
+        Verb::ServeTwoArms(args) => serve_two_arms::run(&args),
         Verb::ServeKrc(args) => serve_krc::run(&args),
         Verb::ServeMotors(args) => serve_motors::run(&args),
         Verb::ServeTracker(args) => serve_tracker::run(&args),

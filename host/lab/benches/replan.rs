@@ -4,7 +4,7 @@
 
 use std::cell::RefCell;
 
-use hil_sim::court::CourtOptions;
+use hil_sim::two_arms::TwoArmOptions;
 use lab::rally::throws::draw_throws;
 use nix::time::{ClockId, clock_gettime};
 use operator::ball_catch::trial::{Pair, TrialOptions};
@@ -20,7 +20,7 @@ fn thread_us() -> f64 {
 }
 
 fn main() {
-    let pair = Pair::new(CourtOptions::two_arms().expect("built in")).expect("arms that catch");
+    let pair = Pair::new(TwoArmOptions::two_arms().expect("built in")).expect("arms that catch");
     let throws = draw_throws(&pair, &Window::default(), THROWS, 3).expect("throws exist");
     let mut slow = false;
     for (name, allowed, cooperative, jerk) in [

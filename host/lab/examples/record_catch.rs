@@ -19,8 +19,8 @@ use firmware::host_link::Identity;
 use firmware::settings::Settings;
 use firmware::spline::Spline;
 use firmware::store::RamStorage;
-use hil_sim::court::CourtOptions;
 use hil_sim::participants::Solo;
+use hil_sim::two_arms::TwoArmOptions;
 use lab::rally::throws::{draw_throws, place_exists};
 use operator::ball_catch::controller_arm::ControllerArm;
 use operator::ball_catch::executor::Executor;
@@ -96,7 +96,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let args = BusArgs::default();
     let session = args.open_with_nodes(&args.cell.load()?, Box::new(vec![Solo::new("controller", node)]))?;
 
-    let pair = Pair::new(CourtOptions::two_arms()?)?;
+    let pair = Pair::new(TwoArmOptions::two_arms()?)?;
     let mut options = TrialOptions::default();
     options.settings.actuation_s = ControllerArm::ACTUATION_S;
     let window = Window { flight_s: (0.6, 0.9), ..Window::default() };

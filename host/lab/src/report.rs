@@ -9,7 +9,7 @@ use crate::rally::exchange::{Exchange, Rally};
 /// Page of a rally: its exchanges, and the last one in full.
 pub(crate) fn rally(rally: &Rally, pair: &Pair, last: &Exchange, jerk: bool) -> String {
     let text = format!("{} of {} balls caught", rally.length(), rally.exchanges.len());
-    let again = "play another rally: `--seed`, `--trouble`; `--study` counts over many throws";
+    let again = "play another rally: `--seed`, `--fault`; `--study` counts over many throws";
     let ball = answer(&last.outcome, again);
     let answer = match rally.end.not_thrown() {
         Some([why, next]) => Answer::new(text, Tone::Warn, why, next),

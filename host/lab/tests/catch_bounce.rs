@@ -1,6 +1,6 @@
 //! A ball and a cup that bounce: what the arm predicts against where the simulated ball lies in the end.
 
-use hil_sim::court::CourtOptions;
+use hil_sim::two_arms::TwoArmOptions;
 use lab::rally::study::{Row, row};
 use lab::rally::throws::draw_throws;
 use operator::ball_catch::trial::{Pair, TrialOptions, WAIT_HOLD_DEG, WAIT_MATCHED_DEG};
@@ -12,9 +12,9 @@ const THROWS: usize = 16;
 
 /// The throws with a cup of this restitution; `believed` is what the arm counts on, if that is something else.
 fn caught(restitution: f64, allowed: Allowed, believed: Option<f64>) -> Row {
-    let mut court = CourtOptions::two_arms().unwrap();
-    court.cup.surface.restitution = restitution;
-    let pair = Pair::new(court).unwrap();
+    let mut cell = TwoArmOptions::two_arms().unwrap();
+    cell.cup.surface.restitution = restitution;
+    let pair = Pair::new(cell).unwrap();
     let window = Window { flight_s: (0.6, 0.9), ..Window::default() };
     let throws = draw_throws(&pair, &window, THROWS, 5).unwrap();
     let wait = if allowed == Allowed::Hold { WAIT_HOLD_DEG } else { WAIT_MATCHED_DEG };

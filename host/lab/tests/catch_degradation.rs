@@ -1,14 +1,14 @@
 //! Every fault of a throw and its catch, at many moments: the ball is caught, the throw is declined, or the failure is reported. Nothing
 //! is reported that did not happen, no arm passes a limit, and the arms do not touch each other.
 //!
-//! The witness works from the places of the ball and of the joints alone: neither the words of the catcher nor those of the court's
+//! The witness works from the places of the ball and of the joints alone: neither the words of the catcher nor those of the cell's
 //! contact rules enter.
 
-use hil_sim::court::CourtOptions;
+use hil_sim::two_arms::TwoArmOptions;
 use lab::rally::degraded::degradations;
 use lab::rally::throws::draw_throws;
 use operator::ball_catch::thrower::ThrowFault;
-use operator::ball_catch::trial::{CatchOutcome, Outcome, Pair, TrialOptions, Trouble};
+use operator::ball_catch::trial::{CatchOutcome, Outcome, Pair, TrialFault, TrialOptions};
 use planner::catch::Joints;
 use planner::catch::draw::{Aimed, Window};
 use rayon::prelude::*;
@@ -24,17 +24,17 @@ enum Seen {
     Elsewhere,
 }
 
-/// The ball in the last 100 ms of the trace, against the cup of the court file at the last joints.
+/// The ball in the last 100 ms of the trace, against the cup of the cell file at the last joints.
 fn seen(pair: &Pair, outcome: &Outcome) -> Seen {
     let last = outcome.trace.last().unwrap();
-    let cup = &pair.court.cup;
-    let arm = &pair.court.arms[1];
+    let cup = &pair.cell.cup;
+    let arm = &pair.cell.arms[1];
     let x_we = arm.x_wb * arm.model.ee(&arm.model.fk(&last.q[1]));
     let ball_e = x_we.inverse_transform_point(&last.ball_m);
     let below_mouth = cup.mouth_from_ee_m - ball_e.z;
-    let room = cup.shape.inner_radius_m - pair.court.ball.radius_m + 0.002;
+    let room = cup.shape.inner_radius_m - pair.cell.ball.radius_m + 0.002;
     let in_cup = below_mouth > 0.0 && below_mouth < cup.shape.depth_m && ball_e.x.hypot(ball_e.y) < room;
-    let thrower = &pair.court.arms[0];
+    let thrower = &pair.cell.arms[0];
     let held = thrower.x_wb.transform_point(&thrower.model.ball(&thrower.model.fk(&last.q[0])).pos);
     if in_cup {
         Seen::InCup
@@ -50,7 +50,7 @@ fn speed(pair: &Pair, outcome: &Outcome) -> f64 {
     let mut most = 0.0_f64;
     for w in outcome.trace.windows(2) {
         let h = w[1].t_s - w[0].t_s;
-        for (arm, place) in pair.court.arms.iter().enumerate() {
+        for (arm, place) in pair.cell.arms.iter().enumerate() {
             let by: Joints = (w[1].q[arm] - w[0].q[arm]) / h;
             for (i, joint) in place.model.joints().iter().enumerate() {
                 most = most.max(by[i].abs() / joint.limits.v_max_rad_s);
@@ -121,10 +121,10 @@ fn run_all(
 #[test]
 #[ignore = "6 s: run by the stage long of CI"]
 fn every_fault_ends_caught_declined_or_told_and_none_silently() {
-    let court = CourtOptions::two_arms().unwrap();
-    let throws = throws(&Pair::new(court.clone()).unwrap(), 10);
-    for (name, court, options) in degradations(&court) {
-        let pair = Pair::new(court).unwrap();
+    let cell = TwoArmOptions::two_arms().unwrap();
+    let throws = throws(&Pair::new(cell.clone()).unwrap(), 10);
+    for (name, cell, options) in degradations(&cell) {
+        let pair = Pair::new(cell).unwrap();
         let tally = run_all(name, &pair, &throws, &options);
         match name {
             // The matrix can see a difference: without a fault most are caught, without a ball none.
@@ -138,21 +138,18 @@ fn every_fault_ends_caught_declined_or_told_and_none_silently() {
 /// Tracker, drive and thrower fail at moments 60 ms apart over the whole of one throw, with and without its plan.
 #[test]
 fn a_fault_at_any_moment_of_a_throw_is_not_silent() {
-    let pair = Pair::new(CourtOptions::two_arms().unwrap()).unwrap();
+    let pair = Pair::new(TwoArmOptions::two_arms().unwrap()).unwrap();
     let throws = throws(&pair, 2);
     let moments: Vec<f64> = (0..20).map(|k| -0.25 + 0.06 * f64::from(k)).collect();
     let repeated: Vec<Aimed> = moments.iter().map(|_| throws[0]).collect();
     for cooperative in [false, true] {
-        let with = |trouble: Trouble| TrialOptions {
-            trouble: vec![trouble],
-            cooperative,
-            ..TrialOptions::default()
-        };
-        let dead = |k: usize| with(Trouble::TrackerDead { at_s: moments[k] });
+        let with =
+            |fault: TrialFault| TrialOptions { faults: vec![fault], cooperative, ..TrialOptions::default() };
+        let dead = |k: usize| with(TrialFault::TrackerDead { at_s: moments[k] });
         run_all(&format!("tracker dead, plan known {cooperative}"), &pair, &repeated, &dead);
-        let lost = |k: usize| with(Trouble::DriveLost { at_s: moments[k] });
+        let lost = |k: usize| with(TrialFault::DriveLost { at_s: moments[k] });
         run_all(&format!("drive lost, plan known {cooperative}"), &pair, &repeated, &lost);
-        let stops = |k: usize| with(Trouble::Throw(ThrowFault::Stops { before_s: 0.02 * (k + 1) as f64 }));
+        let stops = |k: usize| with(TrialFault::Throw(ThrowFault::Stops { before_s: 0.02 * (k + 1) as f64 }));
         let tally = run_all(&format!("thrower stops, plan known {cooperative}"), &pair, &repeated, &stops);
         assert_eq!(tally.caught, 0);
     }

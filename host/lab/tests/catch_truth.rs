@@ -1,7 +1,7 @@
-//! What a catch reports and what it does, case by case. The court observes it: places of the ball and contacts, which neither planner
+//! What a catch reports and what it does, case by case. The cell observes it: places of the ball and contacts, which neither planner
 //! nor estimator can see.
 
-use hil_sim::court::{CourtEvent, CourtOptions};
+use hil_sim::two_arms::{TwoArmEvent, TwoArmOptions};
 use lab::rally::throws::draw_throws;
 use nalgebra::Vector3;
 use operator::ball_catch::trial::{CatchOutcome, Outcome, Pair, Touch, TrialOptions, WAIT_MATCHED_DEG};
@@ -13,7 +13,7 @@ use planner::flight::FlightModel;
 use planner::plan::rng::SplitMix64;
 
 fn pair() -> Pair {
-    Pair::new(CourtOptions::two_arms().unwrap()).unwrap()
+    Pair::new(TwoArmOptions::two_arms().unwrap()).unwrap()
 }
 
 /// A ball that passes `at` (world, m) with `v` (m/s), `before_s` after its release.
@@ -31,9 +31,9 @@ fn cup(pair: &Pair, options: &TrialOptions) -> (Vector3<f64>, Vector3<f64>) {
 /// No catch is possible in the time left; the ball falls into the cup that waits.
 #[test]
 fn a_ball_that_falls_into_the_waiting_cup_after_a_decline_is_told_as_caught() {
-    let mut court = CourtOptions::two_arms().unwrap();
-    court.ball.drag_1_m = 0.0;
-    let pair = Pair::new(court).unwrap();
+    let mut cell = TwoArmOptions::two_arms().unwrap();
+    cell.ball.drag_1_m = 0.0;
+    let pair = Pair::new(cell).unwrap();
     let settings = Settings { keep_clear: false, probability_min: 1.1, ..Settings::default() };
     let options = TrialOptions { settings, ..TrialOptions::default() };
     let (mouth, axis) = cup(&pair, &options);
@@ -51,11 +51,11 @@ fn a_ball_that_falls_into_the_waiting_cup_after_a_decline_is_told_as_caught() {
 fn a_ball_that_rolls_in_the_cup_for_long_is_watched_until_it_rests_and_never_told_as_missed() {
     let mut rested_late = 0;
     for (rolling, seed) in [(0.0, 1), (0.004, 2), (0.01, 3), (0.02, 4), (0.05, 5)] {
-        let mut court = CourtOptions::two_arms().unwrap();
-        court.ball.drag_1_m = 0.0;
-        (court.cup.surface.rolling, court.cup.surface.friction) = (rolling, 0.05);
-        court.cup.surface.restitution = 0.4;
-        let pair = Pair::new(court).unwrap();
+        let mut cell = TwoArmOptions::two_arms().unwrap();
+        cell.ball.drag_1_m = 0.0;
+        (cell.cup.surface.rolling, cell.cup.surface.friction) = (rolling, 0.05);
+        cell.cup.surface.restitution = 0.4;
+        let pair = Pair::new(cell).unwrap();
         let settings = Settings { keep_clear: false, probability_min: 1.1, ..Settings::default() };
         let options = TrialOptions { settings, ..TrialOptions::default() };
         let (mouth, axis) = cup(&pair, &options);
@@ -63,7 +63,7 @@ fn a_ball_that_rolls_in_the_cup_for_long_is_watched_until_it_rests_and_never_tol
         let aimed = ball_through(&pair, mouth, -axis * 1.2 + Vector3::new(0.0, 0.5, -0.5), arrival_s);
         let aimed = Aimed { flight_s: arrival_s, ..aimed };
         let outcome = pair.run(&aimed, &options, seed);
-        let rests = outcome.events.iter().find(|(_, event)| *event == CourtEvent::Rests { arm: 1 });
+        let rests = outcome.events.iter().find(|(_, event)| *event == TwoArmEvent::Rests { arm: 1 });
         println!("rolling {rolling}: reported {:?}, caught {}, {rests:?}", outcome.reported, outcome.caught);
         assert_eq!(outcome.reported, CatchOutcome::Caught, "rolling {rolling}");
         assert!(outcome.caught, "rolling {rolling}");
@@ -78,9 +78,9 @@ fn a_ball_that_rolls_in_the_cup_for_long_is_watched_until_it_rests_and_never_tol
 /// of a study, reported as caught.
 #[test]
 fn a_ball_that_has_just_fallen_out_of_the_cup_is_not_told_as_caught() {
-    let mut court = CourtOptions::two_arms().unwrap();
-    court.ball.drag_1_m = 0.0;
-    let pair = Pair::new(court).unwrap();
+    let mut cell = TwoArmOptions::two_arms().unwrap();
+    cell.ball.drag_1_m = 0.0;
+    let pair = Pair::new(cell).unwrap();
     let settings = Settings { keep_clear: false, probability_min: 1.1, ..Settings::default() };
     let level = TrialOptions { settings, ..TrialOptions::default() };
     let turned = |turn: f64| level.wait + Joints::from([0.0, 0.0, 0.0, 0.0, turn, 0.0]);
@@ -95,7 +95,7 @@ fn a_ball_that_has_just_fallen_out_of_the_cup_is_not_told_as_caught() {
         // The trial ends one second after this.
         let outcome = pair.run(&Aimed { flight_s, ..aimed }, &options, 1);
         let end_s = outcome.trace.last().unwrap().t_s;
-        let fell = outcome.events.iter().find(|(_, event)| *event == CourtEvent::FellOut { arm: 1 });
+        let fell = outcome.events.iter().find(|(_, event)| *event == TwoArmEvent::FellOut { arm: 1 });
         println!("reported {:?}, caught {}, {fell:?}, end {end_s}", outcome.reported, outcome.caught);
         assert!(outcome.reported_truly(), "{:?}", outcome.reported);
         fell_late += usize::from(fell.is_some_and(|(at_s, _)| *at_s > end_s - 0.25));
@@ -120,7 +120,7 @@ fn a_hand_that_moves_with_the_ball_does_not_hit_it_with_the_outside_of_its_cup()
         let Some(choice) = &outcome.choice else { continue };
         tried += 1;
         let early = outcome.events.iter().find(|(t_s, event)| {
-            *t_s < choice.t_s - 0.01 && matches!(event, CourtEvent::HitCup { arm: 1, .. })
+            *t_s < choice.t_s - 0.01 && matches!(event, TwoArmEvent::HitCup { arm: 1, .. })
         });
         assert!(early.is_none(), "throw {k}: {early:?}, catch at {:.3}", choice.t_s);
     }
@@ -132,8 +132,8 @@ fn a_hand_that_moves_with_the_ball_does_not_hit_it_with_the_outside_of_its_cup()
 #[test]
 fn a_catch_that_has_become_hopeless_is_given_up_and_told() {
     let pair = pair();
-    let [thrower, catcher] = &pair.court.arms;
-    let flight = FlightModel::vacuum(9.81).unwrap().with_drag(pair.court.ball.drag_1_m).unwrap();
+    let [thrower, catcher] = &pair.cell.arms;
+    let flight = FlightModel::vacuum(9.81).unwrap().with_drag(pair.cell.ball.drag_1_m).unwrap();
     for (cooperative, k) in [(false, 73), (true, 28), (true, 34), (true, 94)] {
         let from_s = if cooperative { 0.55 } else { 0.4 };
         let window = Window { flight_s: (from_s, 0.9), ..Window::default() };
@@ -154,9 +154,9 @@ fn a_catch_that_has_become_hopeless_is_given_up_and_told() {
 }
 
 fn at_the_forearm(keep_clear: bool, seed: u64) -> Outcome {
-    let mut court = CourtOptions::two_arms().unwrap();
-    court.ball.drag_1_m = 0.0;
-    let pair = Pair::new(court).unwrap();
+    let mut cell = TwoArmOptions::two_arms().unwrap();
+    cell.ball.drag_1_m = 0.0;
+    let pair = Pair::new(cell).unwrap();
     // The hand would have to be as fast as the ball: no arm is.
     let settings =
         Settings { keep_clear, allowed: Allowed::Matched, relative_m_s: 0.0, ..Settings::default() };
@@ -195,9 +195,9 @@ fn a_ball_that_is_declined_does_not_touch_the_arm() {
 /// Two metres apart, the arms could touch each other.
 #[test]
 fn arms_near_each_other_keep_apart_and_one_in_the_way_is_a_reason_to_decline() {
-    let mut court = CourtOptions::two_arms().unwrap();
-    court.arms[1].x_wb.pos.x = 1.5;
-    let near = Pair::new(court).unwrap();
+    let mut cell = TwoArmOptions::two_arms().unwrap();
+    cell.arms[1].x_wb.pos.x = 1.5;
+    let near = Pair::new(cell).unwrap();
     // Over the thrower's shoulder: within reach of the catcher, and within that of the thrower. A ball that goes less far to the side
     // rises where the hand would be, and hits it.
     let at = Vector3::new(0.75, 0.0, 0.55);

@@ -12,11 +12,11 @@ const BASE: &[(&str, &str)] =
 const ROWS: &[Row] = &[
     ("rally", "throws", Change, "--throws 2"),
     ("rally", "eyes-only", Change, "--eyes-only"),
-    ("rally", "court", Change, "--court {d}/none.toml"),
+    ("rally", "cell", Change, "--cell {d}/none.toml"),
     ("rally", "hand", Change, "--hand matched"),
     ("rally", "jerk", Change, "--jerk"),
     ("rally", "restitution", Change, "--restitution 0.95"),
-    ("rally", "trouble", Change, "--trouble not-released"),
+    ("rally", "fault", Change, "--fault not-released"),
     ("rally", "seed", Change, "--seed 2"),
     ("rally", "study", Refusal, "--study 1"),
     ("rally", "only", Refusal, "--only degraded"),

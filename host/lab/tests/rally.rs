@@ -1,17 +1,17 @@
 //! One arm throws, the other catches: what the catcher reports against where the simulated ball lies.
 
-use hil_sim::court::CourtOptions;
+use hil_sim::two_arms::TwoArmOptions;
 use lab::rally::exchange::{Partners, RallyEnd};
 use lab::rally::study::{Row, row};
 use lab::rally::throws::{draw_throws, place_exists};
 use operator::ball_catch::controller_arm::ControllerArm;
 use operator::ball_catch::thrower::ThrowFault;
-use operator::ball_catch::trial::{CatchOutcome, Pair, TrialOptions, Trouble};
+use operator::ball_catch::trial::{CatchOutcome, Pair, TrialFault, TrialOptions};
 use planner::catch::Joints;
 use planner::catch::draw::{Aimed, Window};
 
 fn pair() -> Pair {
-    Pair::new(CourtOptions::two_arms().unwrap()).unwrap()
+    Pair::new(TwoArmOptions::two_arms().unwrap()).unwrap()
 }
 
 fn throws(pair: &Pair, count: usize) -> Vec<Aimed> {
@@ -47,26 +47,21 @@ fn whatever_fails_is_caught_declined_or_told() {
     let throws = throws(&pair, 4);
     for (k, aimed) in throws.iter().enumerate() {
         let at_s = 0.15 * k as f64;
-        for trouble in [
-            Trouble::TrackerDead { at_s },
-            Trouble::FramesLost { probability: 0.3 },
-            Trouble::Bias { by_mm: 20.0 },
-            Trouble::FalseMarkers { count: 4 },
-            Trouble::DriveLost { at_s },
-            Trouble::Throw(ThrowFault::NotReleased),
-            Trouble::Throw(ThrowFault::Stops { before_s: 0.05 + at_s }),
+        for fault in [
+            TrialFault::TrackerDead { at_s },
+            TrialFault::FramesLost { probability: 0.3 },
+            TrialFault::Bias { by_mm: 20.0 },
+            TrialFault::FalseMarkers { count: 4 },
+            TrialFault::DriveLost { at_s },
+            TrialFault::Throw(ThrowFault::NotReleased),
+            TrialFault::Throw(ThrowFault::Stops { before_s: 0.05 + at_s }),
         ] {
             for cooperative in [false, true] {
-                let options = TrialOptions { cooperative, trouble: vec![trouble], ..TrialOptions::default() };
+                let options = TrialOptions { cooperative, faults: vec![fault], ..TrialOptions::default() };
                 let outcome = pair.run(aimed, &options, k as u64);
-                assert!(outcome.reported_truly(), "{trouble:?} {cooperative}: {:?}", outcome.reported);
-                assert!(
-                    outcome.within_limits(false),
-                    "{trouble:?}: {:?} {:?}",
-                    outcome.used,
-                    outcome.executed
-                );
-                if let Trouble::Throw(_) = trouble {
+                assert!(outcome.reported_truly(), "{fault:?} {cooperative}: {:?}", outcome.reported);
+                assert!(outcome.within_limits(false), "{fault:?}: {:?} {:?}", outcome.used, outcome.executed);
+                if let TrialFault::Throw(_) = fault {
                     assert!(!outcome.caught);
                 }
             }
@@ -78,7 +73,7 @@ fn whatever_fails_is_caught_declined_or_told() {
 fn without_a_ball_an_uninformed_arm_stays_where_it_is() {
     let pair = pair();
     let options =
-        TrialOptions { trouble: vec![Trouble::Throw(ThrowFault::NotReleased)], ..TrialOptions::default() };
+        TrialOptions { faults: vec![TrialFault::Throw(ThrowFault::NotReleased)], ..TrialOptions::default() };
     let outcome = pair.run(&throws(&pair, 1)[0], &options, 1);
     assert_eq!(outcome.reported, CatchOutcome::NothingThrown);
     assert!(outcome.trace.iter().all(|moment| (moment.q[1] - options.wait).amax() < 1e-3));
@@ -120,7 +115,7 @@ fn an_arm_behind_its_controller_catches() {
 
 #[test]
 fn a_rally_goes_to_and_fro() {
-    let partners = Partners::new(CourtOptions::two_arms().unwrap()).unwrap();
+    let partners = Partners::new(TwoArmOptions::two_arms().unwrap()).unwrap();
     let options = TrialOptions { cooperative: true, ..TrialOptions::default() };
     let rally = partners.play(4, &options, 2, |_, _| {});
     assert_eq!((&rally.end, rally.length()), (&RallyEnd::Complete, 4));
@@ -137,7 +132,7 @@ fn a_rally_goes_to_and_fro() {
 /// On the wire the arms stand anywhere: both ways begin there, and the arm that finds none is named.
 #[test]
 fn both_arms_go_from_where_they_stand_to_the_run_up_and_to_the_waiting_pose() {
-    let partners = Partners::new(CourtOptions::two_arms().unwrap()).unwrap();
+    let partners = Partners::new(TwoArmOptions::two_arms().unwrap()).unwrap();
     let options = TrialOptions { cooperative: true, ..TrialOptions::default() };
     let upright = Joints::from([0.0, -90.0, -90.0, 0.0, 0.0, 0.0].map(f64::to_radians));
     let plan = |k, q: &[Joints; 2]| partners.plan(k, q, partners.first_e_m(), &options, 1);

@@ -4,7 +4,7 @@
 //! An arrow goes from user to used; none goes up.
 //!
 //! ```text
-//! ball_catch                           a ball that an arm catches with a cup, on the simulated court
+//! ball_catch                           a ball that an arm catches with a cup, on the simulated cell
 //!   |
 //!   v
 //! disc  servo  flight_estimator        a catch of a disc as a run of a controller; a stream of commands; a ball seen by a tracker

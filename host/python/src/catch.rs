@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use crate::calls::interruptible;
 use crate::errors::refused;
 
-/// One trial of the court as JSON, from words of the command line of `cubectl catch`; the table of the motion in steps of `step_s`.
+/// One trial of the cell as JSON, from words of the command line of `cubectl catch`; the table of the motion in steps of `step_s`.
 #[pyfunction]
 pub(crate) fn catch_ball(py: Python<'_>, words: Vec<String>, step_s: f64) -> PyResult<String> {
     let told = interruptible(py, move |_| for_programs::ball(&words, step_s))?;

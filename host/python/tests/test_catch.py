@@ -31,10 +31,10 @@ def same(mine: Any, told: Any) -> bool:
     return mine == told or (told is None and isinstance(mine, float) and math.isnan(mine))
 
 
-@pytest.mark.parametrize("options", [{}, {"hand": "hold", "seed": 7}, {"jerk": True}, {"trouble": ["tracker-dead:0.1"]}])
+@pytest.mark.parametrize("options", [{}, {"hand": "hold", "seed": 7}, {"jerk": True}, {"faults": ["tracker-dead:0.1"]}])
 def test_a_trial_is_that_of_the_program(options: dict[str, Any]) -> None:
     words = ["--jerk"] if options.get("jerk") else []
-    words += [f"--trouble={fault}" for fault in options.get("trouble", [])]
+    words += [f"--fault={fault}" for fault in options.get("faults", [])]
     words += [f"--{name}={options[name]}" for name in ("hand", "seed") if name in options]
     told = cubectl(*ball_words(BALL, *words))
     mine = cubecell.catch_ball(BALL[:3], BALL[3:], **options)
@@ -59,7 +59,7 @@ def test_the_word_of_the_witness_is_where_the_ball_lies() -> None:
     # The ball flies freely until the catch, in the frame of the arm as it was asked for.
     flying = (trace.after_release_s > 0.0) & (trace.after_release_s < choice.after_release_s - 0.05)
     ball_m = (trace.ball_m[flying] - caught.base[:3, 3]) @ caught.base[:3, :3]
-    # The planner's flight, with the drag of the court file; the court steps by itself, in milliseconds.
+    # The planner's flight, with the drag of the cell file; the cell steps by itself, in milliseconds.
     flight = cubecell.fly(BALL[:3], BALL[3:], trace.after_release_s[flying], drag_per_m=0.0284)
     assert np.abs(ball_m - flight.position_m).max() < 1e-3
     # At the end it lies in the cup; the mouth is a cup's depth above it.
@@ -110,10 +110,10 @@ def test_a_disc_that_cannot_be_caught_is_a_result_and_wrong_input_is_refused() -
         (lambda: cubecell.catch_disc([0.5, -1.0, 1.0], [0.0, 4.0, 0.0], robot="powercube6"), 4),
         (lambda: cubecell.catch_disc([0.5, -1.0, 1.0], [0.0, 4.0, 0.0], wind_m_s=[1, 0, 0]), 2),
         (lambda: cubecell.catch_ball([50.0, 0.0, 0.0], [0.0, 0.0, 0.0]), 4),
-        (lambda: cubecell.catch_ball(BALL[:3], BALL[3:], trouble=["rain"]), 2),
+        (lambda: cubecell.catch_ball(BALL[:3], BALL[3:], faults=["rain"]), 2),
         (lambda: cubecell.catch_ball(BALL[:3], BALL[3:], robot="pincher4"), 4),
         (lambda: cubecell.catch_ball(BALL[:3], BALL[3:], step_s=0.0), 4),
-        (lambda: cubecell.catch_ball(BALL[:3], BALL[3:], court="no/such/court.toml"), 4),
+        (lambda: cubecell.catch_ball(BALL[:3], BALL[3:], cell="no/such/cell.toml"), 4),
     ):
         with pytest.raises(cubecell.CubecellError) as refused:
             call()

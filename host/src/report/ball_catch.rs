@@ -54,16 +54,16 @@ pub fn mode_text(mode: Mode) -> &'static str {
 /// The line below the title: arms, tracker, hand.
 #[must_use]
 pub fn subtitle(pair: &Pair, outcome: &Outcome) -> String {
-    let court = &pair.court;
-    let apart_m = (court.arms[1].x_wb.pos - court.arms[0].x_wb.pos).norm();
-    let others = if court.alone { String::new() } else { format!(" · arms {apart_m:.1} m apart") };
+    let cell = &pair.cell;
+    let apart_m = (cell.arms[1].x_wb.pos - cell.arms[0].x_wb.pos).norm();
+    let others = if cell.alone { String::new() } else { format!(" · arms {apart_m:.1} m apart") };
     let hand = outcome.choice.as_ref().map_or("no catch", |choice| mode_text(choice.mode));
     format!(
         "{}{others} · tracker {:.0} Hz, {:.1} mm, {:.0} ms · hand: {hand}",
-        court.arms[1].model.name(),
-        1.0 / court.tracker.period.as_secs_f64(),
-        court.tracker.noise_mm,
-        1e3 * court.tracker.latency.as_secs_f64()
+        cell.arms[1].model.name(),
+        1.0 / cell.tracker.period.as_secs_f64(),
+        cell.tracker.noise_mm,
+        1e3 * cell.tracker.latency.as_secs_f64()
     )
 }
 
@@ -218,7 +218,7 @@ fn joints(outcome: &Outcome) -> Chart {
 /// The boxes of a body as they are drawn: of the cup its bottom and four walls, so that it is open.
 fn opened(pair: &Pair, body: &BodyBox) -> Vec<BodyBox> {
     let half_m = body.half_m;
-    let thin_m = 0.5 * pair.court.cup.shape.wall_m;
+    let thin_m = 0.5 * pair.cell.cup.shape.wall_m;
     if body.name != CUP_BODY {
         return vec![body.clone()];
     }
@@ -239,14 +239,14 @@ fn opened(pair: &Pair, body: &BodyBox) -> Vec<BodyBox> {
 /// Data of the picture in space: both arms as one machine of twelve links.
 fn space(pair: &Pair, outcome: &Outcome, jerk: bool) -> Space {
     let catcher = pair.catcher(jerk);
-    let places = [pair.court.arms[0].x_wb, pair.court.arms[1].x_wb];
-    let models = [&pair.court.arms[0].model, catcher.model()];
+    let places = [pair.cell.arms[0].x_wb, pair.cell.arms[1].x_wb];
+    let models = [&pair.cell.arms[0].model, catcher.model()];
     let release_s = outcome.planned_s.0;
     let end_s = outcome.choice.as_ref().map_or(outcome.planned_s.1, |choice| choice.t_s) + 0.5;
     let shown = flown(outcome).filter(|m| m.t_s < end_s);
     let (mut steps, mut top) = (Vec::new(), 0.8_f64);
     // An arm that is not there is not drawn.
-    let first = usize::from(pair.court.alone);
+    let first = usize::from(pair.cell.alone);
     for moment in shown.step_by(2) {
         let mut links = Vec::new();
         for ((model, x_wb), q) in models.iter().zip(&places).zip(&moment.q).skip(first) {
@@ -278,7 +278,7 @@ fn space(pair: &Pair, outcome: &Outcome, jerk: bool) -> Space {
     Space {
         floor: models[0].world().floor_z_m,
         top,
-        radius: pair.court.ball.radius_m,
+        radius: pair.cell.ball.radius_m,
         last: 6 * (2 - first),
         release: Some(0.0),
         first: Some(caught_s),

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use can_link::BusSpec;
-use hil_sim::court::CourtOptions;
+use hil_sim::two_arms::TwoArmOptions;
 use host::cmd::catch::on_bus::{as_json as caught_json, clocks_text, failed, path_json};
 use host::cmd::catch::outcome::reported_text;
 use host::cmd::catch::record;
@@ -25,17 +25,17 @@ use crate::report;
 #[derive(Debug, clap::Args)]
 pub struct Wire {
     /// Bus of the arm that throws first: instead of a rally in virtual time one in real time, with a controller in this
-    /// program on each bus. Place the arms as the court says.
-    #[arg(long, value_parser = can_link::bus_of_option, value_name = "SPEC", requires_all = ["bus_catcher", "tracker"], conflicts_with_all = ["study", "trouble"], help_heading = "Over the wire")]
+    /// program on each bus. Place the arms as the cell says.
+    #[arg(long, value_parser = can_link::bus_of_option, value_name = "SPEC", requires_all = ["bus_catcher", "tracker"], conflicts_with_all = ["study", "faults"], help_heading = "Over the wire")]
     pub bus_thrower: Option<BusSpec>,
     /// Bus of the arm that catches first.
     #[arg(long, value_parser = can_link::bus_of_option, value_name = "SPEC", requires = "bus_thrower", help_heading = "Over the wire")]
     pub bus_catcher: Option<BusSpec>,
     /// Address of this machine to which the tracker (DTrack) sends its data. With lockstep:// for both buses: where
-    /// `hil-sim serve-court` has them (its --data).
+    /// `hil-sim serve-two-arms` has them (its --data).
     #[arg(long, value_name = "HOST:PORT", requires = "bus_thrower", help_heading = "Over the wire")]
     pub tracker: Option<String>,
-    /// Where the first arm stands in the tracker's room, by a file of `cubectl tracker calibrate` [default: as the court says].
+    /// Where the first arm stands in the tracker's room, by a file of `cubectl tracker calibrate` [default: as the cell says].
     #[arg(long, value_name = "FILE", requires_all = ["bus_thrower", "calibration_catcher"], help_heading = "Over the wire")]
     pub calibration_thrower: Option<PathBuf>,
     /// Where the second arm stands there.
@@ -59,8 +59,8 @@ impl Wire {
         self.bus_thrower.is_some()
     }
 
-    /// The arms of the court on their buses.
-    fn options(&self, court: &CourtOptions) -> Result<WireOptions, ExpectedError> {
+    /// The arms of the cell on their buses.
+    fn options(&self, cell: &TwoArmOptions) -> Result<WireOptions, ExpectedError> {
         let (Some(first), Some(second), Some(tracker)) =
             (&self.bus_thrower, &self.bus_catcher, &self.tracker)
         else {
@@ -75,7 +75,7 @@ impl Wire {
                 &"thrower and catcher need a bus of their own each: signs of life to the drives go to \
                      everybody on a bus",
             )
-            .next("two places, as `hil-sim serve-court` has them"));
+            .next("two places, as `hil-sim serve-two-arms` has them"));
         }
         let is_in_step = |spec: &BusSpec| matches!(spec, BusSpec::Lockstep { .. });
         if is_in_step(first) != is_in_step(second) {
@@ -89,7 +89,7 @@ impl Wire {
         }
         let arm = |k: usize, bus: &BusSpec| ArmOnBus {
             bus: bus.clone(),
-            robot: court.arms[k].model.clone(),
+            robot: cell.arms[k].model.clone(),
             period_us: self.period * 1_000,
             record: self.record.as_ref().map(|folder| folder.join(format!("arm-{}", k + 1))),
         };
@@ -99,15 +99,15 @@ impl Wire {
     /// Throws to and fro.
     pub(super) fn run(
         &self,
-        mut court: CourtOptions,
+        mut cell: TwoArmOptions,
         throws: usize,
         options: &TrialOptions,
         seed: u64,
         report: Option<&Path>,
         observe: impl FnMut(usize, &WireExchange),
     ) -> Result<WireRally, ExpectedError> {
-        let wire = self.options(&court)?;
-        for (arm, file) in court.arms.iter_mut().zip([&self.calibration_thrower, &self.calibration_catcher]) {
+        let wire = self.options(&cell)?;
+        for (arm, file) in cell.arms.iter_mut().zip([&self.calibration_thrower, &self.calibration_catcher]) {
             if let Some(file) = file {
                 arm.x_wb = base_in_room(file, arm.model.name())?;
             }
@@ -117,8 +117,8 @@ impl Wire {
             "Both arms home and throw to each other. Ball in the hand of the first one, nobody near?",
             &interrupt(),
         )?;
-        let ball_radius_m = court.ball.radius_m;
-        let partners = Partners::new(court).map_err(|why| ExpectedError::bad_input(&why))?;
+        let ball_radius_m = cell.ball.radius_m;
+        let partners = Partners::new(cell).map_err(|why| ExpectedError::bad_input(&why))?;
         let rally = play(&partners, throws, options, &wire, seed, observe).map_err(|broken| {
             let error = failed(*broken.why);
             match broken.arm {

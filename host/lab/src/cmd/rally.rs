@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use hil_sim::court::CourtOptions;
+use hil_sim::two_arms::TwoArmOptions;
 use host::cmd::catch::catching::Catching;
 use host::cmd::catch::outcome::{as_json, ended, reported_text};
 use host::cmd::catch::record;
@@ -22,11 +22,11 @@ use crate::report;
 
 /// Options that change nothing in a study.
 const NOT_OF_A_STUDY: [&str; 8] =
-    ["throws", "eyes_only", "hand", "jerk", "restitution", "trouble", "record", "report"];
+    ["throws", "eyes_only", "hand", "jerk", "restitution", "faults", "record", "report"];
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubelab rally --throws 20 --report rally.html\n  cubelab rally --throws 4 --trouble frames-lost:0.1 --trouble bias:2\n  cubelab rally --study 500 --json > study.json          # the tables of shares; some minutes\n  cubelab rally --bus-thrower socketcand://127.0.0.1:29536/can0 --bus-catcher socketcand://127.0.0.1:29537/can0 \\\n      --tracker 127.0.0.1:5000                           # in real time, with `hil-sim serve-court` or with arms\n\nTwo arms of the court throw a ball to each other and catch it with open cups, in virtual time. The partners cooperate: the\ncatcher knows the plan of the throw, and the thrower takes the throw that is most surely caught. Whether a ball is caught\nis decided by the simulated contact of ball and cup; what the catcher reports comes from what its tracker saw."
+    after_help = "Examples:\n  cubelab rally --throws 20 --report rally.html\n  cubelab rally --throws 4 --fault frames-lost:0.1 --fault bias:2\n  cubelab rally --study 500 --json > study.json          # the tables of shares; some minutes\n  cubelab rally --bus-thrower socketcand://127.0.0.1:29536/can0 --bus-catcher socketcand://127.0.0.1:29537/can0 \\\n      --tracker 127.0.0.1:5000                           # in real time, with `hil-sim serve-two-arms` or with arms\n\nTwo arms of the cell throw a ball to each other and catch it with open cups, in virtual time. The partners cooperate: the\ncatcher knows the plan of the throw, and the thrower takes the throw that is most surely caught. Whether a ball is caught\nis decided by the simulated contact of ball and cup; what the catcher reports comes from what its tracker saw."
 )]
 pub struct Args {
     /// Throws at most; the rally ends with the first ball that is not caught.
@@ -56,20 +56,20 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    let court = args.catching.court()?;
+    let cell = args.catching.cell()?;
     if let Some(throws) = args.study {
-        return study_of(args, &court, throws);
+        return study_of(args, &cell, throws);
     }
     let mut options = args.catching.trial();
     options.cooperative = !args.eyes_only;
     if args.wire.is_meant() {
-        return on_wire(args, court, &options);
+        return on_wire(args, cell, &options);
     }
     let refused = |why: &dyn std::fmt::Display| {
-        ExpectedError::bad_input(&format!("an arm of the court cannot catch balls: {why}"))
+        ExpectedError::bad_input(&format!("an arm of the cell cannot catch balls: {why}"))
             .next("`robot = \"powercube6\"`")
     };
-    let partners = Partners::new(court).map_err(|why| refused(&why))?;
+    let partners = Partners::new(cell).map_err(|why| refused(&why))?;
     let rally = while_working("rally", "2 s a throw", |bar| {
         partners.play(args.throws as usize, &options, args.catching.seed, |k, exchange| {
             if !args.json {
@@ -112,9 +112,9 @@ fn record_all(folder: &Path, partners: &Partners, rally: &Rally) -> Result<(), E
 }
 
 /// A rally over two buses.
-fn on_wire(args: &Args, court: CourtOptions, options: &TrialOptions) -> Result<(), ExpectedError> {
+fn on_wire(args: &Args, cell: TwoArmOptions, options: &TrialOptions) -> Result<(), ExpectedError> {
     let (throws, seed, report) = (args.throws as usize, args.catching.seed, args.report.as_deref());
-    let rally = args.wire.run(court, throws, options, seed, report, |k, exchange| {
+    let rally = args.wire.run(cell, throws, options, seed, report, |k, exchange| {
         if !args.json {
             console::text!("{}", on_wire::exchange_text(k, exchange));
         }
@@ -157,11 +157,11 @@ fn rally_json(rally: &Rally) -> Value {
     })
 }
 
-fn study_of(args: &Args, court: &CourtOptions, throws: u32) -> Result<(), ExpectedError> {
+fn study_of(args: &Args, cell: &TwoArmOptions, throws: u32) -> Result<(), ExpectedError> {
     let options = StudyOptions { throws: throws as usize, seed: args.catching.seed, only: args.only.clone() };
     let mut rows = Vec::new();
     let study = while_working("study", "some minutes with 500 throws", |bar| {
-        study::run(court, &options, |row| {
+        study::run(cell, &options, |row| {
             bar.suspend(|| {
                 if args.json {
                     console::note!("{}: {} of {} caught", row.name, row.caught.hits, row.caught.of);
@@ -176,7 +176,7 @@ fn study_of(args: &Args, court: &CourtOptions, throws: u32) -> Result<(), Expect
         if args.json && !rows.is_empty() {
             print_json(&json!({"rows": rows}));
         }
-        let next = "look at the arms of the court file: the study sets them 2, 2.5 and 3 m apart and leaves the rest; \
+        let next = "look at the arms of the cell file: the study sets them 2, 2.5 and 3 m apart and leaves the rest; \
                     `--only \"D 2 m\"` makes the rows of that distance alone";
         ExpectedError::new(exit::NO_THROW, why.to_string()).next(next)
     })?;

@@ -1,43 +1,42 @@
 //! What can go wrong in a throw and its catch, one fault at a time.
 
-use hil_sim::court::CourtOptions;
+use hil_sim::two_arms::TwoArmOptions;
 use operator::ball_catch::thrower::ThrowFault;
-use operator::ball_catch::trial::{TrialOptions, Trouble};
+use operator::ball_catch::trial::{TrialFault, TrialOptions};
 
 /// Options of the trial with this number.
 pub type TrialOf = Box<dyn Fn(usize) -> TrialOptions + Sync>;
 
-/// Every fault with its court and its trials. Catches of either kind, eyes only if nothing else is said.
-pub fn degradations(court: &CourtOptions) -> Vec<(&'static str, CourtOptions, TrialOf)> {
+/// Every fault with its cell and its trials. Catches of either kind, eyes only if nothing else is said.
+pub fn degradations(cell: &TwoArmOptions) -> Vec<(&'static str, TwoArmOptions, TrialOf)> {
     let base = TrialOptions::default;
     // Moments spread evenly by the golden ratio: each throw has its own.
     let spread = |k: usize, low: f64, high: f64| low + (high - low) * (k as f64 * 0.618_034).fract();
-    let with = |trouble: Trouble| -> TrialOf {
-        Box::new(move |_| TrialOptions { trouble: vec![trouble], ..base() })
-    };
-    let slow = |change: &dyn Fn(&mut CourtOptions)| {
-        let mut court = court.clone();
-        change(&mut court);
-        court
+    let with =
+        |fault: TrialFault| -> TrialOf { Box::new(move |_| TrialOptions { faults: vec![fault], ..base() }) };
+    let slow = |change: &dyn Fn(&mut TwoArmOptions)| {
+        let mut cell = cell.clone();
+        change(&mut cell);
+        cell
     };
     let plain = || -> TrialOf { Box::new(move |_| base()) };
     let drag =
         |factor: f64| -> TrialOf { Box::new(move |_| TrialOptions { drag: (factor, 0.02), ..base() }) };
-    let same = || court.clone();
+    let same = || cell.clone();
     vec![
         ("nothing", same(), plain()),
         ("latency doubled", slow(&|c| c.tracker.latency = c.tracker.latency + c.tracker.latency), plain()),
         ("60 Hz", slow(&|c| c.tracker.period = c.tracker.period + c.tracker.period), plain()),
-        ("one frame in ten lost", same(), with(Trouble::FramesLost { probability: 0.1 })),
-        ("bias 2 mm", same(), with(Trouble::Bias { by_mm: 2.0 })),
-        ("three false markers", same(), with(Trouble::FalseMarkers { count: 3 })),
+        ("one frame in ten lost", same(), with(TrialFault::FramesLost { probability: 0.1 })),
+        ("bias 2 mm", same(), with(TrialFault::Bias { by_mm: 2.0 })),
+        ("three false markers", same(), with(TrialFault::FalseMarkers { count: 3 })),
         ("drag believed 20 % too small", same(), drag(0.8)),
         ("drag believed 20 % too large", same(), drag(1.2)),
         (
             "tracker dead at some moment",
             same(),
             Box::new(move |k| TrialOptions {
-                trouble: vec![Trouble::TrackerDead { at_s: spread(k, 0.0, 0.9) }],
+                faults: vec![TrialFault::TrackerDead { at_s: spread(k, 0.0, 0.9) }],
                 ..base()
             }),
         ),
@@ -45,7 +44,7 @@ pub fn degradations(court: &CourtOptions) -> Vec<(&'static str, CourtOptions, Tr
             "thrower stops before the release, plan known",
             same(),
             Box::new(move |k| TrialOptions {
-                trouble: vec![Trouble::Throw(ThrowFault::Stops { before_s: spread(k, 0.02, 0.4) })],
+                faults: vec![TrialFault::Throw(ThrowFault::Stops { before_s: spread(k, 0.02, 0.4) })],
                 cooperative: true,
                 ..base()
             }),
@@ -54,17 +53,17 @@ pub fn degradations(court: &CourtOptions) -> Vec<(&'static str, CourtOptions, Tr
             "ball not released, plan known",
             same(),
             Box::new(move |_| TrialOptions {
-                trouble: vec![Trouble::Throw(ThrowFault::NotReleased)],
+                faults: vec![TrialFault::Throw(ThrowFault::NotReleased)],
                 cooperative: true,
                 ..base()
             }),
         ),
-        ("ball not released", same(), with(Trouble::Throw(ThrowFault::NotReleased))),
+        ("ball not released", same(), with(TrialFault::Throw(ThrowFault::NotReleased))),
         (
             "catcher's drive lost at some moment",
             same(),
             Box::new(move |k| TrialOptions {
-                trouble: vec![Trouble::DriveLost { at_s: spread(k, -0.2, 0.9) }],
+                faults: vec![TrialFault::DriveLost { at_s: spread(k, -0.2, 0.9) }],
                 ..base()
             }),
         ),

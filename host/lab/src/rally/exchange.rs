@@ -5,7 +5,7 @@
 //! thrown from where it lies.
 //! Before each throw the arms go from where the last catch left them to the run-up and to the waiting pose.
 
-use hil_sim::court::CourtOptions;
+use hil_sim::two_arms::TwoArmOptions;
 use nalgebra::Vector3;
 use operator::ball_catch::trial::{Outcome, Pair, TrialOptions};
 use planner::catch::Joints;
@@ -95,11 +95,11 @@ impl RallyEnd {
             Self::Complete | Self::NotCaught => None,
             Self::NoThrow => Some([
                 "no throw was found that the other arm catches".to_owned(),
-                "set the arms of the court 2 to 3 m apart, or another --seed".to_owned(),
+                "set the arms of the cell 2 to 3 m apart, or another --seed".to_owned(),
             ]),
             Self::NoTransit { arm, why } => Some([
                 format!("arm {} found no way to its next pose without contact: {why}", arm + 1),
-                "bring it to a pose that is free, on its own side of the court; or another --seed".to_owned(),
+                "bring it to a pose that is free, on its own side of the cell; or another --seed".to_owned(),
             ]),
         }
     }
@@ -124,18 +124,18 @@ pub struct Partners {
 }
 
 impl Partners {
-    /// The arms of a court. The first ball is gripped in the middle of the bottom of the cup.
-    pub fn new(mut court: CourtOptions) -> Result<Self, NotACatcher> {
-        let first_e_m = court.cup.rest_e_m(court.ball.radius_m);
-        for arm in &mut court.arms {
-            arm.model = arm.model.clone().with_release_at(first_e_m).with_hand(&court.cup.replaces, []);
+    /// The arms of a cell. The first ball is gripped in the middle of the bottom of the cup.
+    pub fn new(mut cell: TwoArmOptions) -> Result<Self, NotACatcher> {
+        let first_e_m = cell.cup.rest_e_m(cell.ball.radius_m);
+        for arm in &mut cell.arms {
+            arm.model = arm.model.clone().with_release_at(first_e_m).with_hand(&cell.cup.replaces, []);
         }
-        let mut back = court.clone();
+        let mut back = cell.clone();
         back.arms.swap(0, 1);
-        let apart_m = (court.arms[1].x_wb.pos - court.arms[0].x_wb.pos).norm();
+        let apart_m = (cell.arms[1].x_wb.pos - cell.arms[0].x_wb.pos).norm();
         let x_m = Window::default().x_m + FARTHER.1 * (apart_m - FARTHER.0).max(0.0);
         let window = Window { x_m, flight_s: (0.6, 0.9), ..Window::default() };
-        let pairs = [Pair::new(court)?, Pair::new(back)?];
+        let pairs = [Pair::new(cell)?, Pair::new(back)?];
         let walls = [wall(&pairs[0]), wall(&pairs[1])];
         Ok(Self { pairs, walls, window, first_e_m })
     }
@@ -236,11 +236,11 @@ impl Partners {
         let throws = draw_from(pair, &self.window, 0..DRAWS, seed, TRIES).unwrap_or_default();
         let state = std::array::from_fn(|i| State::rest(options.wait[i]));
         let start = Start { at_s: 0.0, state: &state, under_way: None };
-        let thrower = &pair.court.arms[0].model;
+        let thrower = &pair.cell.arms[0].model;
         let v_max_rad_s = thrower.limit(|limits| limits.v_max_rad_s);
         let judged = throws.into_iter().filter_map(|aimed| {
             let release_s = aimed.throw.ha_s.max(0.3);
-            let forecast = true_forecast(&pair.court.ball, &aimed, release_s, thrower.world().gravity_m_s2);
+            let forecast = true_forecast(&pair.cell.ball, &aimed, release_s, thrower.world().gravity_m_s2);
             let choice = search(pair.catcher(options.jerk), &options.settings, &start, &forecast).0.ok()?;
             let speed = aimed.throw.qd_rad_s.component_div(&v_max_rad_s).amax();
             // What a correction can still use, late in a long flight.
@@ -266,7 +266,7 @@ fn stands(arm: &CatchArm, wall: &Scene, q: &Joints) -> bool {
 
 /// A wall in the middle between the arms of a pair, in the base frame of its catcher.
 fn wall(pair: &Pair) -> Scene {
-    let [thrower, catcher] = &pair.court.arms;
+    let [thrower, catcher] = &pair.cell.arms;
     let ahead = catcher.x_wb.inverse_transform_point(&thrower.x_wb.pos);
     let turned = Pose::rot_z(ahead.y.atan2(ahead.x));
     let middle = ahead * 0.5 + turned.rot.column(0) * WALL_M;

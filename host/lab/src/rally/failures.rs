@@ -1,6 +1,6 @@
-//! Why a ball was not caught: one throw at a time, from its decisions and from what the court saw.
+//! Why a ball was not caught: one throw at a time, from its decisions and from what the cell saw.
 
-use hil_sim::court::CourtEvent;
+use hil_sim::two_arms::TwoArmEvent;
 use operator::ball_catch::trial::CatchOutcome;
 use operator::ball_catch::trial::Outcome;
 use planner::catch::draw::Aimed;
@@ -77,8 +77,8 @@ fn cause(outcome: &Outcome, begun: bool) -> Cause {
     let Some(choice) = &outcome.choice else {
         return if begun { Cause::GivenUp } else { Cause::NeverBegun };
     };
-    let touched = |event: &CourtEvent| {
-        matches!(event, CourtEvent::HitCup { arm: 1, .. } | CourtEvent::HitLink { arm: 1, .. })
+    let touched = |event: &TwoArmEvent| {
+        matches!(event, TwoArmEvent::HitCup { arm: 1, .. } | TwoArmEvent::HitLink { arm: 1, .. })
     };
     // The cup's wall is touched within some ms of the catch by a ball that is caught.
     if outcome.events.iter().any(|(t_s, event)| *t_s < choice.t_s - 0.01 && touched(event)) {

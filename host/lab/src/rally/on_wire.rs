@@ -17,7 +17,7 @@
 //! by readings with bounds ([`operator::dialogue::clock`]), before the throw and once more after it. The tracker's clock is related to it
 //! by the least late datagram ([`operator::flight_estimator::MarkerStream`]).
 //!
-//! In lock step both buses and the tracker's data have one virtual time ([`hil_sim::court::in_step`]). The court gives turns to the
+//! In lock step both buses and the tracker's data have one virtual time ([`hil_sim::two_arms::in_step`]). The cell gives turns to the
 //! clients of one bus and then to those of the other, so the two threads of this side never have a turn at once.
 
 use std::sync::atomic::Ordering;
@@ -55,7 +55,7 @@ const RUN_MAX: Duration = Duration::from_secs(20);
 pub struct WireOptions {
     /// Arm 1, which throws first, and arm 2.
     pub arms: [ArmOnBus; 2],
-    /// Address of this machine to which the tracker sends; in lock step where the court has its data.
+    /// Address of this machine to which the tracker sends; in lock step where the cell has its data.
     pub tracker: String,
 }
 
@@ -388,7 +388,7 @@ impl Side<'_> {
         // The plan, without scatter: what comes of it is the business of the arm.
         let nothing = Scatter { delay_s: 0.0, share: 0.0 };
         let Planned { pair, aimed, .. } = &planned;
-        let thrower = &pair.court.arms[0].model;
+        let thrower = &pair.cell.arms[0].model;
         let thrower = Thrower::new(thrower, aimed, start_s, &nothing, None, &mut Rng::stream(0, "none"));
         let mut options = self.options.clone();
         options.settings.actuation_s = actuation_s(self.on_bus.period_us);

@@ -2,7 +2,7 @@
 
 use std::time::Instant as Clock;
 
-use hil_sim::court::CourtOptions;
+use hil_sim::two_arms::TwoArmOptions;
 use nalgebra::Vector3;
 use operator::ball_catch::limits::Executed;
 use operator::ball_catch::thrower::Scatter;
@@ -65,7 +65,7 @@ pub struct Row {
     pub name: String,
     /// Where the catcher waits, deg.
     pub wait_deg: [f64; 6],
-    /// The ball lay in the cup at the end: the court's word.
+    /// The ball lay in the cup at the end: the cell's word.
     pub caught: Share,
     /// Caught by the rule of miss and angle (and of relative speed, for matched catches) where the ball crosses the mouth plane.
     pub by_rule: Share,
@@ -244,7 +244,7 @@ impl StudyOptions {
 
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NoStudy {
-    #[error("an arm of the court cannot catch balls: {0}")]
+    #[error("an arm of the cell cannot catch balls: {0}")]
     NotACatcher(#[from] NotACatcher),
     #[error("the thrower cannot throw to the catcher {distance_m} m away")]
     OutOfReach { distance_m: f64 },
@@ -278,13 +278,13 @@ const THROWS_PER_RALLY: usize = 10;
 
 /// Makes the study; `done` gets each row when it is there.
 pub fn run(
-    court: &CourtOptions,
+    cell: &TwoArmOptions,
     options: &StudyOptions,
     mut done: impl FnMut(&Row),
 ) -> Result<Study, NoStudy> {
     for distance_m in [2.0, 2.5, 3.0] {
-        let court = at_distance(court, distance_m);
-        let pair = Pair::new(court)?;
+        let cell = at_distance(cell, distance_m);
+        let pair = Pair::new(cell)?;
         let refused = || NoStudy::OutOfReach { distance_m };
         for (window, settings) in goals() {
             let settings =
@@ -309,22 +309,22 @@ pub fn run(
             }
         }
     }
-    let faults: Vec<_> = degradations(court)
+    let faults: Vec<_> = degradations(cell)
         .into_iter()
-        .map(|(name, court, trial)| (format!("degraded: {name}"), court, trial))
+        .map(|(name, cell, trial)| (format!("degraded: {name}"), cell, trial))
         .collect();
     if faults.iter().any(|(name, ..)| options.wants(name)) {
         let window = Window { flight_s: (0.55, 0.9), ..Window::default() };
-        let throws = draw_throws(&Pair::new(court.clone())?, &window, options.throws, options.seed);
+        let throws = draw_throws(&Pair::new(cell.clone())?, &window, options.throws, options.seed);
         let throws = throws.ok_or(NoStudy::OutOfReach { distance_m: 2.5 })?;
-        for (name, court, trial) in faults.into_iter().filter(|(name, ..)| options.wants(name)) {
-            let pair = Pair::new(court)?;
+        for (name, cell, trial) in faults.into_iter().filter(|(name, ..)| options.wants(name)) {
+            let pair = Pair::new(cell)?;
             done(&row(&name, &pair, &throws, &trial, &[], options.seed));
         }
     }
     let wanted: Vec<_> = priors().filter(|(name, _)| options.wants(name)).collect();
     if !wanted.is_empty() {
-        let pair = Pair::new(at_distance(court, 2.5))?;
+        let pair = Pair::new(at_distance(cell, 2.5))?;
         let window = Window { flight_s: (0.55, 0.9), ..Window::default() };
         let throws = draw_throws(&pair, &window, options.throws, options.seed);
         let throws = throws.ok_or(NoStudy::OutOfReach { distance_m: 2.5 })?;
@@ -332,25 +332,25 @@ pub fn run(
             done(&row(&name, &pair, &throws, &|_| trial.clone(), &[], options.seed));
         }
     }
-    let wanted: Vec<_> = restitutions(court).filter(|(name, ..)| options.wants(name)).collect();
+    let wanted: Vec<_> = restitutions(cell).filter(|(name, ..)| options.wants(name)).collect();
     if !wanted.is_empty() {
         let window = Window { flight_s: (0.55, 0.9), ..Window::default() };
-        let throws = draw_throws(&Pair::new(at_distance(court, 2.5))?, &window, options.throws, options.seed);
+        let throws = draw_throws(&Pair::new(at_distance(cell, 2.5))?, &window, options.throws, options.seed);
         let throws = throws.ok_or(NoStudy::OutOfReach { distance_m: 2.5 })?;
-        for (name, court, trial) in wanted {
-            done(&row(&name, &Pair::new(court)?, &throws, &|_| trial.clone(), &[], options.seed));
+        for (name, cell, trial) in wanted {
+            done(&row(&name, &Pair::new(cell)?, &throws, &|_| trial.clone(), &[], options.seed));
         }
     }
     let estimator =
         if options.wants("estimator") { estimator(options.throws, options.seed) } else { Vec::new() };
-    let rallies = rallies(court, options)?;
+    let rallies = rallies(cell, options)?;
     Ok(Study { estimator, rallies })
 }
 
-fn rallies(court: &CourtOptions, options: &StudyOptions) -> Result<Vec<Rallies>, NotACatcher> {
+fn rallies(cell: &TwoArmOptions, options: &StudyOptions) -> Result<Vec<Rallies>, NotACatcher> {
     let trial = TrialOptions { cooperative: true, ..TrialOptions::default() };
     let of_distance = |distance_m: f64| {
-        let partners = Partners::new(at_distance(court, distance_m))?;
+        let partners = Partners::new(at_distance(cell, distance_m))?;
         let played: Vec<(usize, usize)> = (0..options.throws.div_ceil(THROWS_PER_RALLY))
             .into_par_iter()
             .map(|k| {
@@ -371,12 +371,12 @@ fn rallies(court: &CourtOptions, options: &StudyOptions) -> Result<Vec<Rallies>,
     wanted.map(of_distance).collect()
 }
 
-/// The same court with the arms this far apart.
-fn at_distance(court: &CourtOptions, distance_m: f64) -> CourtOptions {
-    let mut court = court.clone();
-    let apart = court.arms[1].x_wb.pos - court.arms[0].x_wb.pos;
-    court.arms[1].x_wb.pos = court.arms[0].x_wb.pos + apart * (distance_m / apart.norm());
-    court
+/// The same cell with the arms this far apart.
+fn at_distance(cell: &TwoArmOptions, distance_m: f64) -> TwoArmOptions {
+    let mut cell = cell.clone();
+    let apart = cell.arms[1].x_wb.pos - cell.arms[0].x_wb.pos;
+    cell.arms[1].x_wb.pos = cell.arms[0].x_wb.pos + apart * (distance_m / apart.norm());
+    cell
 }
 
 fn trial(allowed: Allowed, cooperative: bool, share: f64, jerk: bool) -> TrialOptions {
@@ -407,16 +407,16 @@ fn priors() -> impl Iterator<Item = (String, TrialOptions)> {
 }
 
 /// A ball and a cup that bounce more and more, by kind of catch, at 2.5 m; eyes only.
-fn restitutions(court: &CourtOptions) -> impl Iterator<Item = (String, CourtOptions, TrialOptions)> {
+fn restitutions(cell: &TwoArmOptions) -> impl Iterator<Item = (String, TwoArmOptions, TrialOptions)> {
     [0.15, 0.3, 0.4, 0.5, 0.6, 0.7].into_iter().flat_map(|restitution| {
         let kinds = [(Allowed::Hold, "hold"), (Allowed::Matched, "matched"), (Allowed::Either, "either")];
         kinds.map(|(allowed, kind)| {
-            let mut court = at_distance(court, 2.5);
-            court.cup.surface.restitution = restitution;
+            let mut cell = at_distance(cell, 2.5);
+            cell.cup.surface.restitution = restitution;
             let wait = if allowed == Allowed::Hold { WAIT_HOLD_DEG } else { WAIT_MATCHED_DEG };
             let wait = Joints::from(wait.map(f64::to_radians));
             let trial = TrialOptions { wait, ..trial(allowed, false, 0.01, false) };
-            (format!("restitution {restitution}, {kind}"), court, trial)
+            (format!("restitution {restitution}, {kind}"), cell, trial)
         })
     })
 }

@@ -27,7 +27,7 @@ const FIRST: usize = 4;
 /// Throws drawn at most for one that can be caught.
 const DRAWN_PER_POSSIBLE: usize = 10;
 
-/// Throws at a court, drawn from a seed.
+/// Throws at a cell, drawn from a seed.
 ///
 /// `None` if the thrower cannot reach the window.
 pub fn draw_throws(pair: &Pair, window: &Window, count: usize, seed: u64) -> Option<Vec<Aimed>> {
@@ -40,7 +40,7 @@ pub fn draw_throws(pair: &Pair, window: &Window, count: usize, seed: u64) -> Opt
     Some(throws)
 }
 
-/// Throws at one window of one court, drawn once for several settings.
+/// Throws at one window of one cell, drawn once for several settings.
 #[derive(Debug)]
 pub struct Drawn<'a> {
     pair: &'a Pair,
@@ -92,9 +92,9 @@ pub(super) fn draw_from(
     seed: u64,
     tries: usize,
 ) -> Option<Vec<Aimed>> {
-    let [thrower, catcher] = &pair.court.arms;
+    let [thrower, catcher] = &pair.cell.arms;
     let flight = FlightModel::vacuum(thrower.model.world().gravity_m_s2).ok()?;
-    let flight = flight.with_drag(pair.court.ball.drag_1_m).ok()?;
+    let flight = flight.with_drag(pair.cell.ball.drag_1_m).ok()?;
     let throws = numbers.into_par_iter().filter_map(|k| {
         let mut rng = SplitMix64::stream(seed, k as u64);
         draw(&thrower.model, &thrower.x_wb, &catcher.x_wb, &flight, window, &mut rng, tries)
@@ -120,8 +120,8 @@ pub(super) fn reached_from(
     let arm = &pair.catcher_for(aimed, options);
     let state = std::array::from_fn(|i| State::rest(wait[i]));
     let start = Start { at_s: RELEASE_S + known_s, state: &state, under_way: None };
-    let gravity_m_s2 = pair.court.arms[0].model.world().gravity_m_s2;
-    let forecast = true_forecast(&pair.court.ball, aimed, RELEASE_S, gravity_m_s2);
+    let gravity_m_s2 = pair.cell.arms[0].model.world().gravity_m_s2;
+    let forecast = true_forecast(&pair.cell.ball, aimed, RELEASE_S, gravity_m_s2);
     let choice = search(arm, &options.settings, &start, &forecast).0.ok()?;
     Some((choice.probability, choice.used))
 }

@@ -14,7 +14,7 @@ use crate::samples::Samples;
 use crate::samples::drives::Drives;
 use crate::trajectory::{TrajectoryError, encode_any, standing};
 use firmware::settings::Settings;
-use hil_sim::court::JointsNow;
+use hil_sim::two_arms::JointsNow;
 use planner::catch::Joints;
 use planner::motion::Motion;
 use protocol::cyphal::cubecell::command::{GRIPPER, Gripper};

@@ -1,7 +1,7 @@
 //! The port behind which the catcher's arm moves.
 
 use firmware::fault::Refusal;
-use hil_sim::court::JointsNow;
+use hil_sim::two_arms::JointsNow;
 use planner::catch::Joints;
 use planner::catch::arm::CatchArm;
 use planner::catch::law::Pieces;

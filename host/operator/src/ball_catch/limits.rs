@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use hil_sim::court::JointsNow;
+use hil_sim::two_arms::JointsNow;
 use planner::catch::Joints;
 use robot_model::RobotModel;
 use serde::Serialize;

@@ -1,7 +1,7 @@
-//! A ball that an arm catches with a cup: on the simulated court in virtual time, and over a bus with the eyes of a tracker.
+//! A ball that an arm catches with a cup: on the simulated cell in virtual time, and over a bus with the eyes of a tracker.
 //!
 //! ```text
-//! thrower's motion ──► Court (ball, cups, tracker) ──► datagrams ──► MarkerStream ──► BallWatch ──► forecast
+//! thrower's motion ──► TwoArmCell (ball, cups, tracker) ──► datagrams ──► MarkerStream ──► BallWatch ──► forecast
 //!        ▲                     ▲                                                                       │
 //!   Thrower              joints of the catcher ◄── Executor ◄── motion ◄── planner::catch::Catcher ◄───┘
 //! ```
@@ -18,7 +18,7 @@
 //! | [`on_bus`] | one catch with both |
 //! | [`trial`] | one throw from the first run-up to the ball at rest; what was reported and what happened |
 //!
-//! The court is the witness: what the catcher reports is compared with where the simulated ball lies.
+//! The cell is the witness: what the catcher reports is compared with where the simulated ball lies.
 
 pub mod controller_arm;
 pub mod executor;

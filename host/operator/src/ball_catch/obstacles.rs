@@ -5,7 +5,7 @@
 
 use std::f64::consts::TAU;
 
-use hil_sim::court::ArmPlace;
+use hil_sim::two_arms::ArmPlace;
 use nalgebra::Vector3;
 use planner::catch::arm::CatchArm;
 use planner::throw::Throw;
@@ -73,14 +73,14 @@ pub fn touch(a: &[Obb], b: &[Obb]) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use hil_sim::court::CourtOptions;
+    use hil_sim::two_arms::TwoArmOptions;
     use planner::catch::Joints;
     use planner::plan::rng::SplitMix64;
 
     use super::*;
 
     fn thrower() -> ArmPlace {
-        CourtOptions::two_arms().unwrap().arms[0].clone()
+        TwoArmOptions::two_arms().unwrap().arms[0].clone()
     }
 
     #[test]

@@ -1,13 +1,13 @@
 //! What the catcher reports of its catch.
 //!
-//! The catcher knows its decisions, its joints and what its tracker saw. It does not know the court.
+//! The catcher knows its decisions, its joints and what its tracker saw. It does not know the cell.
 
 use nalgebra::Vector3;
 use planner::catch::arm::CatchArm;
 use planner::catch::online::Catcher;
 use planner::catch::task::Decline;
 
-use hil_sim::court::JointsNow;
+use hil_sim::two_arms::JointsNow;
 
 use crate::flight_estimator::BallWatch;
 
@@ -44,7 +44,7 @@ pub enum CatchOutcome {
 }
 
 impl CatchOutcome {
-    /// Whether the court's word, "the ball lies in the cup", agrees; [`CatchOutcome::Unknown`] and [`CatchOutcome::Halted`] say
+    /// Whether the cell's word, "the ball lies in the cup", agrees; [`CatchOutcome::Unknown`] and [`CatchOutcome::Halted`] say
     /// nothing about the ball.
     #[must_use]
     pub fn agrees(self, caught: bool) -> bool {

@@ -1,7 +1,7 @@
 //! A planned throw as it is executed.
 
-use hil_sim::court::JointsNow;
 use hil_sim::rng::Rng;
+use hil_sim::two_arms::JointsNow;
 use nalgebra::{SMatrix, SVector};
 use planner::catch::Joints;
 use planner::catch::draw::{Aimed, scatter};

@@ -1,9 +1,9 @@
 //! One throw, from the run-up to the ball at rest.
 
-use hil_sim::court::{ArmPlace, BallPlace, Court, CourtEvent, CourtOptions, Crossing, JointsNow};
 use hil_sim::mechanics::LooseBall;
 use hil_sim::rng::Rng;
 use hil_sim::tracker::{TrackerFault, TrackerFaultKind};
+use hil_sim::two_arms::{ArmPlace, BallPlace, Crossing, JointsNow, TwoArmCell, TwoArmEvent, TwoArmOptions};
 use nalgebra::Vector3;
 use planner::catch::Joints;
 use planner::catch::arm::{CatchArm, NotACatcher, Shares};
@@ -46,7 +46,7 @@ const TRACE_EVERY: u64 = 8;
 
 /// What goes wrong with the catcher or its eyes; times in s after the planned release.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Trouble {
+pub enum TrialFault {
     /// The tracker's data end.
     TrackerDead { at_s: f64 },
     /// Frames are lost with this probability.
@@ -76,11 +76,11 @@ pub struct TrialOptions {
     pub grip_off_m: Vector3<f64>,
     /// Drag that the catcher believes in, as a factor on the ball's; and its standard deviation as a share.
     pub drag: (f64, f64),
-    /// Restitution of ball and cup that the catcher counts on, 0 to 1; `None` for that of the court.
+    /// Restitution of ball and cup that the catcher counts on, 0 to 1; `None` for that of the cell.
     pub restitution: Option<f64>,
     /// Where the catcher waits, rad.
     pub wait: Joints,
-    pub trouble: Vec<Trouble>,
+    pub faults: Vec<TrialFault>,
 }
 
 /// Waiting pose that reaches most matched catches at 2.5 m, deg.
@@ -104,7 +104,7 @@ impl Default for TrialOptions {
             drag: (1.0, 0.1),
             restitution: None,
             wait: Joints::from(WAIT_HOLD_DEG.map(f64::to_radians)),
-            trouble: Vec::new(),
+            faults: Vec::new(),
         }
     }
 }
@@ -120,15 +120,15 @@ pub struct Moment {
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
-    /// Nobody but the tracker saw the ball: on real buses there is no court.
+    /// Nobody but the tracker saw the ball: on real buses there is no cell.
     pub by_tracker: bool,
-    /// The ball lay in the catcher's cup at the end: the court's word, or what the tracker shows.
+    /// The ball lay in the catcher's cup at the end: the cell's word, or what the tracker shows.
     pub caught: bool,
     pub reported: CatchOutcome,
     /// How the ball crossed the plane of the mouth.
     pub crossing: Option<Crossing>,
-    /// What the court saw, s.
-    pub events: Vec<(f64, CourtEvent)>,
+    /// What the cell saw, s.
+    pub events: Vec<(f64, TwoArmEvent)>,
     pub choice: Option<Choice>,
     pub log: Vec<Logged>,
     pub refusals: Vec<Refused>,
@@ -172,11 +172,11 @@ impl Outcome {
     /// The part of the catcher that the ball touched first, before it hit the floor.
     #[must_use]
     pub fn first_touch(&self) -> Option<Touch> {
-        let flight = self.events.iter().take_while(|(_, event)| *event != CourtEvent::HitFloor);
+        let flight = self.events.iter().take_while(|(_, event)| *event != TwoArmEvent::HitFloor);
         flight.map(|(_, event)| event).find_map(|event| match event {
-            CourtEvent::HitCup { arm: 1, .. } => Some(Touch::Moving),
-            CourtEvent::HitLink { arm: 1, link, .. } if *link >= CLEARS_FROM_LINK => Some(Touch::Moving),
-            CourtEvent::HitLink { arm: 1, .. } => Some(Touch::Base),
+            TwoArmEvent::HitCup { arm: 1, .. } => Some(Touch::Moving),
+            TwoArmEvent::HitLink { arm: 1, link, .. } if *link >= CLEARS_FROM_LINK => Some(Touch::Moving),
+            TwoArmEvent::HitLink { arm: 1, .. } => Some(Touch::Base),
             _ => None,
         })
     }
@@ -191,28 +191,28 @@ pub enum Touch {
     Moving,
 }
 
-/// Thrower and catcher on a court, ready for trials.
+/// Thrower and catcher on a cell, ready for trials.
 #[derive(Debug, Clone)]
 pub struct Pair {
-    pub court: CourtOptions,
+    pub cell: TwoArmOptions,
     /// The catcher with both laws: without and with jerk. It keeps out of the thrower's reach.
     catchers: [CatchArm; 2],
 }
 
 impl Pair {
-    /// Arm 0 throws, arm 1 catches; on a court with one arm, that is arm 1.
+    /// Arm 0 throws, arm 1 catches; on a cell with one arm, that is arm 1.
     ///
     /// # Errors
     /// The catcher's arm cannot hold a cup.
-    pub fn new(court: CourtOptions) -> Result<Self, NotACatcher> {
-        let (shape, surface) = (court.cup.shape, court.cup.surface);
+    pub fn new(cell: TwoArmOptions) -> Result<Self, NotACatcher> {
+        let (shape, surface) = (cell.cup.shape, cell.cup.surface);
         let cup = Cup {
-            mouth_m: court.cup.mouth_from_ee_m,
+            mouth_m: cell.cup.mouth_from_ee_m,
             inner_radius_m: shape.inner_radius_m,
             depth_m: shape.depth_m,
             wall_m: shape.wall_m,
-            replaces: court.cup.replaces.clone(),
-            ball: Ball { radius_m: court.ball.radius_m, inertia: court.ball.inertia },
+            replaces: cell.cup.replaces.clone(),
+            ball: Ball { radius_m: cell.ball.radius_m, inertia: cell.ball.inertia },
             contact: Contact {
                 restitution: surface.restitution,
                 friction: surface.friction,
@@ -220,11 +220,11 @@ impl Pair {
                 rest_m_s: surface.rest_m_s,
             },
         };
-        let [thrower, ArmPlace { model, x_wb }] = &court.arms;
+        let [thrower, ArmPlace { model, x_wb }] = &cell.arms;
         let arm = CatchArm::new(model.clone(), *x_wb, cup, Shares::default(), false)?;
         let with_jerk = arm.with_arm(model.clone(), *x_wb, true)?;
         let mut catchers = [arm, with_jerk];
-        if !court.alone {
+        if !cell.alone {
             // The boxes of a hand reach as far as its cup would.
             let other = catchers[0].with_arm(thrower.model.clone(), thrower.x_wb, false)?;
             let boxes = reach(thrower, other.reach_m() + other.cup().outer_radius_m());
@@ -233,13 +233,13 @@ impl Pair {
                 catcher.set_obstacles(&near);
             }
         }
-        Ok(Self { catchers, court })
+        Ok(Self { catchers, cell })
     }
 
     /// The same pair with the ball gripped at this place of the thrower's end-effector frame (m) for a throw.
     #[must_use]
     pub fn gripped_at(mut self, at_e_m: Vector3<f64>) -> Self {
-        let arm = &mut self.court.arms[0];
+        let arm = &mut self.cell.arms[0];
         arm.model = arm.model.clone().with_release_at(at_e_m);
         self
     }
@@ -263,8 +263,8 @@ impl Pair {
     #[must_use]
     pub fn catcher_for(&self, aimed: &Aimed, options: &TrialOptions) -> CatchArm {
         let mut arm = self.catcher_with(options);
-        if options.cooperative && !self.court.alone {
-            let boxes = within_reach(&arm, swept(&self.court.arms[0], &aimed.throw));
+        if options.cooperative && !self.cell.alone {
+            let boxes = within_reach(&arm, swept(&self.cell.arms[0], &aimed.throw));
             arm.set_obstacles(&boxes);
         }
         arm
@@ -272,18 +272,18 @@ impl Pair {
 
     /// Standard deviation of a marker per axis, m.
     fn marker_sigma_m(&self) -> f64 {
-        (self.court.tracker.noise_mm * 1e-3).max(1e-4)
+        (self.cell.tracker.noise_mm * 1e-3).max(1e-4)
     }
 
     /// What the watcher knows of ball and tracker.
     #[must_use]
     pub fn watch_options(&self, options: &TrialOptions) -> WatchOptions {
-        let drag_1_m = self.court.ball.drag_1_m * options.drag.0;
+        let drag_1_m = self.cell.ball.drag_1_m * options.drag.0;
         WatchOptions {
             sigma_m: self.marker_sigma_m(),
-            period_s: self.court.tracker.period.as_secs_f64(),
+            period_s: self.cell.tracker.period.as_secs_f64(),
             air: Air {
-                gravity_m_s2: self.court.arms[0].model.world().gravity_m_s2,
+                gravity_m_s2: self.cell.arms[0].model.world().gravity_m_s2,
                 drag_1_m,
                 drag_sigma_1_m: drag_1_m * options.drag.1,
             },
@@ -318,8 +318,8 @@ impl Pair {
         timed: impl FnMut(&mut dyn FnMut()),
     ) -> Outcome {
         let mut executor = LaggingArm::new(self.catcher(options.jerk), &options.wait);
-        for trouble in &options.trouble {
-            if let Trouble::DriveLost { at_s } = trouble {
+        for fault in &options.faults {
+            if let TrialFault::DriveLost { at_s } = fault {
                 executor.lose_drive(SETTLE_S + aimed.throw.ha_s + at_s);
             }
         }
@@ -337,27 +337,27 @@ impl Pair {
         mut timed: impl FnMut(&mut dyn FnMut()),
     ) -> Outcome {
         let mut rng = Rng::stream(seed, "throw scatter");
-        let fault = options.trouble.iter().find_map(|trouble| match trouble {
-            Trouble::Throw(fault) => Some(*fault),
+        let fault = options.faults.iter().find_map(|fault| match fault {
+            TrialFault::Throw(fault) => Some(*fault),
             _ => None,
         });
         let by_hand = aimed.throw.qd_rad_s == Joints::zeros(6);
-        let throwing = &self.court.arms[0].model;
+        let throwing = &self.cell.arms[0].model;
         let thrower = Thrower::new(throwing, aimed, SETTLE_S, &options.scatter, fault, &mut rng);
         let planned_s = thrower.planned_release_s();
         let arm = &self.catcher_for(aimed, options);
-        let court = self.court_with(options, planned_s, seed);
+        let cell = self.cell_with(options, planned_s, seed);
         let rest = JointsNow { q: options.wait, qd: Joints::zeros(6) };
-        let mut court = Court::new(court, 0, [thrower.joints(0.0), rest]);
-        court.grip_at(throwing.gripper().x_eb.pos + options.grip_off_m);
+        let mut cell = TwoArmCell::new(cell, 0, [thrower.joints(0.0), rest]);
+        cell.grip_at(throwing.gripper().x_eb.pos + options.grip_off_m);
         if let Some(release_s) = thrower.release_s().filter(|_| !by_hand) {
-            court.release_at(Instant::ZERO + Duration::from_secs_f64(release_s));
+            cell.release_at(Instant::ZERO + Duration::from_secs_f64(release_s));
         }
         let mut run = self.new_run(arm, self.prior(&thrower, aimed, options), options);
         if options.cooperative {
             run.decide(executor, SETTLE_S, &mut timed);
         }
-        let mut court_joints = rest;
+        let mut cell_joints = rest;
         let mut watches = [LimitWatch::new(throwing), LimitWatch::new(arm.model())];
         let (mut trace, mut arms_touched) = (Vec::new(), false);
         let mut until_s = planned_s + aimed.flight_s + AFTER_S;
@@ -368,17 +368,17 @@ impl Pair {
             step += 1;
             let now_s = now.as_secs_f64();
             let joints = executor.advance(now_s);
-            court_joints = joints;
+            cell_joints = joints;
             if by_hand
                 && thrower.release_s().is_some()
                 && now_s >= planned_s
                 && now_s < planned_s + STEP.as_secs_f64()
             {
                 let (p_m, v_m_s) = (aimed.p_m, aimed.v_m_s);
-                court.throw_in(LooseBall { p_m, v_m_s, spin_rad_s: Vector3::zeros() });
+                cell.throw_in(LooseBall { p_m, v_m_s, spin_rad_s: Vector3::zeros() });
             }
             let both = [thrower.joints(now_s), joints];
-            court.step(now, both);
+            cell.step(now, both);
             while let Some(why) = executor.refused() {
                 run.refusals.push(why);
                 run.catcher.refused();
@@ -386,10 +386,10 @@ impl Pair {
             for (watch, joints) in watches.iter_mut().zip(&both) {
                 watch.see(now_s, joints);
             }
-            if step % TOUCH_EVERY == 0 && !arms_touched && !self.court.alone {
+            if step % TOUCH_EVERY == 0 && !arms_touched && !self.cell.alone {
                 arms_touched = self.arms_touch(&both[0].q, &arm.boxes(&joints.q));
             }
-            while let Some(bytes) = court.poll_datagram() {
+            while let Some(bytes) = cell.poll_datagram() {
                 let Ok(Some(frame)) = run.stream.push(&bytes, now_s) else { continue };
                 run.seen.extend(frame.markers.iter().map(|(_, p)| (frame.t_s, *p)));
                 if !options.blind && run.watch.observe(&frame) {
@@ -397,31 +397,31 @@ impl Pair {
                 }
             }
             until_s = until_s.max(run.catcher.motion().end_s() + AFTER_S);
-            if now_s >= until_s && in_cup(&run.catcher, &run.seen, &court_joints, now_s) == InCup::Moving {
+            if now_s >= until_s && in_cup(&run.catcher, &run.seen, &cell_joints, now_s) == InCup::Moving {
                 until_s += LONGER_S;
             }
             if step % TRACE_EVERY == 0 {
                 let q = both.map(|joints| joints.q);
                 // A ball that no arm throws waits where it begins.
-                let waits = by_hand && matches!(court.place(), BallPlace::Held { .. });
-                let ball_m = if waits { aimed.p_m } else { court.ball().0 };
+                let waits = by_hand && matches!(cell.place(), BallPlace::Held { .. });
+                let ball_m = if waits { aimed.p_m } else { cell.ball().0 };
                 trace.push(Moment { t_s: now_s, q, ball_m });
             }
         }
         let reported =
-            report(&run.catcher, &run.watch, &run.seen, executor.halted(), &court_joints, now.as_secs_f64());
-        let events: Vec<(f64, CourtEvent)> =
-            court.events().iter().map(|(at, event)| (at.as_secs_f64(), event.clone())).collect();
+            report(&run.catcher, &run.watch, &run.seen, executor.halted(), &cell_joints, now.as_secs_f64());
+        let events: Vec<(f64, TwoArmEvent)> =
+            cell.events().iter().map(|(at, event)| (at.as_secs_f64(), event.clone())).collect();
         let crossing = events.iter().find_map(|(_, event)| match event {
-            CourtEvent::Crossed { arm: 1, crossing } => Some(*crossing),
+            TwoArmEvent::Crossed { arm: 1, crossing } => Some(*crossing),
             _ => None,
         });
         let samples = run.watch.samples();
-        let x_we = *arm.x_wb() * arm.model().ee_at(&court_joints.q);
+        let x_we = *arm.x_wb() * arm.model().ee_at(&cell_joints.q);
         let at_e_m = |p_w: Vector3<f64>| x_we.inverse_transform_point(&p_w);
-        let seen_m = place_in_cup(&run.catcher, &run.seen, &court_joints, now.as_secs_f64());
-        let rests = court.resting_in() == Some(1);
-        let lies_e_m = seen_m.filter(|_| rests).map(|seen_m| [court.ball().0, seen_m].map(at_e_m));
+        let seen_m = place_in_cup(&run.catcher, &run.seen, &cell_joints, now.as_secs_f64());
+        let rests = cell.resting_in() == Some(1);
+        let lies_e_m = seen_m.filter(|_| rests).map(|seen_m| [cell.ball().0, seen_m].map(at_e_m));
         Outcome {
             by_tracker: false,
             caught: rests,
@@ -445,7 +445,7 @@ impl Pair {
     /// What a catcher knows beforehand who cooperates.
     #[must_use]
     pub fn prior(&self, thrower: &Thrower, aimed: &Aimed, options: &TrialOptions) -> Option<FlightPrior> {
-        let ArmPlace { model, x_wb } = &self.court.arms[0];
+        let ArmPlace { model, x_wb } = &self.cell.arms[0];
         options.cooperative.then(|| thrower.prior(model, x_wb, aimed, &options.scatter))
     }
 
@@ -469,38 +469,38 @@ impl Pair {
 
     /// Whether the throwing arm at `q_rad` touches the boxes of the other one.
     fn arms_touch(&self, q_rad: &Joints, others: &[Obb]) -> bool {
-        let ArmPlace { model, x_wb } = &self.court.arms[0];
+        let ArmPlace { model, x_wb } = &self.cell.arms[0];
         let boxes = model.boxes_at(&model.fk(q_rad)).into_iter();
         let boxes: Vec<Obb> = boxes.map(|b| Obb::new(*x_wb * b.pose, b.half_m)).collect();
         touch(&boxes, others)
     }
 
-    /// The court with the trial's faults.
-    fn court_with(&self, options: &TrialOptions, planned_s: f64, seed: u64) -> CourtOptions {
-        let mut court = self.court.clone();
-        court.seed = seed;
+    /// The cell with the trial's faults.
+    fn cell_with(&self, options: &TrialOptions, planned_s: f64, seed: u64) -> TwoArmOptions {
+        let mut cell = self.cell.clone();
+        cell.seed = seed;
         let always =
             |kind| TrackerFault { kind, from: Instant::ZERO, until: Instant::FAR_FUTURE, probability: 1.0 };
-        for trouble in &options.trouble {
-            match *trouble {
-                Trouble::TrackerDead { at_s } => court.tracker.faults.push(TrackerFault {
+        for fault in &options.faults {
+            match *fault {
+                TrialFault::TrackerDead { at_s } => cell.tracker.faults.push(TrackerFault {
                     from: Instant::ZERO + Duration::from_secs_f64((planned_s + at_s).max(0.0)),
                     ..always(TrackerFaultKind::FramesLost)
                 }),
-                Trouble::FramesLost { probability } => court
+                TrialFault::FramesLost { probability } => cell
                     .tracker
                     .faults
                     .push(TrackerFault { probability, ..always(TrackerFaultKind::FramesLost) }),
-                Trouble::Bias { by_mm } => {
-                    court.tracker.faults.push(always(TrackerFaultKind::Bias { by_mm: [by_mm; 3] }));
+                TrialFault::Bias { by_mm } => {
+                    cell.tracker.faults.push(always(TrackerFaultKind::Bias { by_mm: [by_mm; 3] }));
                 }
-                Trouble::FalseMarkers { count } => {
-                    court.tracker.faults.push(always(TrackerFaultKind::FalseMarkers { count }));
+                TrialFault::FalseMarkers { count } => {
+                    cell.tracker.faults.push(always(TrackerFaultKind::FalseMarkers { count }));
                 }
-                Trouble::DriveLost { .. } | Trouble::Throw(_) => {}
+                TrialFault::DriveLost { .. } | TrialFault::Throw(_) => {}
             }
         }
-        court
+        cell
     }
 }
 

@@ -1,13 +1,13 @@
 //! What a catch over the wire needs: an arm on its bus with a controller in this program, and the tracker's data.
 //!
-//! In lock step buses and tracker have one virtual time ([`hil_sim::court::in_step`]), and a run depends on the programs and the seed alone.
+//! In lock step buses and tracker have one virtual time ([`hil_sim::two_arms::in_step`]), and a run depends on the programs and the seed alone.
 
 use std::net::UdpSocket;
 use std::path::PathBuf;
 
 use can_link::BusSpec;
 use firmware::settings::Settings;
-use hil_sim::court::in_step::Follower;
+use hil_sim::two_arms::in_step::Follower;
 use planner::way::WayError;
 use protocol::{Duration, Instant};
 use robot_model::RobotModel;
@@ -200,7 +200,7 @@ enum Source {
 }
 
 impl Eyes {
-    /// `address` is one of this machine, to which the tracker sends; in lock step where the court has its data.
+    /// `address` is one of this machine, to which the tracker sends; in lock step where the cell has its data.
     ///
     /// # Errors
     /// [`WireError::Tracker`].
@@ -227,7 +227,7 @@ impl Eyes {
     /// The next datagram that is there at `now`.
     ///
     /// # Errors
-    /// [`WireError::Tracker`]: in lock step the court is gone.
+    /// [`WireError::Tracker`]: in lock step the cell is gone.
     pub fn next(&mut self, now: Instant) -> Result<Option<&[u8]>, WireError> {
         let follower = match &mut self.source {
             Source::Socket(socket) => {

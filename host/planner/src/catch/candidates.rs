@@ -21,12 +21,14 @@ const GENTLE_S_M: f64 = 0.01;
 const FIRST_BOUNCE_S: f64 = 0.06;
 /// Steps of time (s) and of the cup's direction (rad) about a posture that is missed by little.
 const NEARBY: [(f64, f64); 3] = [(0.01, 0.15), (0.005, 0.07), (0.0025, 0.035)];
+/// Looks about one posture after the other of a branch, and what a look must leave of the miss for another one with the same step.
+const LOOKS_MAX: usize = 8;
+const LOOK_GAIN: f64 = 0.8;
 const NEARBY_DIRECTIONS: u32 = 8;
 /// About a catch is looked if a ball that enters its cup stays there with less chance than this: another tilt may keep it.
 pub(super) const SURE_TO_STAY: f64 = 0.95;
-/// The law finds no motion to a posture, and does not tell how far the limits are: such a posture counts as missed by this share.
+/// The law finds no motion to a posture, and does not return how far the limits are: such a posture counts as missed by this share.
 const UNKNOWN_MISS: f64 = 0.05;
-
 /// A posture that can be reached, with its motion.
 #[derive(Clone, Copy)]
 pub(super) struct Candidate {
@@ -48,13 +50,25 @@ pub(super) struct Candidate {
     pub(super) score: f64,
 }
 
-/// Why a posture is no catch. What is missed by least is kept for each, because their amounts cannot be compared.
-#[derive(Clone, Copy)]
+/// By how much a posture is no catch. One to which no motion leads is always worse than one where the cup looks down at the stop.
+#[derive(Clone, Copy, PartialEq, PartialOrd)]
 enum Miss {
-    /// No motion leads there: share of a limit, or rad beyond a range.
-    Motion,
-    /// The cup looks down where the hand stops: by what its axis is too low.
-    CupDown,
+    /// By what the cup's axis is too low where the hand stops.
+    CupDown(f64),
+    /// By what is beyond the limits, as shares of them and rad.
+    NoMotion(f64),
+}
+
+impl Miss {
+    /// Whether this is so much less than `before` that another look with the same step is worth it.
+    fn gains(self, before: Self) -> bool {
+        match (self, before) {
+            (Self::CupDown(now), Self::CupDown(before)) | (Self::NoMotion(now), Self::NoMotion(before)) => {
+                now < LOOK_GAIN * before
+            }
+            _ => self < before,
+        }
+    }
 }
 
 /// A posture that is judged.
@@ -95,12 +109,12 @@ fn about(slot: &Slot<'_>, axis: &Vector3<f64>, step_rad: f64, cone_rad: f64) -> 
         let (y, x) = (std::f64::consts::TAU * f64::from(k) / f64::from(NEARBY_DIRECTIONS)).sin_cos();
         about + (c * x + d * y) * step_rad
     });
-    turned
-        .chain([about])
-        .map(|direction| direction.normalize())
-        .filter(|direction| direction.z >= cone_rad.cos())
-        .map(Into::into)
-        .collect()
+    let (s, c) = cone_rad.sin_cos();
+    let into_cone = |d: Vector3<f64>| {
+        let across = d.x.hypot(d.y);
+        if d.z >= c * d.norm() { d.normalize() } else { Vector3::new(d.x * s / across, d.y * s / across, c) }
+    };
+    turned.chain([about]).map(into_cone).map(Into::into).collect()
 }
 
 /// Whether the settings allow a mode for a ball of this speed.
@@ -116,34 +130,28 @@ fn allows(settings: &Settings, slot: &Slot<'_>, mode: Mode) -> bool {
     }
 }
 
-/// Largest share of an acceleration limit that no motion to this state can go below.
-///
-/// # Errors
-/// It is above 1, or the arm could not stop inside its ranges: by what share of the limit, or by what angle (rad).
-fn least_share(
-    arm: &CatchArm,
-    start: &Start<'_>,
-    slot: &Slot<'_>,
-    q: &Joints,
-    qd: &Joints,
-    count: &mut Count,
-) -> Result<f64, f64> {
-    let mut peak = 0.0_f64;
-    for i in 0..6 {
-        let limit = &slot.limits[i];
-        let stop = q[i] + stopping_angle(limit, arm.law.limits_jerk(), qd[i]);
-        let beyond = (limit.q_rad.0 - stop).max(stop - limit.q_rad.1);
-        if beyond > 0.0 {
-            count.no_stop += 1;
-            return Err(beyond);
+/// What no motion to a state can do better.
+struct Least {
+    /// Largest share of an acceleration limit.
+    peak: f64,
+    /// What is beyond the limits of accelerations, as the sum of the shares above 1.
+    late: f64,
+    /// What stops after the catch are beyond the ranges, rad.
+    beyond_rad: f64,
+}
+
+impl Least {
+    fn of(start: &Start<'_>, slot: &Slot<'_>, q: &Joints, stop: &Joints, qd: &Joints) -> Self {
+        let mut least = Self { peak: 0.0, late: 0.0, beyond_rad: 0.0 };
+        for i in 0..6 {
+            let limit = &slot.limits[i];
+            least.beyond_rad += (limit.q_rad.0 - stop[i]).max(stop[i] - limit.q_rad.1).max(0.0);
+            let peak = least_peak(&start.state[i], q[i], qd[i], slot.left_s) / limit.a_rad_s2;
+            least.peak = least.peak.max(peak);
+            least.late += (peak - 1.0).max(0.0);
         }
-        peak = peak.max(least_peak(&start.state[i], q[i], qd[i], slot.left_s) / limit.a_rad_s2);
+        least
     }
-    if peak > 1.0 {
-        count.late += 1;
-        return Err(peak - 1.0);
-    }
-    Ok(peak)
 }
 
 /// The motion of each joint and the largest share of a limit that they use; `None` if a joint has none.
@@ -177,15 +185,15 @@ pub(super) struct Search<'a> {
     pub(super) start: &'a Start<'a>,
     /// Best first.
     pub(super) best: Vec<Candidate>,
-    /// What is missed by least, for each [`Miss`]: by how much, its time (s), its cup direction.
-    missed: [Option<(f64, f64, Vector3<f64>)>; 2],
+    /// What is missed by least, for each branch: by how much, its time (s), its cup direction.
+    missed: [Option<(Miss, f64, Vector3<f64>)>; Branch::COUNT],
     pub(super) count: Count,
 }
 
 impl<'a> Search<'a> {
     pub(super) fn new(arm: &'a CatchArm, settings: &'a Settings, start: &'a Start<'a>) -> Self {
         let best = Vec::with_capacity(SHORTLIST + 1);
-        Self { arm, settings, start, best, missed: [None; 2], count: Count::default() }
+        Self { arm, settings, start, best, missed: [None; Branch::COUNT], count: Count::default() }
     }
 
     /// All postures at one time with these cup directions, given about the reverse of the ball's velocity.
@@ -220,18 +228,26 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// As long as there is no catch: looks about the postures that missed one by least, nearer and nearer. Then about the best one, as
-    /// long as the ball may bounce out of its cup.
+    /// As long as there is no catch: looks about the posture of each branch that missed one by least, and about what is found there, with
+    /// smaller steps where a look gains little. Then about the best catch, as long as the ball may bounce out of its cup.
     pub(super) fn look_nearby(&mut self, forecast: &Forecast, limits: &[Limits; 6]) {
-        for (step_s, step_rad) in NEARBY {
-            for kind in [Miss::Motion, Miss::CupDown] {
-                if let Some((_, t_s, axis)) = self.missed[kind as usize].filter(|_| self.best.is_empty()) {
-                    self.look_about(forecast, limits, t_s, &axis, (step_s, step_rad));
+        for branch in 0..Branch::COUNT {
+            let mut scale = 0;
+            for _ in 0..LOOKS_MAX {
+                let Some((by, t_s, axis)) = self.missed[branch].filter(|_| self.best.is_empty()) else {
+                    break;
+                };
+                let Some(step) = NEARBY.get(scale) else { break };
+                self.look_about(forecast, limits, t_s, &axis, *step);
+                if self.missed[branch].is_some_and(|(now, ..)| !now.gains(by)) {
+                    scale += 1;
                 }
             }
+        }
+        for step in NEARBY {
             if let Some(best) = self.best.first().filter(|best| best.stays < SURE_TO_STAY) {
                 let (t_s, axis) = (best.ball.t_s, best.axis);
-                self.look_about(forecast, limits, t_s, &axis, (step_s, step_rad));
+                self.look_about(forecast, limits, t_s, &axis, step);
             }
         }
     }
@@ -255,9 +271,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Notes a posture that is no catch, and by how much.
-    fn miss(&mut self, place: &Place<'_>, kind: Miss, by: f64) {
-        let missed = &mut self.missed[kind as usize];
+    fn miss(&mut self, place: &Place<'_>, by: Miss) {
+        let missed = &mut self.missed[place.branch.index()];
         if missed.is_none_or(|(least, ..)| by < least) {
             *missed = Some((by, place.slot.ball.t_s, place.axis));
         }
@@ -292,13 +307,17 @@ impl<'a> Search<'a> {
         } else {
             self.best[self.best.len() - 1].score
         };
-        let least = match least_share(arm, start, slot, &q, &qd, &mut self.count) {
-            Ok(least) => least,
-            Err(by) => {
-                self.miss(place, Miss::Motion, by);
-                return false;
+        let stop =
+            Joints::from_fn(6, |i| q[i] + stopping_angle(&slot.limits[i], arm.law.limits_jerk(), qd[i]));
+        let least = Least::of(start, slot, &q, &stop, &qd);
+        if least.beyond_rad > 0.0 || least.late > 0.0 {
+            self.count.no_stop += usize::from(least.beyond_rad > 0.0);
+            self.count.late += usize::from(least.late > 0.0);
+            if self.best.is_empty() {
+                self.miss(place, Miss::NoMotion(least.late + least.beyond_rad));
             }
-        };
+            return false;
+        }
         let kept = start.under_way.map_or(0.0, |(t_s, under_way, was)| {
             let same = was == mode && (t_s - slot.ball.t_s).abs() < 0.006 && (under_way - axis).norm() < 1e-6;
             if same { settings.hysteresis } else { 0.0 }
@@ -307,12 +326,12 @@ impl<'a> Search<'a> {
             let enters = enters(arm, slot, used);
             (enters, enters * stays + kept + 0.01 * (1.0 - used) - GENTLE_S_M * relative_m_s)
         };
-        if score(least).1 <= bound {
+        if score(least.peak).1 <= bound {
             return true;
         }
         let Some((fits, used)) = fit_all(arm, start, slot, &q, &qd) else {
             self.count.late += 1;
-            self.miss(place, Miss::Motion, UNKNOWN_MISS);
+            self.miss(place, Miss::NoMotion(UNKNOWN_MISS));
             return false;
         };
         self.count.motion += 1;
@@ -323,20 +342,17 @@ impl<'a> Search<'a> {
         let beyond_rad = beyond_ranges_rad(arm, start, slot, &fits);
         if beyond_rad > 0.0 {
             self.count.no_stop += 1;
-            self.miss(place, Miss::Motion, beyond_rad);
+            self.miss(place, Miss::NoMotion(beyond_rad));
             return false;
         }
-        let stop =
-            Joints::from_fn(6, |i| q[i] + stopping_angle(&slot.limits[i], arm.law.limits_jerk(), qd[i]));
         let down = looks_down(arm, &stop);
         if down > 0.0 {
             self.count.cup_down += 1;
-            self.miss(place, Miss::CupDown, down);
+            self.miss(place, Miss::CupDown(down));
             return false;
         }
-        let at = self.best.partition_point(|other| other.score >= score);
         self.best.truncate(SHORTLIST - 1);
-        let at = at.min(self.best.len());
+        let at = self.best.partition_point(|other| other.score >= score);
         let (ball, sigma_m) = (slot.ball, slot.sigma_end_m);
         let found = Candidate {
             ball,

@@ -45,7 +45,7 @@ class BallChoice:
     mode: str
     #: When the ball is at the middle of the mouth, in s after the release.
     after_release_s: float
-    #: Middle of the mouth then, m, in the world of the court.
+    #: Middle of the mouth then, m, in the world of the cell.
     p_m: Doubles
     #: Direction of the cup.
     axis: Doubles
@@ -80,7 +80,7 @@ class Decisions:
 
 @dataclass(frozen=True)
 class Trace:
-    """Where things were in the trial: one row per time, in the world of the court."""
+    """Where things were in the trial: one row per time, in the world of the cell."""
 
     after_release_s: Doubles
     ball_m: Doubles
@@ -92,7 +92,7 @@ class Trace:
 
 @dataclass(frozen=True)
 class BallCatch:
-    """One trial on the simulated court."""
+    """One trial in the simulated cell."""
 
     #: What the catcher reports, from what its tracker saw: ``caught``, ``missed``, ``declined: ...`` and so on.
     reported: str
@@ -105,9 +105,9 @@ class BallCatch:
     choice: BallChoice | None
     decisions: Decisions = field(repr=False)
     trace: Trace = field(repr=False)
-    #: What the court saw, in order: ``after_release_s``, ``event`` and, where it applies, ``arm``, ``speed_m_s``, ``part``.
+    #: What the cell saw, in order: ``after_release_s``, ``event`` and, where it applies, ``arm``, ``speed_m_s``, ``part``.
     events: list[dict[str, Any]] = field(repr=False)
-    #: Pose of the catcher's base in the world of the court, 4 x 4.
+    #: Pose of the catcher's base in the world of the cell, 4 x 4.
     base: Doubles = field(repr=False)
     #: Largest shares of the limits that were used, planned and executed.
     limits: dict[str, Any] = field(repr=False)
@@ -125,16 +125,16 @@ def catch_ball(
     hand: Literal["either", "matched", "hold"] = "either",
     cooperative: bool = False,
     jerk: bool = False,
-    trouble: Sequence[str] = (),
-    court: str | os.PathLike[str] | None = None,
+    faults: Sequence[str] = (),
+    cell: str | os.PathLike[str] | None = None,
     seed: int = 1,
     step_s: float = 0.005,
 ) -> BallCatch:
-    """Lets an arm with a cup catch a ball, as ``cubectl catch --ball`` does: one trial on the simulated court, in virtual time.
+    """Lets an arm with a cup catch a ball, as ``cubectl catch --ball`` does: one trial in the simulated cell, in virtual time.
 
     The ball starts at ``position_m`` with ``velocity_m_s`` in the base frame of the arm. A simulated tracker sees it; each forecast
     may change the motion under way. Whether it is caught is decided by the simulated contact of ball and cup. The same seed gives the
-    same trial. ``trouble`` are faults such as ``frames-lost:0.1`` or ``tracker-dead:0.2``; ``cooperative`` tells the catcher beforehand
+    same trial. ``faults`` are such as ``frames-lost:0.1`` or ``tracker-dead:0.2``; ``cooperative`` tells the catcher beforehand
     how the ball flies; ``step_s`` is the step of the table of the motion.
 
     A ball that is missed or declined is a result, not an exception; :class:`CubecellError` is raised if something is refused.
@@ -143,8 +143,8 @@ def catch_ball(
     words = ["--robot", source_of(robot), "--ball=" + ",".join(map(repr, numbers)), "--hand", hand, f"--seed={seed}"]
     words += ["--cooperative"] if cooperative else []
     words += ["--jerk"] if jerk else []
-    words += ["--court", os.fspath(court)] if court is not None else []
-    words += [f"--trouble={fault}" for fault in trouble]
+    words += ["--cell", os.fspath(cell)] if cell is not None else []
+    words += [f"--fault={fault}" for fault in faults]
     told = json.loads(_native.catch_ball(words, float(step_s)))
     choice, motion, crossing = told["choice"], _motion(told["motion"]), told["crossing"]
     if choice is not None:

@@ -1,6 +1,6 @@
 //! `cubectl catch --ball`
 
-use hil_sim::court::CourtOptions;
+use hil_sim::two_arms::TwoArmOptions;
 use nalgebra::Vector3;
 use operator::ball_catch::trial::{Outcome, Pair};
 use robot_model::RobotModel;
@@ -14,7 +14,7 @@ use crate::report::ball_catch as report;
 /// Farthest place (m) and largest speed (m/s) of a ball that is taken.
 const BALL_MAX: (f64, f64) = (10.0, 15.0);
 
-/// One trial of the court.
+/// One trial of the cell.
 pub(super) struct Trial {
     pub(super) pair: Pair,
     pub(super) outcome: Outcome,
@@ -48,7 +48,7 @@ pub(super) fn run(args: &Args, ball: &[f64; 6]) -> Result<(), ExpectedError> {
 pub(super) fn trial(args: &Args, ball: &[f64; 6]) -> Result<Trial, ExpectedError> {
     let mut options = args.catching.trial();
     options.cooperative = args.cooperative;
-    let court = court_of(args)?;
+    let cell = cell_of(args)?;
     let [x, y, z, vx, vy, vz] = *ball;
     let (p, v) = (Vector3::new(x, y, z), Vector3::new(vx, vy, vz));
     if p.norm() > BALL_MAX.0 || v.norm() > BALL_MAX.1 {
@@ -58,8 +58,8 @@ pub(super) fn trial(args: &Args, ball: &[f64; 6]) -> Result<Trial, ExpectedError
         ))
         .next("place in m, velocity in m/s, in the base frame of the arm"));
     }
-    let x_wb = court.arms[1].x_wb;
-    let pair = Pair::new(court).map_err(|why| {
+    let x_wb = cell.arms[1].x_wb;
+    let pair = Pair::new(cell).map_err(|why| {
         ExpectedError::bad_input(&format!("the robot cannot catch balls: {why}")).next("`--robot powercube6`")
     })?;
     let aimed = pair.ball(x_wb.transform_point(&p), x_wb.rot * v);
@@ -67,18 +67,18 @@ pub(super) fn trial(args: &Args, ball: &[f64; 6]) -> Result<Trial, ExpectedError
     Ok(Trial { pair, outcome })
 }
 
-/// The court with the robot as its catcher; without another arm if no court was given.
-pub(super) fn court_of(args: &Args) -> Result<CourtOptions, ExpectedError> {
-    let mut court = args.catching.court()?;
-    if args.catching.court.is_none() {
-        court = court.without_thrower();
+/// The cell with the robot as its catcher; without another arm if no cell was given.
+pub(super) fn cell_of(args: &Args) -> Result<TwoArmOptions, ExpectedError> {
+    let mut cell = args.catching.cell()?;
+    if args.catching.cell.is_none() {
+        cell = cell.without_thrower();
     }
-    place_robot(&mut court, args.robot.as_deref().unwrap_or("powercube6"))?;
-    Ok(court)
+    place_robot(&mut cell, args.robot.as_deref().unwrap_or("powercube6"))?;
+    Ok(cell)
 }
 
-/// The catcher of the court becomes this robot.
-fn place_robot(court: &mut CourtOptions, robot: &str) -> Result<(), ExpectedError> {
+/// The catcher of the cell becomes this robot.
+fn place_robot(cell: &mut TwoArmOptions, robot: &str) -> Result<(), ExpectedError> {
     let model = RobotModel::load(robot).map_err(|e| ExpectedError::bad_input(&e))?;
     if model.n() != 6 {
         return Err(ExpectedError::bad_input(&format!(
@@ -87,9 +87,9 @@ fn place_robot(court: &mut CourtOptions, robot: &str) -> Result<(), ExpectedErro
         ))
         .next("`--robot powercube6`, or `--disc` for a disc"));
     }
-    if court.alone {
-        court.arms[0].model = model.clone();
+    if cell.alone {
+        cell.arms[0].model = model.clone();
     }
-    court.arms[1].model = model;
+    cell.arms[1].model = model;
     Ok(())
 }

@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use hil_sim::court::CourtOptions;
+use hil_sim::two_arms::TwoArmOptions;
 use operator::ball_catch::thrower::ThrowFault;
-use operator::ball_catch::trial::{TrialOptions, Trouble, WAIT_HOLD_DEG, WAIT_MATCHED_DEG};
+use operator::ball_catch::trial::{TrialFault, TrialOptions, WAIT_HOLD_DEG, WAIT_MATCHED_DEG};
 use planner::catch::Joints;
 use planner::catch::task::{Allowed, Settings};
 
@@ -13,22 +13,22 @@ use crate::error::ExpectedError;
 /// The options.
 #[derive(Debug, clap::Args)]
 pub struct Catching {
-    /// A court file: places of the arms, ball, cup, tracker; the built-in one otherwise.
-    #[arg(long, value_name = "FILE")]
-    pub court: Option<PathBuf>,
+    /// A cell file: places of the arms, ball, cup, tracker; the built-in one otherwise.
+    #[arg(long, value_name = "FILE", alias = "court")]
+    pub cell: Option<PathBuf>,
     /// Which catches are allowed.
     #[arg(long, default_value = "either", value_name = "KIND")]
     pub hand: Hand,
     /// Keep the jerk limits as well.
     #[arg(long)]
     pub jerk: bool,
-    /// Restitution of ball and cup that the catcher counts on; otherwise that of the court, with which the ball bounces.
+    /// Restitution of ball and cup that the catcher counts on; otherwise that of the cell, with which the ball bounces.
     #[arg(long, value_name = "SHARE", value_parser = share)]
     pub restitution: Option<f64>,
     /// Something that goes wrong; may be given several times.
-    #[arg(long, value_name = "KIND[:VALUE]", value_parser = trouble,
+    #[arg(long = "fault", alias = "trouble", value_name = "KIND[:VALUE]", value_parser = fault,
         help = "Something that goes wrong; may be given several times: tracker-dead:S, frames-lost:SHARE, bias:MM, false-markers:N, drive-lost:S, thrower-stops:S, not-released (times in s after the release, thrower-stops before it)")]
-    pub trouble: Vec<Trouble>,
+    pub faults: Vec<TrialFault>,
     /// Seed of all chance.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -50,7 +50,7 @@ fn share(text: &str) -> Result<f64, String> {
     share.ok_or_else(|| format!("'{text}' is no number from 0 to 1"))
 }
 
-fn trouble(text: &str) -> Result<Trouble, String> {
+fn fault(text: &str) -> Result<TrialFault, String> {
     let (kind, value) = text.split_once(':').map_or((text, None), |(kind, value)| (kind, Some(value)));
     let number = |low: f64, high: f64| {
         let value: f64 =
@@ -58,13 +58,13 @@ fn trouble(text: &str) -> Result<Trouble, String> {
         if (low..=high).contains(&value) { Ok(value) } else { Err(format!("{kind}: from {low} to {high}")) }
     };
     match kind {
-        "tracker-dead" => Ok(Trouble::TrackerDead { at_s: number(-5.0, 5.0)? }),
-        "frames-lost" => Ok(Trouble::FramesLost { probability: number(0.0, 1.0)? }),
-        "bias" => Ok(Trouble::Bias { by_mm: number(-1000.0, 1000.0)? }),
-        "false-markers" => Ok(Trouble::FalseMarkers { count: number(0.0, 20.0)? as u32 }),
-        "drive-lost" => Ok(Trouble::DriveLost { at_s: number(-5.0, 5.0)? }),
-        "thrower-stops" => Ok(Trouble::Throw(ThrowFault::Stops { before_s: number(0.01, 1.0)? })),
-        "not-released" => Ok(Trouble::Throw(ThrowFault::NotReleased)),
+        "tracker-dead" => Ok(TrialFault::TrackerDead { at_s: number(-5.0, 5.0)? }),
+        "frames-lost" => Ok(TrialFault::FramesLost { probability: number(0.0, 1.0)? }),
+        "bias" => Ok(TrialFault::Bias { by_mm: number(-1000.0, 1000.0)? }),
+        "false-markers" => Ok(TrialFault::FalseMarkers { count: number(0.0, 20.0)? as u32 }),
+        "drive-lost" => Ok(TrialFault::DriveLost { at_s: number(-5.0, 5.0)? }),
+        "thrower-stops" => Ok(TrialFault::Throw(ThrowFault::Stops { before_s: number(0.01, 1.0)? })),
+        "not-released" => Ok(TrialFault::Throw(ThrowFault::NotReleased)),
         _ => Err(format!(
             "'{kind}' is none of tracker-dead, frames-lost, bias, false-markers, drive-lost, thrower-stops, not-released"
         )),
@@ -84,17 +84,17 @@ impl Catching {
             jerk: self.jerk,
             restitution: self.restitution,
             wait: Joints::from(wait.map(f64::to_radians)),
-            trouble: self.trouble.clone(),
+            faults: self.faults.clone(),
             ..TrialOptions::default()
         }
     }
 
-    /// The court of the file, or the built-in one.
+    /// The cell of the file, or the built-in one.
     ///
     /// # Errors
     /// The file is refused.
-    pub fn court(&self) -> Result<CourtOptions, ExpectedError> {
-        let court = self.court.as_ref().map_or_else(CourtOptions::two_arms, |file| CourtOptions::load(file));
-        court.map_err(|why| ExpectedError::bad_input(&why))
+    pub fn cell(&self) -> Result<TwoArmOptions, ExpectedError> {
+        let cell = self.cell.as_ref().map_or_else(TwoArmOptions::two_arms, |file| TwoArmOptions::load(file));
+        cell.map_err(|why| ExpectedError::bad_input(&why))
     }
 }

@@ -112,7 +112,7 @@ pub(super) fn look(args: &Args) -> Result<Looked, ExpectedError> {
     let plan = (!args.no_limits).then(|| within_limits(&arm, &path, args.catching.jerk));
     let executed = match &plan {
         Some(Ok((plan, _))) if args.on_controller => {
-            Some(on_controller::run(&robot, &arm, &path, plan, &args.catching.trouble)?)
+            Some(on_controller::run(&robot, &arm, &path, plan, &args.catching.faults)?)
         }
         _ => None,
     };
@@ -320,8 +320,8 @@ mod tests {
     fn on_the_controller_a_catch_is_a_catch_and_a_lost_drive_is_told() {
         ended("catch --disc flat --on-controller").unwrap();
         let code = |words| ended(words).unwrap_err().code;
-        assert_eq!(code("catch --disc flat --on-controller --trouble drive-lost:0.2"), exit::STOPPED);
-        assert_eq!(code("catch --disc flat --on-controller --trouble bias:2"), exit::USAGE);
+        assert_eq!(code("catch --disc flat --on-controller --fault drive-lost:0.2"), exit::STOPPED);
+        assert_eq!(code("catch --disc flat --on-controller --fault bias:2"), exit::USAGE);
         // Declined before anything runs.
         assert_eq!(code("catch --start 0.5,-2.6,0.7 --velocity 0,12,1 --on-controller"), exit::NO_THROW);
     }

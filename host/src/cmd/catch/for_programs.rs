@@ -28,7 +28,7 @@ pub fn ball(words: &[String], step_s: f64) -> Result<Value, ExpectedError> {
     let release_s = outcome.planned_s.0;
     let mut result = outcome::as_json(outcome);
     let end = outcome::ended(outcome).err();
-    let x_wb = trial.pair.court.arms[1].x_wb.to_matrix();
+    let x_wb = trial.pair.cell.arms[1].x_wb.to_matrix();
     result["exit_code"] = json!(end.as_ref().map_or(exit::OK, |error| error.code));
     result["text"] = json!(end.map_or_else(|| "caught".to_owned(), |error| error.to_string()));
     result["x_wb"] = json!(rows(&x_wb));

@@ -1,6 +1,6 @@
 //! `cubectl catch --disc --on-controller`
 
-use operator::ball_catch::trial::Trouble;
+use operator::ball_catch::trial::TrialFault;
 use operator::dialogue::operator::OperatorError;
 use operator::disc::{DriveLost, Judged, NoRun, run as run_plan};
 use planner::disc::arm::DiscArm;
@@ -20,20 +20,20 @@ const LOST_JOINT: usize = 1;
 /// Runs the plan.
 ///
 /// # Errors
-/// The robot has no drives, the controller refuses the motion, or a trouble is none of a disc.
+/// The robot has no drives, the controller refuses the motion, or a fault has no meaning for a disc.
 pub(super) fn run(
     robot: &RobotModel,
     arm: &DiscArm,
     path: &Path,
     plan: &Plan,
-    trouble: &[Trouble],
+    faults: &[TrialFault],
 ) -> Result<Judged, ExpectedError> {
-    let lost = match trouble {
+    let lost = match faults {
         [] => None,
-        [Trouble::DriveLost { at_s }] => Some(DriveLost { joint: LOST_JOINT, at_s: *at_s }),
+        [TrialFault::DriveLost { at_s }] => Some(DriveLost { joint: LOST_JOINT, at_s: *at_s }),
         _ => {
-            return Err(ExpectedError::new(exit::USAGE, "with --on-controller only one trouble is known")
-                .next("`--trouble drive-lost:SECONDS`"));
+            return Err(ExpectedError::new(exit::USAGE, "with --on-controller only one fault is known")
+                .next("`--fault drive-lost:SECONDS`"));
         }
     };
     run_plan(robot, arm, path, plan, lost).map_err(|why| match why {

@@ -1,6 +1,6 @@
 //! How a catch of a ball ended: exit code, text and JSON.
 
-use hil_sim::court::CourtEvent;
+use hil_sim::two_arms::TwoArmEvent;
 use operator::ball_catch::trial::{CatchOutcome, Moment, Outcome};
 use planner::catch::online::Decision;
 use planner::catch::task::{Decline, Mode};
@@ -10,7 +10,7 @@ use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::ball_catch::decision_word;
 
-/// How a trial in the simulated court ends.
+/// How a trial in the simulated cell ends.
 ///
 /// # Errors
 /// The ball is not in the cup, or the catcher does not report that it is.
@@ -33,7 +33,7 @@ pub fn why_not_caught(reported: CatchOutcome) -> ExpectedError {
         CatchOutcome::Declined(why @ Decline::BouncesOut) => (
             exit::NO_THROW,
             format!("declined: {why}"),
-            "throw slower, allow `--hand either`, or line the cup with softer material (`restitution` of the court file)",
+            "throw slower, allow `--hand either`, or line the cup with softer material (`restitution` of the cell file)",
         ),
         CatchOutcome::Declined(why) => (exit::NO_THROW, format!("declined: {why}"), "throw slower, higher or nearer to the arm"),
         CatchOutcome::Missed => (exit::MISSED, "the ball was not caught".to_owned(), "`--report` shows where it passed"),
@@ -96,11 +96,11 @@ pub fn as_text(outcome: &Outcome) -> String {
         );
     }
     let by_other_arm = outcome.events.iter().find_map(|(_, event)| match event {
-        CourtEvent::HitLink { arm: 0, part, .. } => Some(part),
+        TwoArmEvent::HitLink { arm: 0, part, .. } => Some(part),
         _ => None,
     });
     if let Some(part) = by_other_arm {
-        out += &format!("  the ball hit the other arm of the court ({part})\n");
+        out += &format!("  the ball hit the other arm of the cell ({part})\n");
     }
     let corrected = outcome.log.iter().filter(|l| l.decision == Decision::Corrected).count();
     let judged: usize = outcome.log.iter().map(|l| l.count.judged).sum();
@@ -138,7 +138,7 @@ pub fn as_json(outcome: &Outcome) -> Value {
     })
 }
 
-/// Where ball and catcher were, in the world of the court, as executed.
+/// Where ball and catcher were, in the world of the cell, as executed.
 fn trace(outcome: &Outcome) -> Value {
     let column = |of: &dyn Fn(&Moment) -> Value| -> Value { outcome.trace.iter().map(of).collect() };
     json!({
@@ -148,18 +148,18 @@ fn trace(outcome: &Outcome) -> Value {
     })
 }
 
-fn event_json(after_release_s: f64, event: &CourtEvent) -> Value {
+fn event_json(after_release_s: f64, event: &TwoArmEvent) -> Value {
     let (what, arm, more) = match event {
-        CourtEvent::Released { arm } => ("released", Some(arm), None),
-        CourtEvent::Crossed { arm, .. } => ("crossed the mouth of the cup", Some(arm), None),
-        CourtEvent::HitCup { arm, speed_m_s } => {
+        TwoArmEvent::Released { arm } => ("released", Some(arm), None),
+        TwoArmEvent::Crossed { arm, .. } => ("crossed the mouth of the cup", Some(arm), None),
+        TwoArmEvent::HitCup { arm, speed_m_s } => {
             ("hit the cup", Some(arm), Some(("speed_m_s", json!(speed_m_s))))
         }
-        CourtEvent::HitLink { arm, part, .. } => ("hit a link", Some(arm), Some(("part", json!(part)))),
-        CourtEvent::HitFloor => ("hit the floor", None, None),
-        CourtEvent::Rests { arm } => ("rests in the cup", Some(arm), None),
-        CourtEvent::FellOut { arm } => ("fell out of the cup", Some(arm), None),
-        CourtEvent::Gripped { arm } => ("gripped", Some(arm), None),
+        TwoArmEvent::HitLink { arm, part, .. } => ("hit a link", Some(arm), Some(("part", json!(part)))),
+        TwoArmEvent::HitFloor => ("hit the floor", None, None),
+        TwoArmEvent::Rests { arm } => ("rests in the cup", Some(arm), None),
+        TwoArmEvent::FellOut { arm } => ("fell out of the cup", Some(arm), None),
+        TwoArmEvent::Gripped { arm } => ("gripped", Some(arm), None),
     };
     let mut result = Map::new();
     result.insert("after_release_s".to_owned(), json!(after_release_s));

@@ -12,7 +12,7 @@ use operator::interrupt::interrupt;
 use super::super::consent::Consent;
 use super::super::print_json;
 use super::super::tracker::base_in_room;
-use super::ball::court_of;
+use super::ball::cell_of;
 use super::on_bus::{as_json, clocks_text, failed};
 use super::outcome::{reported_text, why_not_caught};
 use super::{Args, record};
@@ -24,14 +24,14 @@ use crate::error::ExpectedError;
 pub struct OverBus {
     /// Bus of an arm that catches a ball which somebody throws, with a controller in this program; instead of a simulated ball.
     #[arg(long, value_parser = can_link::bus_of_option, value_name = "SPEC", requires = "tracker",
-        conflicts_with_all = ["disc", "start", "velocity", "air", "no_limits", "on_controller", "ball", "cooperative", "trouble", "seed", "report"])]
+        conflicts_with_all = ["disc", "start", "velocity", "air", "no_limits", "on_controller", "ball", "cooperative", "faults", "seed", "report"])]
     pub bus: Option<BusSpec>,
-    /// Address of this machine to which the tracker (DTrack) sends its data. With lockstep://: where `hil-sim serve-court`
+    /// Address of this machine to which the tracker (DTrack) sends its data. With lockstep://: where `hil-sim serve-two-arms`
     /// has them (its --data).
     #[arg(long, value_name = "HOST:PORT", requires = "bus")]
     pub tracker: Option<String>,
     /// Where the tracker's room is, seen from the arm: a file of `cubectl tracker calibrate` [default: the arm stands in the
-    /// room as the court says].
+    /// room as the cell says].
     #[arg(long, value_name = "FILE", requires = "bus")]
     pub calibration: Option<PathBuf>,
     /// Wait for a ball at most so many seconds.
@@ -51,17 +51,18 @@ pub struct OverBus {
 
 pub(super) fn run(args: &Args, bus: &BusSpec, tracker: &str) -> Result<(), ExpectedError> {
     if *bus == BusSpec::Sim {
-        return Err(ExpectedError::bad_input(&"nobody throws a ball on the bus sim")
-            .next("`--ball` throws one in virtual time; `hil-sim serve-court --ball` throws one for a bus"));
+        return Err(ExpectedError::bad_input(&"nobody throws a ball on the bus sim").next(
+            "`--ball` throws one in virtual time; `hil-sim serve-two-arms --ball` throws one for a bus",
+        ));
     }
     let over = &args.over_bus;
-    let mut court = court_of(args)?;
-    let robot = court.arms[1].model.clone();
+    let mut cell = cell_of(args)?;
+    let robot = cell.arms[1].model.clone();
     if let Some(file) = &over.calibration {
         // The room is the world.
-        court.arms[1].x_wb = base_in_room(file, robot.name())?;
+        cell.arms[1].x_wb = base_in_room(file, robot.name())?;
     }
-    let pair = Pair::new(court).map_err(|why| {
+    let pair = Pair::new(cell).map_err(|why| {
         ExpectedError::bad_input(&format!("the robot cannot catch balls: {why}")).next("`--robot powercube6`")
     })?;
     Consent::on(bus, over.yes)?.require(
@@ -75,7 +76,7 @@ pub(super) fn run(args: &Args, bus: &BusSpec, tracker: &str) -> Result<(), Expec
     if let Some(path) = &over.record {
         let mut ball = path.clone().into_os_string();
         ball.push("-ball.mcap");
-        record::markers(ball.as_ref(), pair.court.ball.radius_m, [&caught])?;
+        record::markers(ball.as_ref(), pair.cell.ball.radius_m, [&caught])?;
     }
     let release_s = caught.first_seen_s.unwrap_or(0.0);
     if args.json {

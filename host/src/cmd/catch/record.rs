@@ -23,14 +23,14 @@ pub(super) fn file_of(path: &Path) -> PathBuf {
     mcap
 }
 
-/// A simulated catch: the joints of one arm of the court, 0 (thrower) or 1 (catcher), and the ball. Times count from the start of the
+/// A simulated catch: the joints of one arm of the cell, 0 (thrower) or 1 (catcher), and the ball. Times count from the start of the
 /// trial.
 ///
 /// # Errors
 /// The file exists or cannot be written.
 pub fn simulated(file: &Path, pair: &Pair, arm: usize, outcome: &Outcome) -> Result<(), ExpectedError> {
-    let place = &pair.court.arms[arm];
-    let shape = Thrown::Ball { radius_m: pair.court.ball.radius_m };
+    let place = &pair.cell.arms[arm];
+    let shape = Thrown::Ball { radius_m: pair.cell.ball.radius_m };
     let moments = outcome
         .trace
         .iter()

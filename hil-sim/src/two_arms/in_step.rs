@@ -1,7 +1,7 @@
-//! The tracker's datagrams in the virtual time of a court in lock step: over a stream, with marks of time between them.
+//! The tracker's datagrams in the virtual time of a cell in lock step: over a stream, with marks of time between them.
 //!
 //! ```text
-//! court:  both arms reach T ──► datagrams due by T, mark "these are all until T + 1 ms" ──► clients' turns until T + 1 ms
+//! cell:  both arms reach T ──► datagrams due by T, mark "these are all until T + 1 ms" ──► clients' turns until T + 1 ms
 //! client: its turn at t     ──► reads until a mark is not before t
 //! ```
 //!
@@ -15,7 +15,7 @@ use std::time::Duration as WallSpan;
 
 use protocol::{Duration, Instant};
 
-/// The court moves on by this much; the turns of all clients within it hear the same datagrams.
+/// The cell moves on by this much; the turns of all clients within it hear the same datagrams.
 pub const STEP: Duration = Duration::from_millis(1);
 
 const DATAGRAM: u8 = 0;
@@ -23,7 +23,7 @@ const MARK: u8 = 1;
 /// The other side is held up or gone.
 const PATIENCE: WallSpan = WallSpan::from_secs(30);
 
-/// The court's end.
+/// The cell's end.
 #[derive(Debug)]
 pub struct Trackers {
     listener: TcpListener,
@@ -87,7 +87,7 @@ pub struct Follower {
 }
 
 impl Follower {
-    /// Connects in a turn at `now`; the court sends from its next step on.
+    /// Connects in a turn at `now`; the cell sends from its next step on.
     ///
     /// # Errors
     /// Nobody listens there.
@@ -97,7 +97,7 @@ impl Follower {
             match TcpStream::connect_timeout(&address, PATIENCE) {
                 Ok(stream) => {
                     stream.set_read_timeout(Some(PATIENCE))?;
-                    // At the border of two steps the court may have sent the mark of the second one already.
+                    // At the border of two steps the cell may have sent the mark of the second one already.
                     let steps = now.as_micros() / STEP.as_micros() + 1;
                     return Ok(Self {
                         stream,
@@ -114,7 +114,7 @@ impl Follower {
     /// The next datagram that has come by `now`, the time of this turn.
     ///
     /// # Errors
-    /// The court is gone.
+    /// The cell is gone.
     pub fn next(&mut self, now: Instant) -> io::Result<Option<Vec<u8>>> {
         while self.until < now {
             let mut head = [0; 3];
@@ -138,34 +138,34 @@ mod tests {
     #[test]
     fn datagrams_are_heard_in_the_turns_after_their_time_and_a_client_waits_for_no_mark_before_it_was_there()
     {
-        let mut court = Trackers::listen(([127, 0, 0, 1], 0).into()).unwrap();
-        let address = court.listener.local_addr().unwrap().to_string();
+        let mut cell = Trackers::listen(([127, 0, 0, 1], 0).into()).unwrap();
+        let address = cell.listener.local_addr().unwrap().to_string();
         let at = Instant::from_micros;
-        court.put(&[b"before".to_vec()], at(1_000));
+        cell.put(&[b"before".to_vec()], at(1_000));
         let mut client = Follower::connect(&address, at(1_200)).unwrap();
         assert_eq!(client.next(at(1_700)).unwrap(), None, "the step in which it connected");
         assert_eq!(client.next(at(2_000)).unwrap(), None);
-        court.put(&[b"one".to_vec(), b"two".to_vec()], at(3_000));
-        court.put(&[b"three".to_vec()], at(4_000));
+        cell.put(&[b"one".to_vec(), b"two".to_vec()], at(3_000));
+        cell.put(&[b"three".to_vec()], at(4_000));
         let heard = |client: &mut Follower, us| client.next(at(us)).unwrap();
         assert_eq!(heard(&mut client, 2_500), Some(b"one".to_vec()));
         assert_eq!(heard(&mut client, 2_500), Some(b"two".to_vec()));
         assert_eq!(heard(&mut client, 3_000), None, "the third one is of the next step");
         assert_eq!(heard(&mut client, 3_001), Some(b"three".to_vec()));
-        assert_eq!((court.taken, court.untaken), (3, 1));
-        drop(court);
+        assert_eq!((cell.taken, cell.untaken), (3, 1));
+        drop(cell);
         assert!(client.next(at(9_000)).is_err());
     }
 
     #[test]
     fn a_client_that_connects_at_the_border_of_two_steps_waits_for_no_mark_of_the_one_that_begins_there() {
-        let mut court = Trackers::listen(([127, 0, 0, 1], 0).into()).unwrap();
-        let address = court.listener.local_addr().unwrap().to_string();
+        let mut cell = Trackers::listen(([127, 0, 0, 1], 0).into()).unwrap();
+        let address = cell.listener.local_addr().unwrap().to_string();
         let at = Instant::from_micros;
-        court.put(&[], at(2_000));
+        cell.put(&[], at(2_000));
         let mut client = Follower::connect(&address, at(1_000)).unwrap();
         assert_eq!(client.next(at(1_900)).unwrap(), None);
-        court.put(&[b"one".to_vec()], at(3_000));
+        cell.put(&[b"one".to_vec()], at(3_000));
         assert_eq!(client.next(at(2_100)).unwrap(), Some(b"one".to_vec()));
     }
 }

@@ -1,4 +1,4 @@
-//! Court files, in TOML: see `two_arms.toml`, which is built in.
+//! Files of two-arm cells, in TOML: see `two_arms.toml`, which is built in.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use robot_model::{Pose, RobotModel};
 use toml_reader::{DESCRIPTION_MAX_BYTES, DocumentError, Problem, Section, Source, Value, read_text};
 
-use super::{ArmPlace, CourtOptions, CupOptions};
+use super::{ArmPlace, CupOptions, TwoArmOptions};
 use crate::mechanics::{BallOptions, Cup, Surface};
 use crate::tracker::scenario::{TrackerScenarioError, tracker, tracker_fault};
 
@@ -15,22 +15,22 @@ pub const SCHEMA_VERSION: i64 = 1;
 pub const TWO_ARMS: &str = include_str!("two_arms.toml");
 
 /// A file was refused: where, and why.
-pub type CourtError = TrackerScenarioError;
+pub type TwoArmError = TrackerScenarioError;
 
-impl CourtOptions {
-    /// The built-in court.
+impl TwoArmOptions {
+    /// The built-in cell.
     ///
     /// # Errors
     /// Never, as its test shows.
-    pub fn two_arms() -> Result<Self, CourtError> {
+    pub fn two_arms() -> Result<Self, TwoArmError> {
         Self::from_toml("two_arms.toml", TWO_ARMS)
     }
 
     /// Reads a file.
     ///
     /// # Errors
-    /// The file cannot be read, or says something that no court can.
-    pub fn load(path: &Path) -> Result<Self, CourtError> {
+    /// The file cannot be read, or says something that no cell can.
+    pub fn load(path: &Path) -> Result<Self, TwoArmError> {
         let file = path.display().to_string();
         match read_text(path, DESCRIPTION_MAX_BYTES) {
             Ok(text) => Self::from_toml(&file, &text),
@@ -41,8 +41,8 @@ impl CourtOptions {
     /// Reads a text; `file` is what errors call it.
     ///
     /// # Errors
-    /// The text says something that no court can.
-    pub fn from_toml(file: &str, text: &str) -> Result<Self, CourtError> {
+    /// The text says something that no cell can.
+    pub fn from_toml(file: &str, text: &str) -> Result<Self, TwoArmError> {
         let source = Source { file, text };
         let document = source.parse()?;
         let root: Section<'_> = source.root(&document);
@@ -50,7 +50,7 @@ impl CourtOptions {
         let seed = root.or("seed", 0, Value::count)?;
         let arms = root.sections("arm")?.iter().map(arm).collect::<Result<Vec<_>, _>>()?;
         let Ok(arms) = <[ArmPlace; 2]>::try_from(arms) else {
-            return Err(root.error("arm", Problem::Invalid("a court has two [[arm]] tables".to_owned())));
+            return Err(root.error("arm", Problem::Invalid("a cell has two [[arm]] tables".to_owned())));
         };
         let ball = ball(&root.required("ball", Value::section)?)?;
         let cup = cup(&root.required("cup", Value::section)?, ball.radius_m)?;
@@ -66,14 +66,14 @@ impl CourtOptions {
     }
 }
 
-fn arm(table: &Section<'_>) -> Result<ArmPlace, CourtError> {
+fn arm(table: &Section<'_>) -> Result<ArmPlace, TwoArmError> {
     let name = table.required("robot", Value::text)?;
     let refused = |why: String| table.error("robot", Problem::Invalid(why));
     let model = RobotModel::load(name).map_err(|error| {
         table.error("robot", Problem::Named { what: error.to_string(), next: error.problem.next() })
     })?;
     if model.n() != 6 {
-        return Err(refused(format!("robot {name} has {} joints; a court has arms of six", model.n())));
+        return Err(refused(format!("robot {name} has {} joints; a cell has arms of six", model.n())));
     }
     let position = Vector3::from(table.required("base_m", Value::numbers::<3>)?);
     let rpy_deg: [f64; 3] = table.or("base_rpy_deg", [0.0; 3], Value::numbers)?;
@@ -81,7 +81,7 @@ fn arm(table: &Section<'_>) -> Result<ArmPlace, CourtError> {
     Ok(ArmPlace { model, x_wb: Pose::from_rpy(rpy_deg.map(f64::to_radians), position) })
 }
 
-fn ball(table: &Section<'_>) -> Result<BallOptions, CourtError> {
+fn ball(table: &Section<'_>) -> Result<BallOptions, TwoArmError> {
     let d = BallOptions::default();
     let ball = BallOptions {
         radius_m: table.or("radius_m", d.radius_m, |v| v.number_in(0.005, 0.2))?,
@@ -93,7 +93,7 @@ fn ball(table: &Section<'_>) -> Result<BallOptions, CourtError> {
     Ok(ball)
 }
 
-fn surface(table: &Section<'_>) -> Result<Surface, CourtError> {
+fn surface(table: &Section<'_>) -> Result<Surface, TwoArmError> {
     Ok(Surface {
         restitution: table.required("restitution", |v| v.number_in(0.0, 1.0))?,
         friction: table.required("friction", |v| v.number_in(0.0, 2.0))?,
@@ -102,7 +102,7 @@ fn surface(table: &Section<'_>) -> Result<Surface, CourtError> {
     })
 }
 
-fn cup(table: &Section<'_>, ball_radius_m: f64) -> Result<CupOptions, CourtError> {
+fn cup(table: &Section<'_>, ball_radius_m: f64) -> Result<CupOptions, TwoArmError> {
     let shape = Cup {
         inner_radius_m: table.required("inner_radius_m", |v| v.number_in(0.01, 0.5))?,
         depth_m: table.required("depth_m", |v| v.number_in(0.01, 0.5))?,
@@ -135,15 +135,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_built_in_court_is_read_and_its_arms_face_each_other() {
-        let court = CourtOptions::two_arms().unwrap();
+    fn the_built_in_cell_is_read_and_its_arms_face_each_other() {
+        let cell = TwoArmOptions::two_arms().unwrap();
         let ahead = |arm: &ArmPlace| arm.x_wb.rot.column(0).into_owned();
-        assert!((ahead(&court.arms[0]) + ahead(&court.arms[1])).norm() < 1e-12);
-        assert_eq!(court.tracker.period.as_micros(), 8333);
+        assert!((ahead(&cell.arms[0]) + ahead(&cell.arms[1])).norm() < 1e-12);
+        assert_eq!(cell.tracker.period.as_micros(), 8333);
     }
 
     #[test]
-    fn a_court_that_cannot_be_is_refused_with_the_key() {
+    fn a_cell_that_cannot_be_is_refused_with_the_key() {
         for (from, to, key) in [
             ("inner_radius_m = 0.07", "inner_radius_m = 0.02", "inner_radius_m"),
             ("robot = \"powercube6\"", "robot = \"pincher4\"", "robot"),
@@ -151,10 +151,10 @@ mod tests {
             ("friction = 0.5", "friction = 0.5\nsand = 1", "sand"),
         ] {
             let text = TWO_ARMS.replace(from, to);
-            let error = CourtOptions::from_toml("x.toml", &text).unwrap_err().to_string();
+            let error = TwoArmOptions::from_toml("x.toml", &text).unwrap_err().to_string();
             assert!(error.contains(key) && error.contains("x.toml"), "{error}");
         }
         let one = TWO_ARMS.replacen("[[arm]]", "[[fault]]", 1);
-        assert!(CourtOptions::from_toml("x.toml", &one).is_err());
+        assert!(TwoArmOptions::from_toml("x.toml", &one).is_err());
     }
 }

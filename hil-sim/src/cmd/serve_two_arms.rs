@@ -1,17 +1,17 @@
-//! `hil-sim serve-court`: two arms, each on a bus of its own, a ball between them and a tracker, in real time. A hand that closes around a
+//! `hil-sim serve-two-arms`: two arms, each on a bus of its own, a ball between them and a tracker, in real time. A hand that closes around a
 //! ball at rest in its cup grips it, and its next opening is the next throw.
 //!
 //! ```text
 //! client ── bus 1 ── drives of the thrower ──┐ joints, each millisecond
-//! client ── bus 2 ── drives of the catcher ──┴──► Court: ball, cups, floor ──► datagrams of the tracker
+//! client ── bus 2 ── drives of the catcher ──┴──► TwoArmCell: ball, cups, floor ──► datagrams of the tracker
 //!                                                   └──► what really happened
 //! ```
 //!
-//! Each bus runs in a thread of its own; all follow one clock. The court moves on as far as both arms have, some milliseconds behind
+//! Each bus runs in a thread of its own; all follow one clock. The cell moves on as far as both arms have, some milliseconds behind
 //! the clock. The tracker's latency is longer than that, so its datagrams leave on time.
 //!
 //! In lock step one thread gives turns to the clients of both buses, a millisecond of the first bus and then the same of the second one,
-//! and the clients' connection for the tracker's data has marks of that time ([`hil_sim::court::in_step`]): a run depends on the programs and the
+//! and the clients' connection for the tracker's data has marks of that time ([`hil_sim::two_arms::in_step`]): a run depends on the programs and the
 //! seed alone.
 
 use std::collections::VecDeque;
@@ -25,10 +25,10 @@ use std::thread::JoinHandle;
 use can_link::{BusSpec, Clock, Role, Urgent};
 use hil_sim::bus::BusConfig;
 use hil_sim::cell::{Cell, CellOptions};
-use hil_sim::court::in_step::{STEP, Trackers};
-use hil_sim::court::{ArmPlace, Court, CourtEvent, CourtOptions, Crossing, JointsNow};
 use hil_sim::mechanics::LooseBall;
 use hil_sim::realtime::{Endpoint, Realtime, shared_time};
+use hil_sim::two_arms::in_step::{STEP, Trackers};
+use hil_sim::two_arms::{ArmPlace, Crossing, JointsNow, TwoArmCell, TwoArmEvent, TwoArmOptions};
 use nalgebra::Vector3;
 use protocol::{Duration, Instant};
 use robot_model::JointVec;
@@ -42,9 +42,9 @@ const STANDING_DEG: [f64; 6] = [0.0, -90.0, -90.0, 0.0, 0.0, 0.0];
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
-    /// Court file: places of the arms, ball, cups, tracker and its faults; the built-in one otherwise.
-    #[arg(long, value_name = "FILE")]
-    court: Option<PathBuf>,
+    /// Cell file: places of the arms, ball, cups, tracker and its faults; the built-in one otherwise.
+    #[arg(long, value_name = "FILE", alias = "court")]
+    cell: Option<PathBuf>,
     /// Where the bus of the thrower is, as for `serve`. With lockstep:// for both buses all is in one virtual time.
     #[arg(long, value_parser = can_link::bus_of_option, default_value = "socketcand://127.0.0.1:29536/can0")]
     bus_thrower: BusSpec,
@@ -64,7 +64,7 @@ pub(super) struct Args {
     /// When it is thrown, s.
     #[arg(long, value_name = "SECONDS", default_value_t = 15.0, requires = "ball", value_parser = seconds)]
     ball_at_s: f64,
-    /// Seed instead of the court's.
+    /// Seed instead of the cell's.
     #[arg(long)]
     seed: Option<u64>,
     /// End after this many seconds.
@@ -93,21 +93,21 @@ struct ArmBus {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    let court = match &args.court {
-        Some(file) => CourtOptions::load(file),
-        None => CourtOptions::two_arms(),
+    let cell = match &args.cell {
+        Some(file) => TwoArmOptions::load(file),
+        None => TwoArmOptions::two_arms(),
     };
-    let mut court = court.map_err(|error| Failure::new(Code::BadFile, &error))?;
-    court.seed = args.seed.unwrap_or(court.seed);
+    let mut cell = cell.map_err(|error| Failure::new(Code::BadFile, &error))?;
+    cell.seed = args.seed.unwrap_or(cell.seed);
     let data = address(&args.data)?;
     if args.ball.is_some() {
-        court = court.without_thrower();
+        cell = cell.without_thrower();
     }
     let buses: Vec<BusSpec> = served(args).map(|(_, spec)| spec.clone()).collect();
     let (_, in_step) =
         shared_time(&buses).map_err(|error| Failure::new(Code::BadFile, &error).next(error.next()))?;
     if in_step.is_some() {
-        return run_in_step(args, court, data);
+        return run_in_step(args, cell, data);
     }
     let any: SocketAddr = if data.is_ipv4() { ([0, 0, 0, 0], 0).into() } else { ([0_u16; 8], 0).into() };
     let socket = UdpSocket::bind(any).map_err(|error| Failure::new(Code::Bus, &error))?;
@@ -116,14 +116,14 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let mut arms = Vec::new();
     for (k, spec) in served(args) {
         let endpoint = open_endpoint(args, k, spec, clock)?;
-        arms.push(arm_bus(&court.arms[k], args.homed, court.seed + k as u64, endpoint, clock, &over));
+        arms.push(arm_bus(&cell.arms[k], args.homed, cell.seed + k as u64, endpoint, clock, &over));
     }
     say(args.json, "serving", &format!("tracker data to {data}"));
     let urgent = Urgent::request(Role::Plant);
     say(args.json, "real time", &urgent.granted().to_string());
     let interrupt = Interrupt::listen();
     let until = args.duration_s.map_or(Instant::FAR_FUTURE, |s| Instant::ZERO + Duration::from_secs_f64(s));
-    let mut live = Live::of(args, court);
+    let mut live = Live::of(args, cell);
     let goes_on = || !interrupt.came() && clock.now() < until;
     let ended = live.run(args, &mut arms, &socket, data, clock, &goes_on);
     over.store(true, Ordering::Relaxed);
@@ -151,7 +151,7 @@ fn open_endpoint(args: &Args, arm: usize, spec: &BusSpec, clock: Clock) -> Resul
 }
 
 /// Both buses, ball and tracker in one virtual time, until all clients have left.
-fn run_in_step(args: &Args, court: CourtOptions, data: SocketAddr) -> Result<(), Failure> {
+fn run_in_step(args: &Args, cell: TwoArmOptions, data: SocketAddr) -> Result<(), Failure> {
     let mut trackers = Trackers::listen(data).map_err(|error| Failure::new(Code::Bus, &error))?;
     let failed = |why: String| Failure::new(Code::Bus, &why);
     let mut arms = Vec::new();
@@ -159,14 +159,14 @@ fn run_in_step(args: &Args, court: CourtOptions, data: SocketAddr) -> Result<(),
         let BusSpec::Lockstep { clients, .. } = spec else { continue };
         let clock = Clock::manual();
         let endpoint = open_endpoint(args, k, spec, clock)?;
-        let seed = court.seed + k as u64;
-        let realtime = realtime_of(&court.arms[k], args.homed, seed, endpoint, clock).map_err(failed)?;
+        let seed = cell.seed + k as u64;
+        let realtime = realtime_of(&cell.arms[k], args.homed, seed, endpoint, clock).map_err(failed)?;
         arms.push((realtime.in_lock_step(*clients), 0, VecDeque::new()));
     }
     say(args.json, "lock step", &format!("tracker data at {data}"));
     let interrupt = Interrupt::listen();
     let until = args.duration_s.map_or(Instant::FAR_FUTURE, |s| Instant::ZERO + Duration::from_secs_f64(s));
-    let mut live = Live::of(args, court);
+    let mut live = Live::of(args, cell);
     while !arms.iter_mut().fold(true, |all, (arm, ..)| arm.is_gathered() && all) && !interrupt.came() {
         std::thread::sleep(std::time::Duration::from_millis(1));
     }
@@ -184,7 +184,7 @@ fn run_in_step(args: &Args, court: CourtOptions, data: SocketAddr) -> Result<(),
             live.step(arms.iter_mut().filter_map(|(.., samples)| samples.pop_front()));
         }
         live.tell(args);
-        let datagrams: Vec<_> = std::iter::from_fn(|| live.court.poll_datagram_by(now)).collect();
+        let datagrams: Vec<_> = std::iter::from_fn(|| live.cell.poll_datagram_by(now)).collect();
         trackers.put(&datagrams, now + STEP);
     }
     (live.datagrams, live.unsent) = (trackers.taken, trackers.untaken);
@@ -210,7 +210,7 @@ fn realtime_of(
         .map_err(|error| error.to_string())
 }
 
-/// A hand that has closed after a throw lets go again at its next opening. Whether it holds the ball, the court knows.
+/// A hand that has closed after a throw lets go again at its next opening. Whether it holds the ball, the cell knows.
 fn hold_again(realtime: &mut Realtime<Cell>) -> Result<(), String> {
     let cell = &realtime.world().participants().0;
     if cell.throw().released_at.is_none() || cell.closed_at().is_none() {
@@ -272,9 +272,9 @@ fn serve(mut realtime: Realtime<Cell>, to: &Sender<ArmNow>, over: &AtomicBool) -
     Ok(realtime.lag().turns.max().max(realtime.lateness().max()).unwrap_or_default())
 }
 
-/// The court while it runs.
+/// The cell while it runs.
 struct Live {
-    court: Court,
+    cell: TwoArmCell,
     joints: [JointsNow; 2],
     /// Of each arm: when it let go last, and when it was ordered to close last.
     released_at: [Option<Instant>; 2],
@@ -291,22 +291,22 @@ struct Live {
 }
 
 impl Live {
-    fn of(args: &Args, court: CourtOptions) -> Self {
+    fn of(args: &Args, cell: TwoArmOptions) -> Self {
         let upright =
             JointsNow { q: JointVec::from(STANDING_DEG.map(f64::to_radians)), qd: JointVec::zeros(6) };
-        let x_wb = court.arms[1].x_wb;
+        let x_wb = cell.arms[1].x_wb;
         let ball = args.ball.map(|[x, y, z, vx, vy, vz]| {
             let at = Instant::ZERO + Duration::from_secs_f64(args.ball_at_s);
             let (p, v) = (Vector3::new(x, y, z), Vector3::new(vx, vy, vz));
             let p_m = x_wb.transform_point(&p);
             (at, LooseBall { p_m, v_m_s: x_wb.rot * v, spin_rad_s: Vector3::zeros() })
         });
-        let lies_e_m = court.cup.rest_e_m(court.ball.radius_m);
-        let mut court = Court::new(court, 0, [upright; 2]);
+        let lies_e_m = cell.cup.rest_e_m(cell.ball.radius_m);
+        let mut cell = TwoArmCell::new(cell, 0, [upright; 2]);
         // Who puts the ball into the hand lays it into the middle of the cup.
-        court.grip_at(lies_e_m);
+        cell.grip_at(lies_e_m);
         Self {
-            court,
+            cell,
             joints: [upright; 2],
             released_at: [None; 2],
             closed_at: [Some(Instant::ZERO); 2],
@@ -342,7 +342,7 @@ impl Live {
                 self.step(arms.iter_mut().filter_map(|arm| arm.waiting.pop_front()));
             }
             self.tell(args);
-            while let Some(bytes) = self.court.poll_datagram_by(clock.now()) {
+            while let Some(bytes) = self.cell.poll_datagram_by(clock.now()) {
                 match socket.send_to(&bytes, data) {
                     Ok(_) => self.datagrams += 1,
                     Err(_) => self.unsent += 1,
@@ -354,51 +354,48 @@ impl Live {
 
     /// A step of the arms that are there.
     fn step(&mut self, arms: impl Iterator<Item = ArmNow>) {
-        let mut to = self.court.now();
+        let mut to = self.cell.now();
         for (k, arm) in (self.first..).zip(arms) {
             if arm.closed_at != std::mem::replace(&mut self.closed_at[k], arm.closed_at) {
-                self.court.set_jaws(k, arm.closed_at.is_none());
+                self.cell.set_jaws(k, arm.closed_at.is_none());
             }
             let before = std::mem::replace(&mut self.released_at[k], arm.released_at);
             if let Some(at) = arm.released_at.filter(|_| before != arm.released_at)
-                && self.court.holder() == Some(k)
+                && self.cell.holder() == Some(k)
             {
-                self.court.release_at(at);
+                self.cell.release_at(at);
             }
             (self.joints[k], to) = (arm.joints, arm.at);
         }
         if let Some((_, ball)) = self.ball.take_if(|(at, _)| *at <= to) {
-            self.court.throw_in(ball);
+            self.cell.throw_in(ball);
             self.thrown_in_at = Some(to);
         }
-        self.court.step(to, self.joints);
+        self.cell.step(to, self.joints);
     }
 
     fn tell(&mut self, args: &Args) {
-        for (at, event) in self.court.events().iter().skip(self.printed) {
+        for (at, event) in self.cell.events().iter().skip(self.printed) {
             let text = format!("{:.4} s: {}", at.as_secs_f64(), words(event));
             if args.json {
-                console::line!(
-                    "{}",
-                    json!({"event": "court", "t_s": at.as_secs_f64(), "what": words(event)})
-                );
+                console::line!("{}", json!({"event": "cell", "t_s": at.as_secs_f64(), "what": words(event)}));
             } else {
                 console::note!("{text}");
             }
         }
-        self.printed = self.court.events().len();
+        self.printed = self.cell.events().len();
     }
 
     fn report(&self, args: &Args, lags: &[Duration]) -> Result<(), Failure> {
         let worst_ms: Vec<f64> = lags.iter().map(|lag| lag.as_secs_f64() * 1e3).collect();
-        let throws = thrown(self.thrown_in_at, self.court.events());
+        let throws = thrown(self.thrown_in_at, self.cell.events());
         if args.json {
             let report = json!({
                 "event": "report",
                 "throws": throws.iter().map(Thrown::as_json).collect::<Vec<_>>(),
                 "datagrams": self.datagrams,
                 "unsent": self.unsent,
-                "simulated_s": self.court.now().as_secs_f64(),
+                "simulated_s": self.cell.now().as_secs_f64(),
                 "worst_lag_ms": worst_ms,
             });
             console::line!("{}", serde_json::to_string(&report).map_err(|e| Failure::new(Code::Output, &e))?);
@@ -433,23 +430,23 @@ struct Thrown {
     crossing: Option<Crossing>,
 }
 
-fn thrown(by_hand: Option<Instant>, events: &[(Instant, CourtEvent)]) -> Vec<Thrown> {
+fn thrown(by_hand: Option<Instant>, events: &[(Instant, TwoArmEvent)]) -> Vec<Thrown> {
     let by_hand = by_hand.map(|released_at| Thrown { released_at, ..Thrown::default() });
     let mut throws: Vec<Thrown> = by_hand.into_iter().collect();
     for (at, event) in events {
-        if let CourtEvent::Released { arm } = event {
+        if let TwoArmEvent::Released { arm } = event {
             throws.push(Thrown { released_at: *at, by: Some(*arm), ..Thrown::default() });
         }
         let Some(throw) = throws.last_mut() else { continue };
         let by_catcher = |arm: &usize| Some(*arm) != throw.by;
         match event {
-            CourtEvent::Crossed { arm, crossing } if by_catcher(arm) => throw.crossing = Some(*crossing),
-            CourtEvent::HitCup { arm, .. } | CourtEvent::HitLink { arm, .. } if by_catcher(arm) => {
+            TwoArmEvent::Crossed { arm, crossing } if by_catcher(arm) => throw.crossing = Some(*crossing),
+            TwoArmEvent::HitCup { arm, .. } | TwoArmEvent::HitLink { arm, .. } if by_catcher(arm) => {
                 throw.touched_catcher = true;
             }
-            CourtEvent::HitFloor => throw.touched_floor = true,
-            CourtEvent::Rests { arm } if by_catcher(arm) => throw.caught = true,
-            CourtEvent::FellOut { arm } if by_catcher(arm) => throw.caught = false,
+            TwoArmEvent::HitFloor => throw.touched_floor = true,
+            TwoArmEvent::Rests { arm } if by_catcher(arm) => throw.caught = true,
+            TwoArmEvent::FellOut { arm } if by_catcher(arm) => throw.caught = false,
             _ => {}
         }
     }
@@ -484,24 +481,24 @@ impl Thrown {
     }
 }
 
-fn words(event: &CourtEvent) -> String {
+fn words(event: &TwoArmEvent) -> String {
     let name = |arm: &usize| format!("arm {}", arm + 1);
     match event {
-        CourtEvent::Released { arm } => format!("{} lets the ball go", name(arm)),
-        CourtEvent::Crossed { arm, crossing } => format!(
+        TwoArmEvent::Released { arm } => format!("{} lets the ball go", name(arm)),
+        TwoArmEvent::Crossed { arm, crossing } => format!(
             "the ball crosses the mouth of the cup of {}, {:.1} mm off its axis, with {:.2} m/s",
             name(arm),
             crossing.miss_m * 1e3,
             crossing.speed_m_s
         ),
-        CourtEvent::HitCup { arm, speed_m_s } => {
+        TwoArmEvent::HitCup { arm, speed_m_s } => {
             format!("the ball hits the cup of {} with {speed_m_s:.2} m/s", name(arm))
         }
-        CourtEvent::HitLink { arm, part, .. } => format!("the ball hits {} ({part})", name(arm)),
-        CourtEvent::HitFloor => "the ball hits the floor".to_owned(),
-        CourtEvent::Rests { arm } => format!("the ball rests in the cup of {}", name(arm)),
-        CourtEvent::FellOut { arm } => format!("the ball has left the cup of {}", name(arm)),
-        CourtEvent::Gripped { arm } => format!("{} grips the ball", name(arm)),
+        TwoArmEvent::HitLink { arm, part, .. } => format!("the ball hits {} ({part})", name(arm)),
+        TwoArmEvent::HitFloor => "the ball hits the floor".to_owned(),
+        TwoArmEvent::Rests { arm } => format!("the ball rests in the cup of {}", name(arm)),
+        TwoArmEvent::FellOut { arm } => format!("the ball has left the cup of {}", name(arm)),
+        TwoArmEvent::Gripped { arm } => format!("{} grips the ball", name(arm)),
     }
 }
 

@@ -1,20 +1,20 @@
-//! A court: two arms, a ball between them, open cups as hands, a tracker that watches.
+//! A cell: two arms, a ball between them, open cups as hands, a tracker that watches.
 //!
-//! The court moves the ball and looks at it; it moves no arm. Whoever moves the arms (drives with mechanics behind
-//! them, or a model) tells the court their joints once per step, at most 1 ms long:
+//! The cell moves the ball and looks at it; it moves no arm. Whoever moves the arms (drives with mechanics behind
+//! them, or a model) tells the cell their joints once per step, at most 1 ms long:
 //!
 //! ```text
-//! joints of both arms ──► Court::step ──► ball: held, loose; contacts with cups, links, floor
+//! joints of both arms ──► TwoArmCell::step ──► ball: held, loose; contacts with cups, links, floor
 //!                                    └──► tracker: DTrack datagrams of the ball as a single marker
 //! ```
 //!
-//! The contact model decides whether a ball is caught: [`Court::resting_in`] names the cup in which it has come to rest,
-//! [`Court::events`] lists the contacts before. World frame: that of the court file.
+//! The contact model decides whether a ball is caught: [`TwoArmCell::resting_in`] names the cup in which it has come to rest,
+//! [`TwoArmCell::events`] lists the contacts before. World frame: that of the cell file.
 //!
 //! | file | holds |
 //! |---|---|
 //! | this | options, ball and events, one step |
-//! | [`scenario`] | TOML to options; the built-in court |
+//! | [`scenario`] | TOML to options; the built-in cell |
 
 pub mod in_step;
 pub mod scenario;
@@ -64,8 +64,8 @@ pub struct CupOptions {
     pub surface: Surface,
 }
 
-impl CourtOptions {
-    /// One arm and a ball that comes from elsewhere: the second arm of the court, without the first.
+impl TwoArmOptions {
+    /// One arm and a ball that comes from elsewhere: the second arm of the cell, without the first.
     #[must_use]
     pub fn without_thrower(mut self) -> Self {
         self.arms[0] = self.arms[1].clone();
@@ -81,9 +81,9 @@ impl CupOptions {
     }
 }
 
-/// Everything about a court.
+/// Everything about a cell.
 #[derive(Clone, Debug)]
-pub struct CourtOptions {
+pub struct TwoArmOptions {
     pub arms: [ArmPlace; 2],
     /// The first arm is not there: a ball that comes from elsewhere passes its place.
     pub alone: bool,
@@ -122,7 +122,7 @@ pub struct Crossing {
 }
 
 #[derive(Clone, Debug, PartialEq)]
-pub enum CourtEvent {
+pub enum TwoArmEvent {
     /// The arm let the ball go.
     Released { arm: usize },
     /// The ball crossed the mouth plane of the arm's cup.
@@ -164,8 +164,8 @@ struct HandNow {
     boxes: Vec<(usize, Obb)>,
 }
 
-pub struct Court {
-    options: CourtOptions,
+pub struct TwoArmCell {
+    options: TwoArmOptions,
     place: BallPlace,
     tracker: Tracker,
     now: Instant,
@@ -178,12 +178,12 @@ pub struct Court {
     crossed: [bool; 2],
     /// Last contact with the cup of each arm and with its links: a contact goes on over short gaps.
     touched: [Option<Instant>; 4],
-    events: Vec<(Instant, CourtEvent)>,
+    events: Vec<(Instant, TwoArmEvent)>,
 }
 
-impl Court {
+impl TwoArmCell {
     /// At time zero, the ball gripped by arm `holder` where its gripper holds balls (release frame of the robot file).
-    pub fn new(options: CourtOptions, holder: usize, joints: [JointsNow; 2]) -> Self {
+    pub fn new(options: TwoArmOptions, holder: usize, joints: [JointsNow; 2]) -> Self {
         let at_e_m = options.arms[holder].model.gripper().x_eb.pos;
         let mut tracker = Tracker::new(options.tracker.clone(), options.seed);
         tracker.set_output(1, Some(CHANNEL));
@@ -213,7 +213,7 @@ impl Court {
     }
 
     /// The hand of an arm opens its jaws, or closes them: to a cup, or around a ball that rests in it, where it lies. A ball that is
-    /// gripped shows no marker; it leaves the hand with [`Court::release_at`].
+    /// gripped shows no marker; it leaves the hand with [`TwoArmCell::release_at`].
     pub fn set_jaws(&mut self, arm: usize, open: bool) {
         if self.holder() == Some(arm) {
             return;
@@ -221,14 +221,14 @@ impl Court {
         self.jaws_open[arm] = open;
         if open && self.resting == Some(arm) {
             (self.resting, self.slow_since) = (None, None);
-            self.tell(self.now, CourtEvent::FellOut { arm });
+            self.tell(self.now, TwoArmEvent::FellOut { arm });
         }
         if let (BallPlace::Loose(ball), false, Some(in_cup)) = (self.place, open, self.resting)
             && in_cup == arm
         {
             let at_e_m = self.hand(arm).x_we.inverse_transform_point(&ball.p_m);
             self.place = BallPlace::Held { arm, at_e_m };
-            self.tell(self.now, CourtEvent::Gripped { arm });
+            self.tell(self.now, TwoArmEvent::Gripped { arm });
         }
     }
 
@@ -259,7 +259,7 @@ impl Court {
     }
 
     /// What happened, in order.
-    pub fn events(&self) -> &[(Instant, CourtEvent)] {
+    pub fn events(&self) -> &[(Instant, TwoArmEvent)] {
         &self.events
     }
 
@@ -284,7 +284,7 @@ impl Court {
         self.released_at
     }
 
-    pub fn options(&self) -> &CourtOptions {
+    pub fn options(&self) -> &TwoArmOptions {
         &self.options
     }
 
@@ -298,7 +298,7 @@ impl Court {
         self.tracker.poll_data(self.now).map(|(_, bytes)| bytes)
     }
 
-    /// A datagram that has arrived by `now`, which may be some milliseconds after the last step: for a court that runs in real time
+    /// A datagram that has arrived by `now`, which may be some milliseconds after the last step: for a cell that runs in real time
     /// and is told of the joints a little later.
     pub fn poll_datagram_by(&mut self, now: Instant) -> Option<Vec<u8>> {
         self.tracker.poll_data(now.max(self.now)).map(|(_, bytes)| bytes)
@@ -368,7 +368,7 @@ impl Court {
         }
     }
 
-    fn tell(&mut self, at: Instant, event: CourtEvent) {
+    fn tell(&mut self, at: Instant, event: TwoArmEvent) {
         if self.events.len() < EVENTS_MAX {
             self.events.push((at, event));
         }
@@ -395,7 +395,7 @@ impl Court {
             self.released_at = Some((arm, due));
             self.jaws_open[arm] = true;
             (self.crossed, self.resting, self.slow_since) = ([false; 2], None, None);
-            self.tell(due, CourtEvent::Released { arm });
+            self.tell(due, TwoArmEvent::Released { arm });
             return;
         }
         let BallPlace::Loose(mut ball) = self.place else { return };
@@ -442,7 +442,7 @@ impl Court {
             let along = -relative.dot(&x_wc.rot.column(2)) / speed_m_s.max(1e-9);
             let crossing =
                 Crossing { miss_m: is.x.hypot(is.y), angle_rad: along.clamp(-1.0, 1.0).acos(), speed_m_s };
-            self.tell(self.now, CourtEvent::Crossed { arm, crossing });
+            self.tell(self.now, TwoArmEvent::Crossed { arm, crossing });
         }
         if self.jaws_open[arm] {
             return;
@@ -460,7 +460,7 @@ impl Court {
             let hit = Hit { normal, depth_m: contact.depth_m, surface_v_m_s, surface };
             let speed_m_s = ball.hit(&self.options.ball, &hit);
             if speed_m_s > surface.rest_m_s && self.is_new(arm) {
-                self.tell(self.now, CourtEvent::HitCup { arm, speed_m_s });
+                self.tell(self.now, TwoArmEvent::HitCup { arm, speed_m_s });
             }
             touches = true;
         }
@@ -478,7 +478,7 @@ impl Court {
                     && self.now.saturating_since(since).as_secs_f64() >= REST_FOR_S
                 {
                     self.resting = Some(arm);
-                    self.tell(self.now, CourtEvent::Rests { arm });
+                    self.tell(self.now, TwoArmEvent::Rests { arm });
                 }
             }
             None if slow => self.slow_since = Some((arm, self.now)),
@@ -486,7 +486,7 @@ impl Court {
         }
         if self.resting == Some(arm) && !inside {
             self.resting = None;
-            self.tell(self.now, CourtEvent::FellOut { arm });
+            self.tell(self.now, TwoArmEvent::FellOut { arm });
         }
     }
 
@@ -538,7 +538,7 @@ impl Court {
             }
             let hit = &self.options.arms[arm].model.collision().boxes()[number];
             let (link, part) = (hit.link, hit.name.clone());
-            self.tell(self.now, CourtEvent::HitLink { arm, link, part });
+            self.tell(self.now, TwoArmEvent::HitLink { arm, link, part });
         }
     }
 
@@ -553,7 +553,7 @@ impl Court {
                 surface: self.options.ground,
             };
             if ball.hit(&self.options.ball, &hit) > self.options.ground.rest_m_s {
-                self.tell(self.now, CourtEvent::HitFloor);
+                self.tell(self.now, TwoArmEvent::HitFloor);
             }
         }
     }
