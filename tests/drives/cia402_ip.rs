@@ -9,6 +9,7 @@ use hil_sim::drive::cia402::{Interpolating, ServoOptions};
 use protocol::{Duration, Instant};
 
 use crate::cia402_rig::{Rig, node};
+use crate::rig::joint;
 use crate::six::{JOINTS, stands_rad};
 
 /// Search with a commutation of 5 s, twice the exchanges of a servo at most.
@@ -103,7 +104,7 @@ fn a_commutation_that_is_not_found_a_queue_of_positions_and_a_servo_without_mode
     });
     rig.run_until(15_000, |rig| rig.kind() == StateKind::Fault);
     let fault = rig.fault().unwrap();
-    assert_eq!((fault.cause, fault.joint.map(|joint| joint.get())), (Cause::DriveError, Some(4)));
+    assert_eq!((fault.cause, fault.joint), (Cause::DriveError, Some(joint(4))));
     assert!((8_000_000..10_000_000).contains(&rig.now().as_micros()), "{:?}", rig.now());
     type Change = fn(&mut ServoOptions);
     let cases: [(Change, Object); 2] = [

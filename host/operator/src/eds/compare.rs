@@ -250,7 +250,7 @@ mod tests {
     /// Differences of a sheet with one object beside a node that gives `found` and a controller with one need.
     fn found(sheet: &str, need: Need, found: Result<Vec<u8>, Failure>) -> Vec<Difference> {
         let eds = Eds::read(&format!("[1000]\nDataType=7\nAccessType=ro\n{sheet}")).unwrap();
-        let mut read = |_: Object| Ok::<_, ()>(found.clone());
+        let mut read = move |_: Object| Ok::<_, ()>(found.clone());
         let report = compare(&eds, NodeId::new(3).unwrap(), [need].into_iter(), &mut read).unwrap();
         assert!(report.findings.iter().all(|finding| !finding.to_string().is_empty()));
         report.findings.into_iter().map(|finding| finding.difference).collect()

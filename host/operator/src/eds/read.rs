@@ -165,7 +165,7 @@ impl Eds {
                 let count = section.plain("compactsubobj", 254)?.unwrap_or(0) as u8;
                 let has_subs = section.plain("subnumber", 255)?.is_some_and(|count| count > 0);
                 if count > 0 {
-                    compact(&all, name, index, count, section.entry()?, &mut entries)?;
+                    compact(&all, name, index, count, &section.entry()?, &mut entries)?;
                 } else if !has_subs {
                     entries.insert(Object::new(index, 0), section.entry()?);
                 }
@@ -194,7 +194,7 @@ fn compact(
     name: &str,
     index: u16,
     count: u8,
-    like: Entry,
+    like: &Entry,
     entries: &mut BTreeMap<Object, Entry>,
 ) -> Result<(), EdsError> {
     let own = all.get(&format!("{name}value"));
