@@ -1,6 +1,6 @@
 # The simulated drives against clients that are not ours, unmodified, pinned. PowerCubes: python-can, over socketcand and as an
 # SLCAN adapter at a pseudo-terminal, both at the same time on one simulated bus. Damiao motors: damiao-motor, ODrive axes:
-# odrive-can, CANopen servos: canopen, all over socketcand.
+# odrive-can, CANopen servos: canopen, all over socketcand. Our controller with CANopen slaves of durand, in virtual time.
 . .ci/timed.sh
 . .ci/serve.sh
 . .ci/venv.sh sim tests/interop/sim/requirements.txt
@@ -42,6 +42,23 @@ motors() { # client, options of serve-motors...
 }
 timed motors damiao --damiao 8009:1:0x11 --damiao 4310:2:0x12
 timed motors cia402 --canopen 3
+# Our controller is the master: five servos are durand, one is simulated. Their units are those of `serve-motors`.
+durand() {
+    local log=target/interop-durand.log robot=target/interop-durand.toml status=0 place=lockstep://127.0.0.1:0/can0 ports
+    sed 's/counts_per_turn = [0-9]*/counts_per_turn = 409600/; s/rated_nm = [0-9.]*/rated_nm = 50/' robots/canopen6.toml >$robot
+    target/release/hil-sim serve-motors --canopen 3 --bus $place --bus $place --bus $place --json >"$log" </dev/null &
+    server=$!
+    wait_for $server says "$log" '"event":"real time"' || { cat "$log"; return 1; }
+    ports=$(sed -n 's|.*lockstep://127.0.0.1:\([0-9]*\)/.*|\1|p' "$log")
+    echo "--- durand in lock step"
+    # shellcheck disable=SC2086 # three ports
+    timeout 180 python tests/interop/sim/durand_servos.py target/release/cubectl $robot $ports || status=$?
+    kill -INT $server
+    wait $server || status=$?
+    server=
+    return $status
+}
+durand
 # Our controller with simulated ODrives: the maker's DBC reads every frame of a motion.
 odrive_frames() {
     local out=target/interop-odrive

@@ -23,6 +23,7 @@ fn servos() -> cia402::Options {
         counts_per_turn: 409_600,
         rated_mnm: 50_000,
         home: if node == 4 { cia402::Home::Here } else { cia402::Home::Absolute },
+        follow: if node == 5 { cia402::Follow::Interpolated } else { cia402::Follow::Cyclic },
     };
     cia402::Options::new(&[servo(3), servo(4), servo(5)]).unwrap()
 }

@@ -86,7 +86,11 @@ impl Rig {
 
     /// Control word and target to it, status word and position from it, with each SYNC.
     fn map(&mut self) {
-        let to = Map::new(&[Entry::new(0x6040, 0, 2), Entry::new(0x607A, 0, 4)]).unwrap();
+        self.map_to(Entry::new(0x607A, 0, 4));
+    }
+
+    fn map_to(&mut self, target: Entry) {
+        let to = Map::new(&[Entry::new(0x6040, 0, 2), target]).unwrap();
         let from = Map::new(&[Entry::new(0x6041, 0, 2), Entry::new(0x6064, 0, 4)]).unwrap();
         for (direction, map) in [(Direction::Receive, to), (Direction::Transmit, from)] {
             for (object, value) in set_up(node(), direction, 1, map, Transmission::Sync(1)) {
@@ -353,4 +357,44 @@ fn torn_and_stale_answers_lost_heartbeats_and_a_mode_that_is_never_shown_are_pla
     assert_eq!(rig.read(0x6061, 0), Ok(vec![8]));
     rig.servo().faults_mut().is_silent = true;
     assert_eq!(rig.read(0x6061, 0), Err(Failure::TimeOut));
+}
+
+#[test]
+fn a_module_takes_torque_after_its_commutation_follows_while_bit_4_is_set_and_brakes_without_positions() {
+    let mut rig = Rig::with(ServoOptions::of(node()).interpolating());
+    rig.run(Duration::from_millis(250));
+    assert_eq!(rig.read(0x6502, 0), Ok(vec![0x43, 0, 0, 0]));
+    assert_eq!(rig.read(0x608F, 1), aborted(0x0602_0000), "its unit is fixed");
+    assert_eq!(rig.read(0x1600, 3), Ok(0x60C1_0120_u32.to_le_bytes().to_vec()), "the map as delivered");
+    rig.map_to(Entry::new(0x60C1, 1, 4));
+    rig.write(0x6060, 0, &[8]).unwrap();
+    assert_eq!(rig.read(0x6061, 0), Ok(vec![0]), "it has no mode 8");
+    rig.write(0x6060, 0, &[7]).unwrap();
+    rig.send(&nmt::Command::Start.encode(None));
+    for word in [Control::SHUT_DOWN, Control::SWITCH_ON] {
+        rig.period(word, Some(0));
+    }
+    let begun = rig.now;
+    while rig.servo().state() == State::SwitchedOn {
+        rig.period(Control::ENABLE, Some(0));
+    }
+    let took = rig.now.saturating_since(begun);
+    assert!((5_000..5_010).contains(&(took.as_micros() / 1_000)), "{took:?}");
+    // Without bit 4 no position acts.
+    let (status, counts) = rig.period(Control::ENABLE, Some(360));
+    assert!(!status.mode_works() && counts == 0);
+    let active = Control::ENABLE.with_mode_bit();
+    for step in 1..=100 {
+        rig.period(active, Some(36 * step));
+    }
+    let (status, counts) = rig.period(active, Some(3_600));
+    assert!(status.mode_works());
+    assert!((counts - 3_600).abs() <= 40, "{counts}");
+    // Six SYNCs without a position are borne, the seventh is not.
+    for missing in 1..=7 {
+        assert_eq!(rig.servo().state(), State::OperationEnabled, "{missing}");
+        rig.period(active, None);
+    }
+    // Its quick stop ends without torque, as object 605A is delivered.
+    assert_eq!(rig.servo().state(), State::SwitchOnDisabled);
 }

@@ -9,7 +9,7 @@ use operator::bus::BusArgs;
 use crate::cli::SHORT_NAMES;
 
 /// What a command line in a message begins with if it acts on a bus: without `--bus` it would mean the simulated cell.
-pub const BUS_VERBS: [&str; 29] = [
+pub const BUS_VERBS: [&str; 30] = [
     "arm doctor",
     "arm home",
     "arm identify",
@@ -34,6 +34,7 @@ pub const BUS_VERBS: [&str; 29] = [
     "modules diff",
     "modules dump",
     "modules restore",
+    "modules show",
     "move",
     "run",
     "servo",

@@ -190,6 +190,7 @@ const ROWS: &[Row] = &[
     ("controller unlock", "set", Change, "--set joint.v_max_rad_s=1"),
     ("explain", "last", Change, "--last"),
     ("modules diff,modules restore,modules dump", "*", Elsewhere, "tests/bus_verbs.rs"),
+    ("modules show", "*", Elsewhere, "tests/modules_show.rs"),
     (
         "registers set,registers export,registers list,registers get,key set,key remove,unlock,clear,stop,explain",
         "json",

@@ -16,6 +16,7 @@ mod job_rules;
 mod led_verbs;
 mod lock_step;
 mod mit_arm;
+mod modules_show;
 mod move_verb;
 mod newcomer;
 mod option_walk;

@@ -1,6 +1,7 @@
 //! Arms of six CANopen servos and of six ODrives, driven by the verbs.
 
 use crate::bus_common::{Folder, code, cubectl, err, out};
+use crate::side_by_side::interpolating;
 use serde_json::Value;
 
 struct Arm {
@@ -62,6 +63,20 @@ fn it_homes_jogs_and_goes_to_a_pose() {
         ]);
         assert_eq!(code(&moved), 0, "{}{}", out(&moved), err(&moved));
     }
+}
+
+/// The search for the commutation takes 5 s of the cell's time.
+#[test]
+fn modules_that_interpolate_go_to_a_pose_and_throw() {
+    let folder = Folder::new("canopen6-mode-7");
+    let file = interpolating(ARMS[0].file, &folder);
+    let moved =
+        cubectl(&["move", "--joints", "0.3,0.4,0.5,0,0.2,0", "--home", "--yes", "--json", "--robot", &file]);
+    assert_eq!(code(&moved), 0, "{}{}", out(&moved), err(&moved));
+    let thrown = cubectl(&["throw", "--target", TARGET, "--period-ms", "3", "--json", "--robot", &file]);
+    assert_eq!(code(&thrown), 0, "{}{}", out(&thrown), err(&thrown));
+    let summary: Value = serde_json::from_str(&out(&thrown)).unwrap();
+    assert_eq!(summary["outcome"], "landed", "{summary}");
 }
 
 #[test]

@@ -9,6 +9,8 @@ use serde_json::Value;
 struct Arm {
     drives: &'static str,
     robot: &'static str,
+    /// Its servos follow in mode 7 and count millidegrees.
+    interpolates: bool,
     period_ms: u32,
     bit_rate_bit_s: u32,
     /// Of CAN FD, added to the robot file; the gains are then those of `cubectl tune`, because the program has none for so short a period.
@@ -31,10 +33,11 @@ const SIX: &str = "0.3,0.4,0.5,0,0.2,0";
 const SEVEN: &str = "0.3,0.4,0,0.5,0,0.2,0";
 
 /// Bounds are twice what is measured, rounded up.
-const ARMS: [Arm; 6] = [
+const ARMS: [Arm; 8] = [
     Arm {
         drives: "PowerCube",
         robot: "powercube6",
+        interpolates: false,
         period_ms: 3,
         bit_rate_bit_s: 1_000_000,
         data_bit_rate_bit_s: None,
@@ -46,6 +49,7 @@ const ARMS: [Arm; 6] = [
     Arm {
         drives: "CiA 402, mode 8",
         robot: robot!("canopen6"),
+        interpolates: false,
         period_ms: 3,
         bit_rate_bit_s: 1_000_000,
         data_bit_rate_bit_s: None,
@@ -57,6 +61,31 @@ const ARMS: [Arm; 6] = [
     Arm {
         drives: "CiA 402, mode 8",
         robot: robot!("canopen6"),
+        interpolates: false,
+        period_ms: 5,
+        bit_rate_bit_s: 500_000,
+        data_bit_rate_bit_s: None,
+        joints: None,
+        target: "0.75,0.1,0.05",
+        error_max_rad: 1e-2,
+        landing_max_m: 1e-2,
+    },
+    Arm {
+        drives: "CiA 402, mode 7",
+        robot: robot!("canopen6"),
+        interpolates: true,
+        period_ms: 3,
+        bit_rate_bit_s: 1_000_000,
+        data_bit_rate_bit_s: None,
+        joints: Some(SIX),
+        target: "0.75,0.1,0.05",
+        error_max_rad: 1e-3,
+        landing_max_m: 1e-3,
+    },
+    Arm {
+        drives: "CiA 402, mode 7",
+        robot: robot!("canopen6"),
+        interpolates: true,
         period_ms: 5,
         bit_rate_bit_s: 500_000,
         data_bit_rate_bit_s: None,
@@ -68,6 +97,7 @@ const ARMS: [Arm; 6] = [
     Arm {
         drives: "MIT frames",
         robot: robot!("openarm7"),
+        interpolates: false,
         period_ms: 3,
         bit_rate_bit_s: 1_000_000,
         data_bit_rate_bit_s: None,
@@ -79,6 +109,7 @@ const ARMS: [Arm; 6] = [
     Arm {
         drives: "MIT frames, CAN FD",
         robot: robot!("openarm7"),
+        interpolates: false,
         period_ms: 2,
         bit_rate_bit_s: 1_000_000,
         data_bit_rate_bit_s: Some(5_000_000),
@@ -90,6 +121,7 @@ const ARMS: [Arm; 6] = [
     Arm {
         drives: "ODrive",
         robot: robot!("odrive6"),
+        interpolates: false,
         period_ms: 3,
         bit_rate_bit_s: 1_000_000,
         data_bit_rate_bit_s: None,
@@ -120,23 +152,35 @@ fn tracking(summary: &Value) -> [f64; 2] {
     [max, (rms.iter().map(|x| x * x).sum::<f64>() / rms.len() as f64).sqrt()]
 }
 
+/// The file of an arm of CANopen servos, with modules that have mode 7 only and count millidegrees.
+pub(crate) fn interpolating(file: &str, folder: &Folder) -> String {
+    let text = std::fs::read_to_string(file).unwrap();
+    let count = text.matches("counts_per_turn = 655360").count();
+    assert_eq!(count, 6, "{file}");
+    let own = "mode = \"interpolated_position\", counts_per_turn = 360000";
+    let to = folder.file("interpolating.toml");
+    std::fs::write(&to, text.replace("counts_per_turn = 655360", own)).unwrap();
+    to
+}
+
 fn row(arm: &Arm) -> String {
     let folder = Folder::new(&format!("side-{}-{}", arm.drives.replace(' ', "-"), arm.bit_rate_bit_s));
     let scenario = folder.file("cell.toml");
     let text =
         format!("schema_version = 1\nduration_s = 60\n\n[bus]\nbit_rate_bit_s = {}\n", arm.bit_rate_bit_s);
     std::fs::write(&scenario, text).unwrap();
+    let robot = if arm.interpolates { interpolating(arm.robot, &folder) } else { arm.robot.to_owned() };
     let dir = |name: &str| folder.0.join(name).to_str().unwrap().to_owned();
     let period = arm.period_ms.to_string();
     let (robot, timing) = match arm.data_bit_rate_bit_s {
-        None => (arm.robot.to_owned(), vec!["--period-ms".to_owned(), period]),
+        None => (robot, vec!["--period-ms".to_owned(), period]),
         Some(rate) => {
-            let (robot, gains) = (folder.file("arm.toml"), folder.file("gains.toml"));
-            let text = std::fs::read_to_string(arm.robot).unwrap();
-            std::fs::write(&robot, format!("{text}\n[bus]\ndata_bit_rate_bit_s = {rate}\n")).unwrap();
-            let tuned = cubectl(&["tune", "--robot", &robot, "--period-ms", &period, "--out", &gains]);
+            let (with_fd, gains) = (folder.file("arm.toml"), folder.file("gains.toml"));
+            let text = std::fs::read_to_string(&robot).unwrap();
+            std::fs::write(&with_fd, format!("{text}\n[bus]\ndata_bit_rate_bit_s = {rate}\n")).unwrap();
+            let tuned = cubectl(&["tune", "--robot", &with_fd, "--period-ms", &period, "--out", &gains]);
             assert_eq!(code(&tuned), 0, "{}", err(&tuned));
-            (robot, vec!["--gains".to_owned(), gains])
+            (with_fd, vec!["--gains".to_owned(), gains])
         }
     };
     let timing: Vec<&str> = timing.iter().map(String::as_str).collect();

@@ -1,7 +1,7 @@
 //! Six CANopen servos and the controller.
 
 use canopen_protocol::{Function, NodeId};
-use firmware::groups::cia402::{Cia402, Home, Options, Servo};
+use firmware::groups::cia402::{Cia402, Follow, Home, Options, Servo};
 use firmware::settings::Settings;
 use hil_sim::drive::cia402::{CanopenServo, ServoOptions};
 use protocol::{Frame, Instant};
@@ -23,12 +23,34 @@ pub(crate) fn settings() -> Settings {
 
 impl Rig {
     pub(crate) fn with(settings: &Settings, home: Home, change: impl Fn(usize, &mut ServoOptions)) -> Self {
-        let servos: [Servo; JOINTS] = core::array::from_fn(|i| Servo {
-            node: node(i),
+        let servo = Servo {
+            node: node(0),
             counts_per_turn: 409_600,
             rated_mnm: 50_000,
             home,
-        });
+            follow: Follow::Cyclic,
+        };
+        Self::of_servos(settings, servo, change)
+    }
+
+    /// Modules that interpolate and count millidegrees.
+    pub(crate) fn interpolating(change: impl Fn(usize, &mut ServoOptions)) -> Self {
+        let servo = Servo {
+            node: node(0),
+            counts_per_turn: 360_000,
+            rated_mnm: 50_000,
+            home: Home::Absolute,
+            follow: Follow::Interpolated,
+        };
+        Self::of_servos(&settings(), servo, |i, options| {
+            *options = options.interpolating();
+            change(i, options);
+        })
+    }
+
+    /// Six of this servo, at nodes from 3 on.
+    fn of_servos(settings: &Settings, servo: Servo, change: impl Fn(usize, &mut ServoOptions)) -> Self {
+        let servos: [Servo; JOINTS] = core::array::from_fn(|i| Servo { node: node(i), ..servo });
         let group = Cia402::new(Options::new(&servos).unwrap());
         let servo = |i| {
             let mut options = ServoOptions::of(node(i));

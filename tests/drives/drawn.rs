@@ -14,6 +14,7 @@ use hil_sim::rng::Rng;
 use protocol::{Frame, Instant};
 
 use crate::six::{JOINTS, Six};
+use crate::{cia402_ip, cia402_rig};
 
 /// Motions of each family.
 const RUNS: u64 = 40;
@@ -96,6 +97,12 @@ fn servos_with_drawn_faults_do_what_the_controller_reports() {
     check(&SERVOS, Six::<Cia402, CanopenServo>::ready, |servo| {
         servo.state() == canopen_protocol::cia402::State::OperationEnabled
     });
+}
+
+#[test]
+fn modules_that_interpolate_with_drawn_faults_do_what_the_controller_reports() {
+    let ready = || cia402_rig::Rig::interpolating(cia402_ip::short).made_ready(2_000);
+    check(&SERVOS, ready, |servo| servo.state() == canopen_protocol::cia402::State::OperationEnabled);
 }
 
 #[test]

@@ -115,6 +115,7 @@ fn with_output() -> Six<Cia402, CanopenServo> {
         counts_per_turn: 409_600,
         rated_mnm: 50_000,
         home: cia402::Home::Absolute,
+        follow: cia402::Follow::Cyclic,
     });
     let gripper = GripperOutput { joint: joint(JOINTS - 1), bit: BIT };
     let options = cia402::Options::new(&servos).and_then(|all| all.with_gripper(gripper)).unwrap();

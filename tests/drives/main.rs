@@ -1,6 +1,7 @@
 //! Groups of drives behind the controller, against simulated drives that were written from the protocol alone. Virtual time.
 
 mod cia402;
+mod cia402_ip;
 mod cia402_rig;
 mod drawn;
 mod fd;

@@ -5,14 +5,14 @@ use std::f64::consts::TAU;
 
 use canopen_protocol::cia402::State;
 use firmware::group::DriveGroup;
-use firmware::groups::cia402::{self, Cia402, GripperOutput, Servo};
+use firmware::groups::cia402::{self, Cia402, Follow, GripperOutput, Servo};
 use firmware::groups::mit::{self, Mit, Motor};
 use firmware::groups::odrive::{self, Axis, Home, Odrive};
 use firmware::groups::powercube::PowerCubes;
 use firmware::settings::Settings;
 use hil_sim::bus::TxOrder;
 use hil_sim::drive::bench::ShaftMotor;
-use hil_sim::drive::cia402::{CanopenServo, ServoOptions};
+use hil_sim::drive::cia402::{CanopenServo, Interpolating as Module, ServoOptions};
 use hil_sim::drive::mit::{MitMotor, MitOptions};
 use hil_sim::drive::odrive::{OdriveAxis, OdriveOptions};
 use hil_sim::mechanics::{Body, JointMechanics, Mechanism, Plant};
@@ -179,32 +179,80 @@ fn without_torque(joint: usize, has_torque: bool) -> Option<String> {
     (!has_torque).then(|| format!("joint {joint} has no torque"))
 }
 
+fn servo_group(follow: Follow) -> Cia402 {
+    let servo = |i: usize| Servo {
+        node: canopen_protocol::NodeId::new(i as u8 + 3).expect("a node"),
+        counts_per_turn: if follow == Follow::Cyclic { 409_600 } else { 360_000 },
+        rated_mnm: 50_000,
+        home: cia402::Home::Absolute,
+        follow,
+    };
+    let gripper = GripperOutput { joint: JointIndex::new(1).expect("two joints"), bit: OUTPUT };
+    let options = cia402::Options::new(&[servo(0), servo(1)]).and_then(|all| all.with_gripper(gripper));
+    Cia402::new(options.expect("two servos"))
+}
+
+fn servos(start_rad: [f64; JOINTS], kind: fn(ServoOptions) -> ServoOptions) -> Wheels<CanopenServo> {
+    let servo = |i: usize| {
+        let options = kind(ServoOptions::of(canopen_protocol::NodeId::new(i as u8 + 3).expect("a node")));
+        CanopenServo::new(ServoOptions { gripper_bit: (i == 1).then_some(OUTPUT), ..options }, start_rad[i])
+    };
+    Wheels::new((0..JOINTS).map(servo).collect())
+}
+
+/// CANopen servos that follow in mode 7 only.
+pub(crate) struct Interpolating;
+
+impl Family for Interpolating {
+    type Group = Cia402;
+    type Drives = Wheels<CanopenServo>;
+    const BOOT_MS: u16 = 2_000;
+
+    fn group() -> Cia402 {
+        servo_group(Follow::Interpolated)
+    }
+
+    fn drives(start_rad: [f64; JOINTS], _: u64) -> Wheels<CanopenServo> {
+        servos(start_rad, |options| {
+            let own = options.interpolating();
+            let commutation = Duration::from_millis(50);
+            let interpolating = own.interpolating.map(|module| Module { commutation, ..module });
+            ServoOptions { interpolating, ..own }
+        })
+    }
+
+    fn adapt(settings: &mut Settings) {
+        Cia402::adapt(settings);
+    }
+
+    fn plant(drives: &Self::Drives) -> [(f64, f64); JOINTS] {
+        Cia402::plant(drives)
+    }
+
+    fn restart(drives: &mut Self::Drives, drive: usize, now: Instant) {
+        Cia402::restart(drives, drive, now);
+    }
+
+    fn is_open(drives: &Self::Drives) -> Option<bool> {
+        Cia402::is_open(drives)
+    }
+
+    fn held_wrong(drives: &Self::Drives, joint: usize, current_a: f64, watchdog: bool) -> Option<String> {
+        Cia402::held_wrong(drives, joint, current_a, watchdog)
+    }
+}
+
 impl Family for Cia402 {
     type Group = Self;
     type Drives = Wheels<CanopenServo>;
     const BOOT_MS: u16 = 1_500;
 
     fn group() -> Self {
-        let servo = |i: usize| Servo {
-            node: canopen_protocol::NodeId::new(i as u8 + 3).expect("a node"),
-            counts_per_turn: 409_600,
-            rated_mnm: 50_000,
-            home: cia402::Home::Absolute,
-        };
-        let gripper = GripperOutput { joint: JointIndex::new(1).expect("two joints"), bit: OUTPUT };
-        let options = cia402::Options::new(&[servo(0), servo(1)]).and_then(|all| all.with_gripper(gripper));
-        Self::new(options.expect("two servos"))
+        servo_group(Follow::Cyclic)
     }
 
     fn drives(start_rad: [f64; JOINTS], _: u64) -> Wheels<CanopenServo> {
-        let servo = |i: usize| {
-            let options = ServoOptions::of(canopen_protocol::NodeId::new(i as u8 + 3).expect("a node"));
-            CanopenServo::new(
-                ServoOptions { gripper_bit: (i == 1).then_some(OUTPUT), ..options },
-                start_rad[i],
-            )
-        };
-        Wheels::new((0..JOINTS).map(servo).collect())
+        servos(start_rad, |options| options)
     }
 
     fn adapt(settings: &mut Settings) {

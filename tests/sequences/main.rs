@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
-use families::Family;
+use families::{Family, Interpolating};
 use firmware::groups::cia402::Cia402;
 use firmware::groups::mit::Mit;
 use firmware::groups::odrive::Odrive;
@@ -216,6 +216,11 @@ fn jog_that_is_stopped_at_once_leaves_room_for_the_next_ones() {
 #[test]
 fn drawn_steps_with_canopen_servos_break_no_rule() {
     check::<Cia402>(6, seeds("0..167"));
+}
+
+#[test]
+fn drawn_steps_with_modules_that_interpolate_break_no_rule() {
+    check::<Interpolating>(6, seeds("0..167"));
 }
 
 #[test]

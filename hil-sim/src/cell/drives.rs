@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use mit_protocol::{DATA_RATES, Status};
 use protocol::powercube::{Address, BaudRate, Channel};
 use protocol::{Duration, Frame, Id, Instant, ModuleId, Node};
-use robot_model::{FingerTravel, MitMotor as Described, OdriveAxis as DescribedAxis, RobotModel};
+use robot_model::{Cia402Mode, FingerTravel, MitMotor as Described, OdriveAxis as DescribedAxis, RobotModel};
 
 use super::{CellError, CellOptions};
 use crate::bus::TxOrder;
@@ -168,6 +168,11 @@ pub(super) fn servos(
         model.drive_loop().map_or((320.0, 0.8), |own| (own.natural_frequency_rad_s, own.damping_ratio));
     let servo = |joint: usize| {
         let (described, limits) = (&described[joint], &model.joints()[joint].limits);
+        let delivered = ServoOptions::of(described.node);
+        let delivered = match described.mode {
+            Cia402Mode::CyclicPosition => delivered,
+            Cia402Mode::InterpolatedPosition => delivered.interpolating(),
+        };
         let options_of = ServoOptions {
             // A motor encoder with a ratio of 1: a host needs only the product.
             encoder_counts: described.counts_per_turn,
@@ -180,7 +185,7 @@ pub(super) fn servos(
             damping_nms_rad: 2.0 * damping * wn_rad_s * tuned[joint],
             is_absolute: described.is_absolute,
             gripper_bit: model.cia402_output().filter(|own| own.joint == joint).map(|own| own.bit),
-            ..ServoOptions::of(described.node)
+            ..delivered
         };
         CanopenServo::new(options_of, options.mounting_of(joint).drive_rad(q_rad[joint]))
     };

@@ -8,6 +8,7 @@ pub mod explain;
 pub mod log;
 pub mod man;
 pub mod modules;
+mod modules_show;
 pub mod move_arm;
 pub mod moved;
 pub mod plan;

@@ -1,4 +1,4 @@
-//! `cubectl modules dump|diff|restore`
+//! `cubectl modules dump|diff|restore|show`
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -7,8 +7,8 @@ use protocol::powercube::{Parameter, Reply, Request, SimpleCommand, Value, Value
 use protocol::{Duration, ModuleId};
 use serde::{Deserialize, Serialize};
 
-use super::counted;
 use super::survey::{Modules, modules_on, require_powercubes};
+use super::{counted, modules_show};
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::{BusArgs, Session};
@@ -46,6 +46,8 @@ pub enum ModulesVerb {
     Diff(FileArgs),
     /// Write the settings that differ from a file back to the modules.
     Restore(RestoreArgs),
+    /// Compare CANopen servos with their electronic data sheet.
+    Show(modules_show::ShowArgs),
 }
 
 /// Arguments of `dump`.
@@ -142,6 +144,7 @@ pub fn run(verb: &ModulesVerb) -> Result<(), ExpectedError> {
         ModulesVerb::Dump(args) => dump(args),
         ModulesVerb::Diff(args) => diff(args),
         ModulesVerb::Restore(args) => restore(args),
+        ModulesVerb::Show(args) => modules_show::run(args),
     }
 }
 

@@ -22,6 +22,12 @@ pub const VELOCITY_OFFSET: u16 = 0x60B1;
 pub const TORQUE_OFFSET: u16 = 0x60B2;
 /// Object 60FE: digital outputs; sub 1 their state, sub 2 which of them a host switches.
 pub const OUTPUTS: u16 = 0x60FE;
+/// Object 60C0: how mode 7 interpolates; 0: on straight lines.
+pub const INTERPOLATION_SUBMODE: u16 = 0x60C0;
+/// Object 60C1: sub 1 the ordered position of mode 7.
+pub const INTERPOLATION_DATA: u16 = 0x60C1;
+/// Object 60C4: positions of mode 7 that wait; sub 2 how many may.
+pub const INTERPOLATION_BUFFER: u16 = 0x60C4;
 /// Object 60C2: period of set points: sub 1 times ten to the power of sub 2, s.
 pub const INTERPOLATION_TIME: u16 = 0x60C2;
 /// Object 6502: modes that the drive has; bit n - 1 for mode n.

@@ -114,6 +114,11 @@ pub enum Problem {
     /// The servo whose output opens the hand moves no joint.
     #[error("node {0} is the servo of no joint: name one whose output opens the hand")]
     NoServoOfOutput(u8),
+    /// A servo that interpolates has no homing.
+    #[error(
+        "a servo in interpolated position mode takes no zero from its place: it needs encoder = \"absolute\""
+    )]
+    InterpolatesWithoutZero,
     /// The axis of the gripper counts the shaft of its motor.
     #[error(
         "the axis of the gripper counts its motor and forgets its turns without power: it needs encoder = \"joint\""

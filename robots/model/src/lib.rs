@@ -73,7 +73,7 @@ mod travel;
 pub mod urdf;
 pub mod uses;
 
-pub use cia402::{Cia402Output, Cia402Servo};
+pub use cia402::{Cia402Mode, Cia402Output, Cia402Servo};
 pub use dynamics::InverseDynamicsGradient;
 pub use error::{FamilyMismatch, LoadError, Problem};
 pub use family::{Family, OrthoParallel, TurntablePlanar};

@@ -56,6 +56,18 @@ fn each_joint_has_its_servo_and_every_mistake_in_one_is_named_with_its_key() {
         ("node = 3", "node = 127", "joint[0].cia402.node", "127"),
         ("counts_per_turn = 655360, ", "", "joint[0].cia402.counts_per_turn", "missing"),
         ("rated_nm = 120", "rated_nm = 0", "joint[0].cia402.rated_nm", "0"),
+        (
+            "encoder = \"absolute\"",
+            "mode = \"velocity\", encoder = \"absolute\"",
+            "joint[0].cia402.mode",
+            "interpolated_position",
+        ),
+        (
+            "encoder = \"absolute\"",
+            "mode = \"interpolated_position\", encoder = \"incremental\"",
+            "joint[0].cia402.encoder",
+            "absolute",
+        ),
         ("encoder = \"absolute\"", "encoder = \"none\"", "joint[0].cia402.encoder", "incremental"),
     ] {
         let error = refused(from, to);

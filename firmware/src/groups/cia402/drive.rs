@@ -6,7 +6,7 @@ use canopen_protocol::pdo::Map;
 use protocol::{Frame, Instant};
 
 use super::finding::{Step, cause_of};
-use super::options::Servo;
+use super::options::{Follow, Servo};
 use crate::fault::Cause;
 use crate::groups::answers::{Answers, Worth};
 use crate::settings::JointSettings;
@@ -33,6 +33,8 @@ pub(super) struct Drive {
     pub(super) heard_at: Instant,
     pub(super) answers: Answers,
     pub(super) status: Option<Status>,
+    /// With torque: it takes positions. An interpolation begins and ends by itself.
+    pub(super) follows: bool,
     pub(super) torque_nm: f32,
     pub(super) is_proven: bool,
     pub(super) is_homed: bool,
@@ -82,7 +84,8 @@ impl Drive {
             return Some(cause_of(self.emergency));
         }
         let has_torque = self.state() == Some(State::OperationEnabled);
-        (self.status.is_some() && self.is_held() && !has_torque).then_some(Cause::DriveError)
+        let is_lost = !has_torque || !self.follows;
+        (self.status.is_some() && self.is_held() && is_lost).then_some(Cause::DriveError)
     }
 
     /// Takes process data of the SYNC at `at`; `None`: they are none of this servo.
@@ -101,6 +104,7 @@ impl Drive {
         let worth = self.answers.take(frame, q_rad, at, limits, follows);
         if worth == Worth::Measured {
             self.status = Some(status);
+            self.follows = servo.follow == Follow::Cyclic || status.mode_works();
         }
         Some(worth)
     }

@@ -15,18 +15,17 @@
 //! * A servo in a fault is refused until a person clears it, but for the fault that the end of the last controller left.
 //! * A servo that this group holds already, and that answers, stays as it is if all others do, too.
 
-use core::f32::consts::TAU;
 use core::fmt;
 
-use canopen_protocol::cia402::{self, Control, Mode as DriveMode, State, Status};
+use canopen_protocol::cia402::{Control, State, Status};
 use canopen_protocol::client::{Failure, Transfer};
 use canopen_protocol::nmt;
-use canopen_protocol::pdo::{Direction, Transmission, set_up};
 use canopen_protocol::sdo::AbortCode;
 use canopen_protocol::{NodeId, Object};
 use protocol::{Duration, Instant, JointIndex};
 
-use super::options::{HOST_NODE, Home, Options, Servo};
+use super::options::{Follow, HOST_NODE, Servo};
+use super::rows::{self, BEFORE_ZERO, Kind, Row, homing_rows, little_endian, row};
 use super::{Cia402, Mode};
 use crate::fault::Cause;
 use crate::group::GroupEvent;
@@ -42,13 +41,10 @@ const STEP_MAX: Duration = Duration::from_millis(1_000);
 pub(super) const HEARTBEAT: Duration = Duration::from_millis(50);
 /// Profile 402.
 const PROFILE: u32 = 402;
-/// Time beyond the following window, ms.
-const AWAY_MS: u32 = 10;
 /// Error of a servo that misses the heartbeat of its controller.
 const HEARTBEAT_LOST: u16 = 0x8130;
-const NOT_VALID: u32 = 1 << 31;
-/// A bit of ids that servos may set by themselves: no remote frames.
-const NO_REMOTE: u32 = 1 << 30;
+/// Time until a servo has torque that looks for its commutation first.
+const COMMUTATION_MAX: Duration = Duration::from_millis(8_000);
 
 /// What is asked next of a servo.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -56,7 +52,7 @@ pub(super) enum Step {
     /// Pre-operational; its type is asked.
     #[default]
     Look,
-    /// One of [`rows`].
+    /// One of [`rows::all`].
     Row(u8),
     /// Waits for the others.
     Configured,
@@ -76,36 +72,6 @@ pub(super) enum Step {
     Zero,
     /// It gets no set point any more.
     Off,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Kind {
-    /// It holds this.
-    Is,
-    /// It has these bits.
-    Has,
-    /// Part of the units; the last one is compared.
-    Unit(u8),
-    /// Last error.
-    Error,
-    /// State of the drive.
-    State,
-    /// Written.
-    Write,
-    /// Written, then read.
-    Set,
-    /// As `Set`; a servo without this object is fine.
-    Off,
-    /// Read until it holds this.
-    Shows,
-}
-
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Row {
-    object: Object,
-    kind: Kind,
-    value: u32,
-    bytes: u8,
 }
 
 /// What a servo answered.
@@ -142,112 +108,6 @@ impl fmt::Display for Mismatch {
     }
 }
 
-const fn row(kind: Kind, index: u16, sub: u8, bytes: u8, value: u32) -> Row {
-    Row { object: Object::new(index, sub), kind, value, bytes }
-}
-
-const fn mode_number(mode: DriveMode) -> u32 {
-    mode.number() as u8 as u32
-}
-
-/// Time without a heartbeat of the controller after which a servo stops by itself.
-pub(super) fn time_out(settings: &Settings) -> Duration {
-    Duration::from_millis(u64::from(settings.watchdog_timeout_us / 1_000).max(1))
-}
-
-/// What is compared and written before a servo gets process data, in order.
-fn rows(
-    options: &Options,
-    servo: Servo,
-    settings: &Settings,
-    joint: JointIndex,
-) -> impl Iterator<Item = Row> {
-    use Kind::{Error, Has, Is, Off, Set, Shows, Unit, Write};
-    let limits = settings.joint.at(joint);
-    let counts = |rad: f32| (rad * servo.counts_per_turn as f32 / TAU) as u32;
-    let homing = if servo.home == Home::Here { 1 << (mode_number(DriveMode::Homing) - 1) } else { 0 };
-    let modes = 1 << (mode_number(DriveMode::CyclicPosition) - 1) | homing;
-    // A period without such a form is refused by the servo: no mantissa is zero.
-    let (mantissa, exponent) = cia402::interpolation_time(settings.cycle_period_us).unwrap_or((0, 0));
-    let supervised = (u32::from(HOST_NODE) << 16) | (time_out(settings).as_micros() as u32 / 1_000);
-    let control = |word: Control| row(Write, cia402::CONTROL, 0, 2, word.0.into());
-    let compared = [
-        // A supervision that is left from before would expire while the servo is being set up.
-        row(Set, 0x1016, 1, 4, 0),
-        row(Has, cia402::SUPPORTED_MODES, 0, 4, modes),
-        row(Unit(0), 0x608F, 1, 4, 0),
-        row(Unit(1), 0x608F, 2, 4, 0),
-        row(Unit(2), 0x6091, 1, 4, 0),
-        row(Unit(3), 0x6091, 2, 4, 0),
-        row(Is, 0x6076, 0, 4, servo.rated_mnm),
-        row(Error, 0x603F, 0, 2, 0),
-        row(Kind::State, cia402::STATUS, 0, 2, 0),
-        // No torque; then the rising bit that clears an error.
-        control(Control::DISABLE_VOLTAGE),
-        control(Control::FAULT_RESET),
-        control(Control::DISABLE_VOLTAGE),
-        row(Shows, cia402::STATUS, 0, 2, Status::of(State::SwitchOnDisabled).0.into()),
-        // On a lost link process data go on: they show the fault.
-        row(Set, 0x1029, 1, 1, 1),
-        row(Set, 0x1016, 1, 4, supervised),
-        row(Set, 0x1017, 0, 2, HEARTBEAT.as_micros() as u32 / 1_000),
-        // Lost link: fault. Fault: quick-stop ramp, then brake. Quick stop: ramp, and stay there.
-        row(Set, 0x6007, 0, 2, 1),
-        row(Set, 0x605E, 0, 2, 2),
-        row(Set, 0x605A, 0, 2, 6),
-        row(Set, 0x6085, 0, 4, counts(limits.a_max_rad_s2)),
-        row(Set, 0x6065, 0, 4, counts(limits.error_max_rad)),
-        row(Set, 0x6066, 0, 2, AWAY_MS),
-        row(Set, cia402::INTERPOLATION_TIME, 1, 1, mantissa.into()),
-        row(Set, cia402::INTERPOLATION_TIME, 2, 1, (exponent as u8).into()),
-    ];
-    let gripper = options.gripper().filter(|gripper| gripper.joint == joint);
-    let unused = [0x1401, 0x1402, 0x1403, 0x1801, 0x1802, 0x1803].into_iter();
-    let others = unused.filter(move |index| *index != 0x1401 || gripper.is_none()).map(move |index: u16| {
-        let base = if index < 0x1800 { 0x200 } else { 0x180 };
-        let id = base + 0x100 * u32::from(index & 3) + u32::from(servo.node.get());
-        row(Off, index, 1, 4, NOT_VALID | id)
-    });
-    let ways = [
-        (Direction::Receive, 1, options.to_servo(), Transmission::Sync(1)),
-        (Direction::Transmit, 1, Options::from_servo(), Transmission::Sync(1)),
-        // An output is switched when it is ordered.
-        (Direction::Receive, 2, gripper.and_then(|_| Options::to_outputs()), Transmission::Event),
-    ];
-    let ways = ways.into_iter().filter_map(|(way, number, map, when)| Some((way, number, map?, when)));
-    let maps = ways.flat_map(move |(direction, number, map, when)| {
-        set_up(servo.node, direction, number, map, when).map(|(object, value)| {
-            let bytes = value.get().len() as u8;
-            Row { object, kind: Set, value: little_endian(value.get()), bytes }
-        })
-    });
-    let output = gripper.map(|gripper| row(Set, cia402::OUTPUTS, 2, 4, gripper.mask()));
-    let mode = mode_number(DriveMode::CyclicPosition);
-    let last = [row(Set, cia402::MODE, 0, 1, mode), row(Shows, cia402::MODE_DISPLAY, 0, 1, mode)];
-    compared.into_iter().chain(others).chain(maps).chain(output).chain(last)
-}
-
-/// The place where the joint stands becomes zero, between these rows: [`Step::Zero`] follows the fourth.
-fn homing_rows() -> [Row; 6] {
-    use Kind::{Set, Shows};
-    let (homing, follow) = (mode_number(DriveMode::Homing), mode_number(DriveMode::CyclicPosition));
-    [
-        row(Set, 0x6098, 0, 1, 37),
-        row(Set, 0x607C, 0, 4, 0),
-        row(Set, cia402::MODE, 0, 1, homing),
-        row(Shows, cia402::MODE_DISPLAY, 0, 1, homing),
-        row(Set, cia402::MODE, 0, 1, follow),
-        row(Shows, cia402::MODE_DISPLAY, 0, 1, follow),
-    ]
-}
-
-/// Rows of [`homing_rows`] before [`Step::Zero`].
-const BEFORE_ZERO: u8 = 4;
-
-fn little_endian(bytes: &[u8]) -> u32 {
-    bytes.iter().rev().fold(0, |value, byte| value << 8 | u32::from(*byte))
-}
-
 /// What an emergency, or object 603F, stands for.
 pub(super) const fn cause_of(code: u16) -> Cause {
     match code {
@@ -260,24 +120,12 @@ pub(super) const fn cause_of(code: u16) -> Cause {
     }
 }
 
-impl Row {
-    /// Whether a value that was read is as it should be.
-    fn holds(&self, found: u32) -> bool {
-        match (self.kind, self.object.index) {
-            (Kind::Has, _) => found & self.value == self.value,
-            (_, cia402::STATUS) => found & 0x4F == self.value & 0x4F,
-            (_, 0x1800..=0x19FF) => found & !NO_REMOTE == self.value & !NO_REMOTE,
-            _ => found == self.value,
-        }
-    }
-}
-
 impl Cia402 {
     fn row(&self, settings: &Settings, joint: JointIndex) -> Option<Row> {
         let servo = self.options.servo(joint)?;
         match self.drives.at(joint).step {
             Step::Look => Some(row(Kind::Is, 0x1000, 0, 4, PROFILE)),
-            Step::Row(number) => rows(&self.options, servo, settings, joint).nth(number.into()),
+            Step::Row(number) => rows::all(&self.options, servo, settings, joint).nth(number.into()),
             Step::Homing(number) => homing_rows().get(usize::from(number)).copied(),
             _ => None,
         }
@@ -337,7 +185,7 @@ impl Cia402 {
         let Some(row) = self.row(settings, joint) else { return };
         match outcome {
             Err(Failure::TimeOut) => self.unanswered(now, joint),
-            Err(Failure::Aborted(AbortCode::NO_OBJECT)) if row.kind == Kind::Off => {
+            Err(Failure::Aborted(AbortCode::NO_OBJECT)) if self.may_be_absent(joint, row) => {
                 self.next_row(now, settings, joint);
             }
             Err(failure) => {
@@ -352,6 +200,12 @@ impl Cia402 {
             Ok(value) => self.take_row(now, settings, joint, row, value),
         }
         self.ask_unless_polled(now, settings, joint, row.kind);
+    }
+
+    /// Of the units all objects are absent, or none.
+    fn may_be_absent(&self, joint: JointIndex, row: Row) -> bool {
+        let is_first = !matches!(row.kind, Kind::Unit(_)) || self.drives.at(joint).units == [0; 4];
+        is_first && self.options.servo(joint).is_some_and(|servo| row.may_be_absent(servo))
     }
 
     /// The next request leaves at once; a value that is awaited is read once in a period.
@@ -417,7 +271,7 @@ impl Cia402 {
             }
             Kind::Write => {}
             Kind::Shows if !row.holds(value) && now.saturating_since(drive.since) < STEP_MAX => return,
-            Kind::Is | Kind::Has | Kind::Set | Kind::Off | Kind::Shows => {
+            Kind::Is | Kind::IsIfThere | Kind::Has | Kind::Set | Kind::Off | Kind::Shows => {
                 if !row.holds(value) {
                     let mismatch =
                         Mismatch { object: row.object, found: Found::Value(value), expected: row.value };
@@ -435,7 +289,7 @@ impl Cia402 {
             Step::Look => Step::Row(0),
             Step::Row(number) => {
                 let next = number.saturating_add(1);
-                let is_last = rows(&self.options, servo, settings, joint).nth(next.into()).is_none();
+                let is_last = rows::all(&self.options, servo, settings, joint).nth(next.into()).is_none();
                 if is_last { Step::Configured } else { Step::Row(next) }
             }
             Step::Homing(number) if number + 1 == BEFORE_ZERO => Step::Zero,
@@ -465,7 +319,9 @@ impl Cia402 {
         match (drive.step, state) {
             (Step::Enabling, State::OperationEnabled) => {
                 drive.is_ours = true;
-                drive.go_to(now, Step::Enabled);
+                if drive.follows {
+                    drive.go_to(now, Step::Enabled);
+                }
             }
             (Step::Enabling | Step::Enabled, State::Fault | State::FaultReaction) => {
                 let cause = cause_of(drive.emergency);
@@ -492,8 +348,14 @@ impl Cia402 {
             |group: &Self, step: Step| settings.joints().all(|joint| group.drives.at(joint).step == step);
         for joint in settings.joints() {
             let drive = self.drives.at_mut(joint);
-            let waits = matches!(drive.step, Step::Enabling | Step::Clearing);
-            if waits && now.saturating_since(drive.since) > STEP_MAX {
+            let interpolates =
+                self.options.servo(joint).is_some_and(|servo| servo.follow == Follow::Interpolated);
+            let most = match drive.step {
+                Step::Enabling if interpolates => COMMUTATION_MAX,
+                Step::Enabling | Step::Clearing => STEP_MAX,
+                _ => continue,
+            };
+            if now.saturating_since(drive.since) > most {
                 let cause =
                     if drive.answers.missed_in_row > 0 { Cause::DriveMissing } else { Cause::DriveError };
                 return self.refuse(joint, cause);
@@ -512,7 +374,7 @@ impl Cia402 {
         } else if all(self, Step::Enabled) {
             let is_proven = settings.joints().all(|joint| self.drives.at(joint).is_proven);
             let next = if is_proven || !settings.watchdog_prove { Step::Held } else { Step::Silence };
-            self.proof_ends_at = now + time_out(settings) + settings.cycle_period() * 4;
+            self.proof_ends_at = now + rows::time_out(settings) + settings.cycle_period() * 4;
             self.all_to(now, settings, next);
         } else if all(self, Step::Silence) && now >= self.proof_ends_at {
             self.end_proof(now, settings);
@@ -538,13 +400,18 @@ impl Cia402 {
     pub(super) fn control_of(&self, joint: JointIndex) -> Control {
         let drive = self.drives.at(joint);
         let state = drive.state();
+        let enabled = match self.options.servo(joint).map(|servo| servo.follow) {
+            Some(Follow::Interpolated) => Control::ENABLE.with_mode_bit(),
+            _ => Control::ENABLE,
+        };
         match drive.step {
             Step::Zero => Control::ENABLE.with_mode_bit(),
+            Step::Enabling if state == Some(State::OperationEnabled) => enabled,
             Step::Enabling => state.and_then(Control::towards_enabled).unwrap_or(Control::DISABLE_VOLTAGE),
             Step::Clearing if self.is_odd => Control::FAULT_RESET,
             Step::Clearing => Control::DISABLE_VOLTAGE,
             Step::Off => Control::QUICK_STOP,
-            _ => Control::ENABLE,
+            _ => enabled,
         }
     }
 
@@ -571,18 +438,5 @@ mod tests {
         ] {
             assert_eq!(cause_of(code), cause, "{code:x}");
         }
-    }
-
-    #[test]
-    fn an_id_may_come_back_with_the_bit_against_remote_frames() {
-        let own = row(Kind::Set, 0x1800, 1, 4, 0x183);
-        assert!(own.holds(0x4000_0183) && !own.holds(0x8000_0183) && !own.holds(0x184));
-        let to_servo = row(Kind::Set, 0x1400, 1, 4, 0x203);
-        assert!(!to_servo.holds(0x4000_0203));
-    }
-
-    #[test]
-    fn bytes_are_read_with_the_lowest_first() {
-        assert_eq!(little_endian(&[0x92, 1, 2, 0]), 0x0002_0192);
     }
 }

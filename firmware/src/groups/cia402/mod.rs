@@ -1,4 +1,5 @@
-//! CANopen servos of profile CiA 402 on one CAN bus, in cyclic synchronous position mode: the group gives the SYNC, and is the clock.
+//! CANopen servos of profile CiA 402 on one CAN bus, in cyclic synchronous or interpolated position mode: the group gives the SYNC, and is
+//! the clock.
 //!
 //! ```text
 //! SYNC k                    half a period                     SYNC k + 1
@@ -32,13 +33,15 @@
 //! | file | is |
 //! |---|---|
 //! | [`options`] | servos, units, ids |
-//! | `finding` | from silence to torque: objects compared, written and read back, supervision proven |
+//! | `finding` | from silence to torque, step by step; supervision proven |
+//! | `rows` | the objects that are compared, written and read back |
 //! | `sending` | the set points of a period, and the heartbeats |
 //! | `drive` | a servo as the group knows it |
 
 mod drive;
 mod finding;
 pub mod options;
+mod rows;
 mod sending;
 
 use canopen_protocol::emcy::Emergency;
@@ -49,7 +52,8 @@ use protocol::{Duration, Frame, Id, Instant, JointIndex};
 use self::drive::Drive;
 pub use self::finding::{Found, Mismatch};
 use self::finding::{HEARTBEAT, Step};
-pub use self::options::{GripperOutput, Home, Options, OptionsError, Servo};
+pub use self::options::{Follow, GripperOutput, Home, Options, OptionsError, Servo};
+pub use self::rows::{Need, Use};
 use super::answers::Worth;
 use super::leading::{Leader, Mode, check_drive};
 use crate::fault::{Cause, Fault, Refusal};
@@ -397,7 +401,6 @@ impl DriveGroup for Cia402 {
         if !core::mem::take(&mut self.is_begun) {
             return;
         }
-        self.beat(now, settings);
         if !self.is_synchronous {
             return;
         }
@@ -413,6 +416,8 @@ impl DriveGroup for Cia402 {
         if let Some(frame) = self.data_to_gripper() {
             self.send(frame);
         }
+        // Behind the set points: each frame of the host link wins against it, and a link may keep the order of frames.
+        self.beat(now, settings);
     }
 
     fn poll_packet(&mut self) -> Option<Frame> {

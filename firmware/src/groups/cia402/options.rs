@@ -22,6 +22,25 @@ pub enum Home {
     Here,
 }
 
+/// How a servo follows the positions that it gets with each SYNC.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Follow {
+    /// Mode 8, cyclic synchronous position: object 607A.
+    Cyclic,
+    /// Mode 7, interpolated position: object 60C1:1, and bit 4 of the control word starts it. Such servos may have a fixed unit, without
+    /// objects 608F and 6091, and may look for their commutation for some seconds when they first get torque.
+    Interpolated,
+}
+
+impl Follow {
+    pub(super) const fn mode(self) -> cia402::Mode {
+        match self {
+            Self::Cyclic => cia402::Mode::CyclicPosition,
+            Self::Interpolated => cia402::Mode::InterpolatedPosition,
+        }
+    }
+}
+
 /// The servo of a joint. Direction, offset and limits are those of [`crate::settings::JointSettings`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Servo {
@@ -33,6 +52,8 @@ pub struct Servo {
     pub rated_mnm: u32,
     /// See [`Home`].
     pub home: Home,
+    /// See [`Follow`].
+    pub follow: Follow,
 }
 
 impl Servo {
@@ -76,6 +97,8 @@ pub enum OptionsError {
     },
     /// A turn has no counts, or a servo no torque.
     Units(JointIndex),
+    /// A servo that interpolates cannot take a place as its zero.
+    Home(JointIndex),
     /// The output that opens the hand is of no servo, or has no such bit.
     Output,
 }
@@ -89,6 +112,10 @@ impl fmt::Display for OptionsError {
                 "node {node} of joint {joint} is used twice: give each servo a node of its own, other than {HOST_NODE}, the controller's"
             ),
             Self::Units(joint) => write!(f, "counts per turn and rated torque of joint {joint} are above 0"),
+            Self::Home(joint) => write!(
+                f,
+                "the servo of joint {joint} follows in interpolated position mode: it needs an absolute encoder"
+            ),
             Self::Output => {
                 f.write_str("the output that opens the hand is bit 0 to 31 of a servo of the group")
             }
@@ -121,6 +148,9 @@ impl Options {
             }
             if servo.counts_per_turn == 0 || servo.rated_mnm == 0 {
                 return Err(OptionsError::Units(joint));
+            }
+            if servo.follow == Follow::Interpolated && servo.home == Home::Here {
+                return Err(OptionsError::Home(joint));
             }
         }
         Ok(Self { servos: all, gripper: None, model: None })
@@ -189,13 +219,14 @@ impl Options {
     }
 
     /// What goes to a servo: control word, position, and torque if it is known.
-    pub(super) fn to_servo(&self) -> Option<Map> {
-        let position = [Entry::new(cia402::CONTROL, 0, 2), Entry::new(cia402::TARGET_POSITION, 0, 4)];
-        let [control, target] = position;
-        match self.model {
-            Some(_) => Map::new(&[control, target, Entry::new(cia402::TORQUE_OFFSET, 0, 2)]),
-            None => Map::new(&position),
-        }
+    pub(super) fn to_servo(&self, servo: Servo) -> Option<Map> {
+        let target = match servo.follow {
+            Follow::Cyclic => Entry::new(cia402::TARGET_POSITION, 0, 4),
+            Follow::Interpolated => Entry::new(cia402::INTERPOLATION_DATA, 1, 4),
+        };
+        let all = [Entry::new(cia402::CONTROL, 0, 2), target, Entry::new(cia402::TORQUE_OFFSET, 0, 2)];
+        let known = if self.model.is_some() { all.len() } else { all.len() - 1 };
+        Map::new(all.get(..known)?)
     }
 
     /// What goes to the servo whose output opens the hand, beside that: its outputs.
@@ -215,7 +246,13 @@ mod tests {
 
     fn servo(node: u8) -> Servo {
         let node = NodeId::new(node).unwrap();
-        Servo { node, counts_per_turn: 409_600, rated_mnm: 50_000, home: Home::Absolute }
+        Servo {
+            node,
+            counts_per_turn: 409_600,
+            rated_mnm: 50_000,
+            home: Home::Absolute,
+            follow: Follow::Cyclic,
+        }
     }
 
     #[test]
@@ -235,6 +272,8 @@ mod tests {
         assert!(with(output(1, 31)).is_ok());
         assert_eq!(with(output(2, 16)), Err(OptionsError::Output));
         assert_eq!(with(output(1, 32)), Err(OptionsError::Output));
+        let here = Servo { follow: Follow::Interpolated, home: Home::Here, ..servo(1) };
+        assert_eq!(Options::new(&[here]), Err(OptionsError::Home(joint)));
         assert_eq!(Options::new(&[Servo { rated_mnm: 0, ..servo(1) }]), Err(OptionsError::Units(joint)));
     }
 

@@ -4,7 +4,8 @@ use canopen_protocol::cia402::Control;
 use canopen_protocol::{Function, nmt};
 use protocol::{Duration, Frame, Id, Instant, JointIndex, StandardId};
 
-use super::finding::{self, Step};
+use super::finding::Step;
+use super::rows;
 use super::{Cia402, Options, SYNC_FRAME};
 use crate::groups::dynamics::{Motion, torques_ahead_nm};
 use crate::joints::{PerJoint, clamp};
@@ -36,7 +37,8 @@ impl Cia402 {
 
     /// Process data to a servo.
     pub(super) fn data_to(&self, settings: &Settings, joint: JointIndex) -> Option<Frame> {
-        let (servo, map) = (self.options.servo(joint)?, self.options.to_servo()?);
+        let servo = self.options.servo(joint)?;
+        let map = self.options.to_servo(servo)?;
         let (drive, limits) = (self.drives.at(joint), settings.joint.at(joint));
         if !drive.has_process_data() || drive.answers.sample.is_none() {
             return None;
@@ -68,7 +70,7 @@ impl Cia402 {
         }
         let refresh = Duration::from_micros(settings.watchdog_refresh_us.into());
         // Not later than half of what the servos wait.
-        let most = Duration::from_micros(finding::time_out(settings).as_micros() / 2);
+        let most = Duration::from_micros(rows::time_out(settings).as_micros() / 2);
         self.beats_at = now + refresh.min(most);
         if let Some(node) = Self::host_node() {
             self.send(nmt::State::Operational.encode(node));

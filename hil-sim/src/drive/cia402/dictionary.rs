@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 
+use canopen_protocol::Function;
 use canopen_protocol::Object;
 use canopen_protocol::cia402 as drive;
 use canopen_protocol::pdo::{Entry, Map};
 use canopen_protocol::sdo::AbortCode;
-use canopen_protocol::{Function, NodeId};
 
-use super::options::ServoOptions;
+use super::options::{Interpolating, ServoOptions};
 
 /// Process data in each direction.
 pub(super) const PDOS: u8 = 4;
@@ -18,6 +18,10 @@ const ERRORS_MAX: usize = 8;
 /// Device type: profile 402, servo drive.
 const DEVICE_TYPE: i64 = 0x0002_0192;
 const NOT_VALID: i64 = 1 << 31;
+/// SYNCs without a position until the module brakes.
+pub(super) const CYCLES_WITHOUT_DATA: u16 = 0x200E;
+/// Bit 0: the commutation is found; bit 1: the absolute position is verified.
+pub(super) const COMMUTATION: u16 = 0x2050;
 
 /// Where an object may stand in process data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -151,24 +155,48 @@ fn of_drive(options: &ServoOptions) -> Vec<(u16, u8, Row)> {
     ]
 }
 
-/// As delivered: the first pair runs by event with control and status word, the others are not valid.
-fn process_data(node: NodeId) -> Vec<(u16, u8, Row)> {
-    let mut rows = Vec::new();
+/// Objects of a module that interpolates.
+fn of_interpolation(own: Interpolating) -> Vec<(u16, u8, Row)> {
+    vec![
+        (CYCLES_WITHOUT_DATA, 0, row(1, false, own.cycles_without_data.into()).writable()),
+        (COMMUTATION, 0, row(2, false, 0).mapped(Mapped::Transmit)),
+        (0x6042, 0, row(2, true, 0).writable().mapped(Mapped::Receive)),
+        (drive::INTERPOLATION_SUBMODE, 0, row(2, true, 0).writable().within(0, 0)),
+        (drive::INTERPOLATION_DATA, 0, row(1, false, 1)),
+        (drive::INTERPOLATION_DATA, 1, row(4, true, 0).writable().mapped(Mapped::Receive)),
+        (drive::INTERPOLATION_BUFFER, 0, row(1, false, 2)),
+        (drive::INTERPOLATION_BUFFER, 1, row(4, false, own.queue.into())),
+        (drive::INTERPOLATION_BUFFER, 2, row(4, false, own.queue.into())),
+    ]
+}
+
+/// As delivered: the first pair runs by event, the others are not valid.
+fn process_data(options: &ServoOptions) -> Vec<(u16, u8, Row)> {
+    let (node, mut rows) = (options.node, Vec::new());
+    let control = Entry::new(drive::CONTROL, 0, 2);
+    let status = Entry::new(drive::STATUS, 0, 2);
+    let (to_node, from_node) = match options.interpolating {
+        None => (vec![control], vec![status]),
+        Some(_) => (
+            vec![control, Entry::new(0x6042, 0, 2), Entry::new(drive::INTERPOLATION_DATA, 1, 4)],
+            vec![status, Entry::new(drive::MODE_DISPLAY, 0, 1)],
+        ),
+    };
     for pdo in 0..PDOS {
         let ways = [
-            (0x1400, Function::Rpdo(pdo + 1, node), drive::CONTROL),
-            (0x1800, Function::Tpdo(pdo + 1, node), drive::STATUS),
+            (0x1400, Function::Rpdo(pdo + 1, node), &to_node),
+            (0x1800, Function::Tpdo(pdo + 1, node), &from_node),
         ];
-        for (base, function, object) in ways {
+        for (base, function, entries) in ways {
             let base = base + u16::from(pdo);
-            let (valid, count) = if pdo == 0 { (0, 1) } else { (NOT_VALID, 0) };
-            let first = i64::from(Entry::new(object, 0, 2).mapped());
+            let entries: &[Entry] = if pdo == 0 { entries } else { &[] };
+            let (valid, count) = if pdo == 0 { (0, entries.len() as i64) } else { (NOT_VALID, 0) };
             rows.push((base, 0, row(1, false, 2)));
             rows.push((base, 1, row(4, false, valid | i64::from(function.id())).writable()));
             rows.push((base, 2, row(1, false, 255).writable()));
             rows.push((base + 0x200, 0, row(1, false, count).writable().within(0, MAP_ENTRIES.into())));
             for sub in 1..=MAP_ENTRIES {
-                let mapped = if sub == 1 && pdo == 0 { first } else { 0 };
+                let mapped = entries.get(usize::from(sub) - 1).map_or(0, |entry| i64::from(entry.mapped()));
                 rows.push((base + 0x200, sub, row(4, false, mapped).writable()));
             }
         }
@@ -179,7 +207,10 @@ fn process_data(node: NodeId) -> Vec<(u16, u8, Row)> {
 impl Dictionary {
     /// As the servo is delivered.
     pub(super) fn of(options: &ServoOptions) -> Self {
-        let rows = common(options).into_iter().chain(of_drive(options)).chain(process_data(options.node));
+        let rows = common(options).into_iter().chain(of_drive(options)).chain(process_data(options));
+        let own = options.interpolating.map(of_interpolation).unwrap_or_default();
+        let has_units = options.interpolating.is_none();
+        let rows = rows.chain(own).filter(|(index, ..)| has_units || !matches!(index, 0x608F | 0x6091));
         let rows = rows.map(|(index, sub, row)| (Object::new(index, sub), row)).collect();
         Self { rows, name: options.name, errors: Vec::new() }
     }

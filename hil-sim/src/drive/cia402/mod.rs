@@ -20,6 +20,8 @@
 //! * Objects 1400 to 1BFF are written outside of the operational state only, and a map only while its PDO is not valid.
 //! * The brake is closed whenever there is no torque.
 //! * A target that came while the drive had no torque acts with the first SYNC after it is enabled: the worst case for a host.
+//! * A module that interpolates (mode 7) holds one position, and follows it as in mode 8. Until its commutation is found it stays switched on.
+//!   Where that search turns the shaft is not known: here it does not.
 //! * Lost frames (emergency 8110) are reported and change no state.
 
 mod dictionary;
@@ -29,5 +31,5 @@ mod path;
 mod server;
 mod servo;
 
-pub use options::{MissingTarget, ServoFaults, ServoOptions};
+pub use options::{Interpolating, MissingTarget, ServoFaults, ServoOptions};
 pub use servo::CanopenServo;

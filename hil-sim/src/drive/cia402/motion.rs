@@ -3,6 +3,7 @@
 use canopen_protocol::cia402::{self, Control, Mode, State, Status};
 use protocol::{Duration, Instant};
 
+use super::dictionary::{COMMUTATION, CYCLES_WITHOUT_DATA};
 use super::options::MissingTarget;
 use super::path::Path;
 use super::servo::CanopenServo;
@@ -10,6 +11,8 @@ use crate::mechanics::AxisInput;
 
 /// Bit 8 of the control word.
 const HALT: u16 = 1 << 8;
+/// Bit 4 of the control word: homing or interpolation runs.
+const MODE_BIT: u16 = 1 << 4;
 /// A drive takes no order of a host that shows nothing: bit 9, remote, and bit 4, voltage.
 const STANDING_BITS: u16 = 1 << 9 | 1 << 4;
 const WINDOW_OFF: i64 = u32::MAX as i64;
@@ -80,6 +83,18 @@ impl CanopenServo {
         }
     }
 
+    /// It takes positions: in mode 7 while bit 4 of the control word is set.
+    fn follows(&self) -> bool {
+        let is_on = self.state == State::OperationEnabled && self.control.0 & HALT == 0;
+        match self.mode() {
+            Some(Mode::CyclicPosition) => is_on,
+            Some(Mode::InterpolatedPosition) => {
+                is_on && self.control.0 & MODE_BIT != 0 && !self.faults.interpolation_is_off
+            }
+            _ => false,
+        }
+    }
+
     fn status_word(&self) -> u16 {
         let mut word = Status::of(self.state).0 | STANDING_BITS;
         match self.mode() {
@@ -87,8 +102,8 @@ impl CanopenServo {
                 let (done, failed) = (self.homing_done == Some(true), self.homing_done == Some(false));
                 word |= u16::from(done) << 10 | u16::from(done) << 12 | u16::from(failed) << 13;
             }
-            Some(Mode::CyclicPosition) => {
-                let follows = self.state == State::OperationEnabled && self.control.0 & HALT == 0;
+            Some(Mode::CyclicPosition | Mode::InterpolatedPosition) => {
+                let follows = self.follows();
                 word |= u16::from(follows) << 12 | u16::from(self.away_since.is_some()) << 13;
             }
             _ => {}
@@ -109,6 +124,9 @@ impl CanopenServo {
         let (before, word) = (self.control, Control(self.dictionary.get(cia402::CONTROL, 0) as u16));
         self.control = word;
         let (from, to) = (self.state, word.takes(self.state, before));
+        if to == State::OperationEnabled && self.looks_for_commutation(now) {
+            return;
+        }
         if to != from {
             match to {
                 State::QuickStopActive => self.quick_stop(now),
@@ -125,10 +143,30 @@ impl CanopenServo {
         if halts(word) && !halts(before) {
             self.path = self.path.braking(now, self.braking_rad_s2());
         }
-        let starts = |control: Control| control.0 & 1 << 4 != 0;
+        let starts = |control: Control| control.0 & MODE_BIT != 0;
+        if self.mode() == Some(Mode::InterpolatedPosition) && starts(before) && !starts(word) {
+            self.path = self.path.braking(now, self.braking_rad_s2());
+        }
         if self.mode() == Some(Mode::Homing) && starts(word) && !starts(before) {
             self.start_homing(now);
         }
+    }
+
+    /// A module without commutation: it takes no torque until it has found it. The search runs in mode 7 while SYNC comes.
+    fn looks_for_commutation(&mut self, now: Instant) -> bool {
+        let Some(own) = self.options.interpolating else { return false };
+        if self.dictionary.get(COMMUTATION, 0) != 0 {
+            return false;
+        }
+        let runs = self.mode() == Some(Mode::InterpolatedPosition) && self.is_synchronized;
+        let since = *self.commutation_since.get_or_insert(now);
+        if !runs {
+            self.commutation_since = None;
+        } else if now.saturating_since(since) >= own.commutation {
+            self.dictionary.set(COMMUTATION, 0, 0b11);
+            return false;
+        }
+        true
     }
 
     fn go_to(&mut self, now: Instant, state: State) {
@@ -200,17 +238,31 @@ impl CanopenServo {
         self.homing_done = Some(true);
     }
 
+    /// Ordered position of the mode, counts.
+    fn target(&self) -> i64 {
+        match self.mode() {
+            Some(Mode::InterpolatedPosition) => self.dictionary.get(cia402::INTERPOLATION_DATA, 1),
+            _ => self.dictionary.get(cia402::TARGET_POSITION, 0),
+        }
+    }
+
     /// Set points of the SYNC.
     pub(super) fn at_sync(&mut self, now: Instant) {
         let is_new = std::mem::take(&mut self.target_is_new);
-        let follows = self.state == State::OperationEnabled
-            && self.mode() == Some(Mode::CyclicPosition)
-            && self.control.0 & HALT == 0;
-        if !follows {
+        self.is_synchronized = true;
+        if !self.follows() {
+            self.cycles_without_data = 0;
             return;
         }
+        if self.options.interpolating.is_some() {
+            self.cycles_without_data = if is_new { 0 } else { self.cycles_without_data + 1 };
+            let most = self.dictionary.get(CYCLES_WITHOUT_DATA, 0);
+            if most > 0 && i64::from(self.cycles_without_data) > most {
+                return self.quick_stop(now);
+            }
+        }
         let (from_rad, _) = self.path.at(now);
-        let target_rad = self.origin_rad + self.rad(self.dictionary.get(cia402::TARGET_POSITION, 0));
+        let target_rad = self.origin_rad + self.rad(self.target());
         let to_rad = match (is_new, self.path) {
             (true, _) => target_rad,
             // One more period only: the line of that period is already past its own target.

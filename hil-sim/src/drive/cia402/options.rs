@@ -12,6 +12,18 @@ pub enum MissingTarget {
     Extrapolate,
 }
 
+/// A module that interpolates: modes profile position, velocity and interpolated position (1, 2, 7), of which only the last one moves
+/// it here; a fixed unit, without objects 608F and 6091. The form of SCHUNK's PRL+ and ERB modules by their public description.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Interpolating {
+    /// Duration of the search for the commutation, at the first order to enable in mode 7 while SYNC runs.
+    pub commutation: Duration,
+    /// SYNCs without a new position until it brakes, as object 200E is delivered; 0: it does not watch.
+    pub cycles_without_data: u8,
+    /// Positions that may wait (object 60C4:2). More than one is shown only.
+    pub queue: u32,
+}
+
 /// A servo as delivered. Torques and speeds at the shaft, behind the gear.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ServoOptions {
@@ -43,6 +55,8 @@ pub struct ServoOptions {
     pub zero_rad: f64,
     /// Modes: bit n - 1 for mode n (object 6502).
     pub modes: u32,
+    /// It follows in mode 7 only.
+    pub interpolating: Option<Interpolating>,
     /// See [`MissingTarget`].
     pub missing: MissingTarget,
     /// Maps of PDOs cannot be changed.
@@ -78,12 +92,33 @@ impl ServoOptions {
             is_absolute: true,
             zero_rad: 0.0,
             modes: Self::MODES,
+            interpolating: None,
             missing: MissingTarget::Hold,
             maps_are_fixed: false,
             gripper_bit: None,
             boot: Duration::from_millis(200),
             answer_after: Duration::from_micros(800),
             process_after: Duration::from_micros(60),
+        }
+    }
+
+    /// Modes of a module that interpolates.
+    pub const INTERPOLATING_MODES: u32 = 0x43;
+
+    /// The same as a module that interpolates and counts millidegrees.
+    #[must_use]
+    pub fn interpolating(self) -> Self {
+        Self {
+            name: "simulated module of CiA 402",
+            encoder_counts: 360_000,
+            gear: 1,
+            modes: Self::INTERPOLATING_MODES,
+            interpolating: Some(Interpolating {
+                commutation: Duration::from_millis(5_000),
+                cycles_without_data: 6,
+                queue: 1,
+            }),
+            ..self
         }
     }
 
@@ -104,6 +139,8 @@ pub struct ServoFaults {
     pub supervision_is_dead: bool,
     /// Object 6061 never shows the ordered mode.
     pub mode_is_never_shown: bool,
+    /// In mode 7 it takes no positions, whatever is ordered.
+    pub interpolation_is_off: bool,
     /// The next positions of this number are torn: their upper half is from another time.
     pub torn_answers: u32,
     /// Process data hold what the last ones before held.

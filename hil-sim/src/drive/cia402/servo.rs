@@ -37,6 +37,12 @@ pub struct CanopenServo {
     pub(super) path: Path,
     /// A target came since the last SYNC.
     pub(super) target_is_new: bool,
+    /// A SYNC came since the node started.
+    pub(super) is_synchronized: bool,
+    /// SYNCs since the last target.
+    pub(super) cycles_without_data: u32,
+    /// A module looks for its commutation since then.
+    pub(super) commutation_since: Option<Instant>,
     /// Since when the distance from the reference is beyond its window.
     pub(super) away_since: Option<Instant>,
     /// Homing: it has ended, or failed.
@@ -76,6 +82,9 @@ impl CanopenServo {
             control: Control::DISABLE_VOLTAGE,
             path: Path::Hold(q_rad),
             target_is_new: false,
+            is_synchronized: false,
+            cycles_without_data: 0,
+            commutation_since: None,
             away_since: None,
             homing_done: None,
             axis: AxisState { q_rad, ..AxisState::default() },
@@ -152,6 +161,7 @@ impl CanopenServo {
         (self.network, self.server) = (nmt::State::BootUp, Server::Idle);
         (self.received, self.last) = ([None; PDOS as usize], [None; PDOS as usize]);
         (self.away_since, self.homing_done, self.heard_at) = (None, None, None);
+        (self.is_synchronized, self.cycles_without_data, self.commutation_since) = (false, 0, None);
         self.path = Path::Hold(self.axis.q_rad);
         self.boots_at = Some(now + self.options.boot);
         self.switch_outputs(now);
@@ -310,7 +320,7 @@ impl CanopenServo {
         match object.index {
             cia402::CONTROL => self.take_control(now),
             cia402::MODE => self.take_mode(now),
-            cia402::TARGET_POSITION => self.target_is_new = true,
+            cia402::TARGET_POSITION | cia402::INTERPOLATION_DATA => self.target_is_new = true,
             cia402::OUTPUTS => self.switch_outputs(now),
             0x1016 => self.heard_at = None,
             0x1017 => self.heartbeat_at = now,

@@ -5,7 +5,7 @@ use firmware::group::{
     Command, DriveGroup, GroupCounters, GroupEvent, PositionSample, Profile, Readings, SetPoint, Standing,
     Taken,
 };
-use firmware::groups::cia402::{self, Cia402, GripperOutput, Home, Servo};
+use firmware::groups::cia402::{self, Cia402, Follow, GripperOutput, Home, Servo};
 use firmware::groups::dynamics::{ArmModel, Body};
 use firmware::groups::mit::{GripperMotor, Mit, Motor, Options};
 use firmware::groups::odrive::{self, Axis, GripperAxis, Odrive};
@@ -14,7 +14,7 @@ use firmware::settings::Settings;
 use nalgebra::{Matrix3, Vector3};
 use protocol::powercube::Address;
 use protocol::{Frame, Id, Instant, JointIndex, StandardId};
-use robot_model::{Cia402Servo, MitMotor, OdriveAxis, RobotModel};
+use robot_model::{Cia402Mode, Cia402Servo, MitMotor, OdriveAxis, RobotModel};
 
 use super::settings::NoSettings;
 
@@ -53,17 +53,8 @@ impl CanDrives {
     /// [`NoSettings::Invalid`]: motors or servos that cannot form a group.
     pub fn of(robot: &RobotModel) -> Result<Self, NoSettings> {
         let invalid = |cause: String| NoSettings::Invalid { robot: robot.name().to_owned(), cause };
-        if let Some(servos) = robot.cia402_servos() {
-            let joints: Vec<Servo> = servos.iter().map(servo_of).collect();
-            let options = cia402::Options::new(&joints).and_then(|all| all.with_model(model_of(robot)));
-            let options = options.and_then(|all| match robot.cia402_output() {
-                Some(own) => {
-                    let joint = JointIndex::new(own.joint).map_err(|_| cia402::OptionsError::Output)?;
-                    all.with_gripper(GripperOutput { joint, bit: own.bit })
-                }
-                None => Ok(all),
-            });
-            let options = options.map_err(|error| invalid(error.to_string()))?;
+        if robot.cia402_servos().is_some() {
+            let options = cia402_options(robot)?;
             alone(options.ids()).map_err(invalid)?;
             return Ok(Self::Cia402(Cia402::new(options)));
         }
@@ -101,6 +92,23 @@ impl CanDrives {
         alone(options.ids()).map_err(invalid)?;
         Ok(Self::Mit(Mit::new(options)))
     }
+}
+
+/// The CANopen servos of a robot.
+///
+/// # Errors
+/// [`NoSettings::Invalid`]: none, or servos that cannot form a group.
+pub fn cia402_options(robot: &RobotModel) -> Result<cia402::Options, NoSettings> {
+    let joints: Vec<Servo> = robot.cia402_servos().unwrap_or_default().iter().map(servo_of).collect();
+    let options = cia402::Options::new(&joints).and_then(|all| all.with_model(model_of(robot)));
+    let options = options.and_then(|all| match robot.cia402_output() {
+        Some(own) => {
+            let joint = JointIndex::new(own.joint).map_err(|_| cia402::OptionsError::Output)?;
+            all.with_gripper(GripperOutput { joint, bit: own.bit })
+        }
+        None => Ok(all),
+    });
+    options.map_err(|error| NoSettings::Invalid { robot: robot.name().to_owned(), cause: error.to_string() })
 }
 
 /// Refuses ids on which other frames of these programs go: those of PowerCubes, which `status`, `doctor` and their like send on any bus.
@@ -162,6 +170,10 @@ fn servo_of(servo: &Cia402Servo) -> Servo {
         counts_per_turn: servo.counts_per_turn,
         rated_mnm: (1e3 * servo.rated_nm).round() as u32,
         home: if servo.is_absolute { Home::Absolute } else { Home::Here },
+        follow: match servo.mode {
+            Cia402Mode::CyclicPosition => Follow::Cyclic,
+            Cia402Mode::InterpolatedPosition => Follow::Interpolated,
+        },
     }
 }
 

@@ -3,6 +3,7 @@
 //! | module | holds |
 //! |---|---|
 //! | [`ask`], [`survey`] | a request to a drive; rounds of requests to all |
+//! | `objects` | objects of CANopen nodes |
 //! | [`presence`] | other nodes on the bus, found by listening |
 //! | [`homing`], [`jogging`], [`zero_check`] | bounded motions of one joint by a controller; whether a drive has lost counts |
 //! | [`operator`], `following`, `extending`, `key` | orders to a controller, upload, arming, following a run, the segments of a long one; the codes that orders need |
@@ -18,6 +19,7 @@ pub mod history;
 pub mod homing;
 pub mod jogging;
 mod key;
+mod objects;
 pub mod online;
 pub mod operator;
 pub mod presence;

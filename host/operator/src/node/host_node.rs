@@ -2,6 +2,8 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
+use canopen_protocol::client::{Failure, Transfer};
+use canopen_protocol::{Function, Object};
 use protocol::cyphal::cubecell::stop::{self, Reason, Sender};
 use protocol::cyphal::cubecell::target::{self, TargetState};
 use protocol::cyphal::id::{NodeId, Priority, Route, Tail, TransferId};
@@ -48,6 +50,8 @@ pub struct Tally {
     pub extended: u64,
     /// Requests and broadcasts to drives from another node.
     pub foreign_requests: u64,
+    /// Frames of the master of a CANopen network.
+    pub of_master: u64,
     /// Frames of other host tools, by their node-IDs: another `cubectl`.
     pub tools: u64,
     /// Frames sent.
@@ -68,6 +72,8 @@ pub struct HostNode {
     heard: BTreeMap<ModuleId, Heard>,
     tally: Tally,
     stop_transfer: TransferId,
+    /// An object of a CANopen node that is read, or was.
+    object: Option<Transfer<OBJECT_MAX>>,
     /// The host link to a controller, once a verb needs it.
     link: Option<Box<CyphalLink>>,
     targets: Publication,
@@ -82,6 +88,8 @@ pub struct HostNode {
     pub(crate) stops: StopWatch,
 }
 
+/// Longest object that is read, bytes.
+const OBJECT_MAX: usize = 256;
 /// Least time between two frames of the lowest priority. A controller sends a request to a drive, waits for its
 /// answer and continues with the next: waiting frames of any priority fill every gap, and five late cycles in a row
 /// are a fault. One frame in each cycle of 3 ms does no harm.
@@ -102,6 +110,7 @@ impl Default for HostNode {
             heard: BTreeMap::new(),
             tally: Tally::default(),
             stop_transfer: TransferId::ZERO,
+            object: None,
             link: None,
             targets: Publication::new(target::SUBJECT, Priority::Fast, TARGET_VALID),
             background: VecDeque::new(),
@@ -234,6 +243,26 @@ impl HostNode {
         self.now
     }
 
+    /// Reads an object of a CANopen node; an object that is still being read is given up.
+    pub(crate) fn read_object(&mut self, node: canopen_protocol::NodeId, object: Object, patience: Duration) {
+        let (transfer, frame) = Transfer::read(self.now, patience, node, object);
+        self.object = Some(transfer);
+        self.out.push_back(frame);
+    }
+
+    /// The object that was read, or why not; `None` while it is read.
+    pub(crate) fn object(&self) -> Option<Result<Vec<u8>, Failure>> {
+        let outcome = self.object.as_ref().and_then(Transfer::outcome)?;
+        Some(outcome.map(<[u8]>::to_vec))
+    }
+
+    fn serve_object(&mut self, next: impl FnOnce(&mut Transfer<OBJECT_MAX>, Instant) -> Option<Frame>) {
+        let now = self.now;
+        if let Some(frame) = self.object.as_mut().and_then(|transfer| next(transfer, now)) {
+            self.out.push_back(frame);
+        }
+    }
+
     pub const fn tally(&self) -> Tally {
         self.tally
     }
@@ -311,6 +340,11 @@ impl Node for HostNode {
             }
             return;
         }
+        if matches!(Function::of_frame(frame), Some(Function::Nmt | Function::Sync | Function::SdoToNode(_)))
+        {
+            self.tally.of_master += 1;
+        }
+        self.serve_object(|transfer, now| transfer.handle_frame(now, frame));
         match Address::of(frame.id()) {
             Some(Address::Module(Channel::Ack | Channel::State, _)) => {}
             Some(Address::Module(Channel::Get | Channel::Put, _) | Address::Broadcast) => {
@@ -335,6 +369,7 @@ impl Node for HostNode {
     fn handle_timeout(&mut self, now: Instant) {
         self.advance_to(now);
         self.drives.handle_timeout(self.now);
+        self.serve_object(Transfer::handle_timeout);
         if let Some(link) = &mut self.link {
             link.handle_timeout(self.now);
         }
@@ -354,7 +389,8 @@ impl Node for HostNode {
     fn poll_timeout(&self) -> Option<Instant> {
         let link = self.link.as_ref().and_then(|link| link.poll_timeout());
         let background = (!self.background.is_empty()).then_some(self.background_due);
-        [self.drives.poll_timeout(), link, background].into_iter().flatten().min()
+        let object = self.object.as_ref().and_then(Transfer::poll_timeout);
+        [self.drives.poll_timeout(), link, background, object].into_iter().flatten().min()
     }
 }
 

@@ -4,7 +4,7 @@ use canopen_protocol::NodeId;
 use toml_reader::Value;
 
 use super::{Section, families};
-use crate::cia402::{Cia402Output, Cia402Servo};
+use crate::cia402::{Cia402Mode, Cia402Output, Cia402Servo};
 use crate::error::{LoadError, Problem};
 use crate::model::Joint;
 
@@ -47,12 +47,22 @@ fn read_servo(part: &Section<'_>) -> Result<Cia402Servo, LoadError> {
         let number = v.integer(1..=NODE_MAX)?;
         u8::try_from(number).ok().and_then(NodeId::new).ok_or_else(|| v.wrong_type("the number of a node"))
     })?;
+    let modes = [
+        ("cyclic_position", Cia402Mode::CyclicPosition),
+        ("interpolated_position", Cia402Mode::InterpolatedPosition),
+    ];
+    let mode = part.optional("mode", |v| v.word(&modes))?.unwrap_or(Cia402Mode::CyclicPosition);
+    let is_absolute = part.required("encoder", |v| v.word(&[("absolute", true), ("incremental", false)]))?;
+    if mode == Cia402Mode::InterpolatedPosition && !is_absolute {
+        return Err(part.error("encoder", Problem::InterpolatesWithoutZero));
+    }
     Ok(Cia402Servo {
         node,
         counts_per_turn: part.required("counts_per_turn", |v| v.integer(360..=i64::from(i32::MAX) / 4))?
             as u32,
         rated_nm: part.required("rated_nm", Value::positive)?,
         rotor_kg_m2: part.required("rotor_kg_m2", Value::non_negative)?,
-        is_absolute: part.required("encoder", |v| v.word(&[("absolute", true), ("incremental", false)]))?,
+        is_absolute,
+        mode,
     })
 }

@@ -1,0 +1,257 @@
+//! What is compared with a servo and written to it, object by object.
+
+use core::f32::consts::TAU;
+
+use canopen_protocol::Object;
+use canopen_protocol::cia402::{self, Control, Mode as DriveMode, State, Status};
+use canopen_protocol::pdo::{Direction, ENTRIES_MAX, Transmission, set_up};
+use protocol::{Duration, JointIndex};
+
+use super::finding::HEARTBEAT;
+use super::options::{Follow, HOST_NODE, Home, Options, Servo};
+use crate::settings::Settings;
+
+/// Time beyond the following window, ms.
+const AWAY_MS: u32 = 10;
+const NOT_VALID: u32 = 1 << 31;
+/// A bit of ids that servos may set by themselves: no remote frames.
+const NO_REMOTE: u32 = 1 << 30;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Kind {
+    /// It holds this.
+    Is,
+    /// As `Is`; a servo without this object is fine.
+    IsIfThere,
+    /// It has these bits.
+    Has,
+    /// Part of the units; the last one is compared.
+    Unit(u8),
+    /// Last error.
+    Error,
+    /// State of the drive.
+    State,
+    /// Written.
+    Write,
+    /// Written, then read.
+    Set,
+    /// As `Set`; a servo without this object is fine.
+    Off,
+    /// Read until it holds this.
+    Shows,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Row {
+    pub(super) object: Object,
+    pub(super) kind: Kind,
+    pub(super) value: u32,
+    pub(super) bytes: u8,
+}
+
+pub(super) const fn row(kind: Kind, index: u16, sub: u8, bytes: u8, value: u32) -> Row {
+    Row { object: Object::new(index, sub), kind, value, bytes }
+}
+
+const fn mode_number(mode: DriveMode) -> u32 {
+    mode.number() as u8 as u32
+}
+
+/// Time without a heartbeat of the controller after which a servo stops by itself.
+pub(super) fn time_out(settings: &Settings) -> Duration {
+    Duration::from_millis(u64::from(settings.watchdog_timeout_us / 1_000).max(1))
+}
+
+/// What is compared and written before a servo gets process data, in order.
+pub(super) fn all(
+    options: &Options,
+    servo: Servo,
+    settings: &Settings,
+    joint: JointIndex,
+) -> impl Iterator<Item = Row> {
+    use Kind::{Error, Has, Is, IsIfThere, Off, Set, Shows, Unit, Write};
+    let limits = settings.joint.at(joint);
+    let counts = |rad: f32| (rad * servo.counts_per_turn as f32 / TAU) as u32;
+    let homing = if servo.home == Home::Here { 1 << (mode_number(DriveMode::Homing) - 1) } else { 0 };
+    let mode = mode_number(servo.follow.mode());
+    let modes = 1 << (mode - 1) | homing;
+    // A period without such a form is refused by the servo: no mantissa is zero.
+    let (mantissa, exponent) = cia402::interpolation_time(settings.cycle_period_us).unwrap_or((0, 0));
+    let supervised = (u32::from(HOST_NODE) << 16) | (time_out(settings).as_micros() as u32 / 1_000);
+    let control = |word: Control| row(Write, cia402::CONTROL, 0, 2, word.0.into());
+    let compared = [
+        // A supervision that is left from before would expire while the servo is being set up.
+        row(Set, 0x1016, 1, 4, 0),
+        row(Has, cia402::SUPPORTED_MODES, 0, 4, modes),
+        row(Unit(0), 0x608F, 1, 4, 0),
+        row(Unit(1), 0x608F, 2, 4, 0),
+        row(Unit(2), 0x6091, 1, 4, 0),
+        row(Unit(3), 0x6091, 2, 4, 0),
+        row(Is, 0x6076, 0, 4, servo.rated_mnm),
+        row(Error, 0x603F, 0, 2, 0),
+        row(Kind::State, cia402::STATUS, 0, 2, 0),
+        // No torque; then the rising bit that clears an error.
+        control(Control::DISABLE_VOLTAGE),
+        control(Control::FAULT_RESET),
+        control(Control::DISABLE_VOLTAGE),
+        row(Shows, cia402::STATUS, 0, 2, Status::of(State::SwitchOnDisabled).0.into()),
+        // On a lost link process data go on: they show the fault.
+        row(Set, 0x1029, 1, 1, 1),
+        row(Set, 0x1016, 1, 4, supervised),
+        row(Set, 0x1017, 0, 2, HEARTBEAT.as_micros() as u32 / 1_000),
+        // Lost link: fault. Fault: quick-stop ramp, then brake. Quick stop: ramp, and stay there.
+        row(Set, 0x6007, 0, 2, 1),
+        row(Set, 0x605E, 0, 2, 2),
+        row(Set, 0x605A, 0, 2, 6),
+        row(Set, 0x6085, 0, 4, counts(limits.a_max_rad_s2)),
+        row(Set, 0x6065, 0, 4, counts(limits.error_max_rad)),
+        row(Set, 0x6066, 0, 2, AWAY_MS),
+        row(Set, cia402::INTERPOLATION_TIME, 1, 1, mantissa.into()),
+        row(Set, cia402::INTERPOLATION_TIME, 2, 1, (exponent as u8).into()),
+    ];
+    let gripper = options.gripper().filter(|gripper| gripper.joint == joint);
+    let unused = [0x1401, 0x1402, 0x1403, 0x1801, 0x1802, 0x1803].into_iter();
+    let others = unused.filter(move |index| *index != 0x1401 || gripper.is_none()).map(move |index: u16| {
+        let base = if index < 0x1800 { 0x200 } else { 0x180 };
+        let id = base + 0x100 * u32::from(index & 3) + u32::from(servo.node.get());
+        row(Off, index, 1, 4, NOT_VALID | id)
+    });
+    let ways = [
+        (Direction::Receive, 1, options.to_servo(servo), Transmission::Sync(1)),
+        (Direction::Transmit, 1, Options::from_servo(), Transmission::Sync(1)),
+        // An output is switched when it is ordered.
+        (Direction::Receive, 2, gripper.and_then(|_| Options::to_outputs()), Transmission::Event),
+    ];
+    let ways = ways.into_iter().filter_map(|(way, number, map, when)| Some((way, number, map?, when)));
+    let maps = ways.flat_map(move |(direction, number, map, when)| {
+        set_up(servo.node, direction, number, map, when).map(|(object, value)| {
+            let bytes = value.get().len() as u8;
+            Row { object, kind: Set, value: little_endian(value.get()), bytes }
+        })
+    });
+    let output = gripper.map(|gripper| row(Set, cia402::OUTPUTS, 2, 4, gripper.mask()));
+    // Straight from point to point, of which one waits: a longer queue would delay each of them.
+    let interpolated = [
+        row(Set, cia402::INTERPOLATION_SUBMODE, 0, 2, 0),
+        row(IsIfThere, cia402::INTERPOLATION_BUFFER, 2, 4, 1),
+    ];
+    let interpolated = interpolated.into_iter().filter(move |_| servo.follow == Follow::Interpolated);
+    let last = [row(Set, cia402::MODE, 0, 1, mode), row(Shows, cia402::MODE_DISPLAY, 0, 1, mode)];
+    compared.into_iter().chain(interpolated).chain(others).chain(maps).chain(output).chain(last)
+}
+
+/// What the group does with an object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Use {
+    /// It reads it.
+    Read,
+    /// It writes this.
+    Written(u32),
+    /// It stands in process data.
+    Mapped,
+}
+
+/// An object that the group uses while it sets a servo up, or in process data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Need {
+    /// Which one.
+    pub object: Object,
+    /// Its length, bytes.
+    pub bytes: u8,
+    /// What for.
+    pub purpose: Use,
+    /// A servo without it is fine.
+    pub may_be_absent: bool,
+}
+
+impl Options {
+    /// The objects that the group uses of the servo of a joint.
+    pub fn needs<'a>(&'a self, settings: &'a Settings, joint: JointIndex) -> impl Iterator<Item = Need> + 'a {
+        let servo = self.servo(joint);
+        let set_up = servo.into_iter().flat_map(move |servo| {
+            all(self, servo, settings, joint).map(move |row| Need {
+                object: row.object,
+                bytes: row.bytes,
+                purpose: match row.kind {
+                    Kind::Write | Kind::Set | Kind::Off => Use::Written(row.value),
+                    _ => Use::Read,
+                },
+                may_be_absent: row.may_be_absent(servo),
+            })
+        });
+        let gripper = self.gripper().filter(|gripper| gripper.joint == joint);
+        let maps = [
+            servo.and_then(|servo| self.to_servo(servo)),
+            servo.and_then(|_| Options::from_servo()),
+            gripper.and_then(|_| Options::to_outputs()),
+        ];
+        let mapped = maps.into_iter().flatten().flat_map(|map| {
+            (0..ENTRIES_MAX).filter_map(move |at| {
+                let entry = map.entries().get(at)?;
+                let (object, bytes) = (entry.object, entry.bytes);
+                Some(Need { object, bytes, purpose: Use::Mapped, may_be_absent: false })
+            })
+        });
+        set_up.chain(mapped)
+    }
+}
+
+/// The place where the joint stands becomes zero, between these rows: [`Step::Zero`] follows the fourth.
+pub(super) fn homing_rows() -> [Row; 6] {
+    use Kind::{Set, Shows};
+    let (homing, follow) = (mode_number(DriveMode::Homing), mode_number(DriveMode::CyclicPosition));
+    [
+        row(Set, 0x6098, 0, 1, 37),
+        row(Set, 0x607C, 0, 4, 0),
+        row(Set, cia402::MODE, 0, 1, homing),
+        row(Shows, cia402::MODE_DISPLAY, 0, 1, homing),
+        row(Set, cia402::MODE, 0, 1, follow),
+        row(Shows, cia402::MODE_DISPLAY, 0, 1, follow),
+    ]
+}
+
+/// Rows of [`homing_rows`] before [`Step::Zero`].
+pub(super) const BEFORE_ZERO: u8 = 4;
+
+pub(super) fn little_endian(bytes: &[u8]) -> u32 {
+    bytes.iter().rev().fold(0, |value, byte| value << 8 | u32::from(*byte))
+}
+
+impl Row {
+    /// A servo without the object is fine. Modules that interpolate may have a fixed unit: then they have no object of the units.
+    pub(super) fn may_be_absent(&self, servo: Servo) -> bool {
+        match self.kind {
+            Kind::Off | Kind::IsIfThere => true,
+            Kind::Unit(_) => servo.follow == Follow::Interpolated,
+            _ => false,
+        }
+    }
+
+    /// Whether a value that was read is as it should be.
+    pub(super) fn holds(&self, found: u32) -> bool {
+        match (self.kind, self.object.index) {
+            (Kind::Has, _) => found & self.value == self.value,
+            (_, cia402::STATUS) => found & 0x4F == self.value & 0x4F,
+            (_, 0x1800..=0x19FF) => found & !NO_REMOTE == self.value & !NO_REMOTE,
+            _ => found == self.value,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_id_may_come_back_with_the_bit_against_remote_frames() {
+        let own = row(Kind::Set, 0x1800, 1, 4, 0x183);
+        assert!(own.holds(0x4000_0183) && !own.holds(0x8000_0183) && !own.holds(0x184));
+        let to_servo = row(Kind::Set, 0x1400, 1, 4, 0x203);
+        assert!(!to_servo.holds(0x4000_0203));
+    }
+
+    #[test]
+    fn bytes_are_read_with_the_lowest_first() {
+        assert_eq!(little_endian(&[0x92, 1, 2, 0]), 0x0002_0192);
+    }
+}
