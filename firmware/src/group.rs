@@ -92,7 +92,7 @@ pub struct Profile {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Command {
     /// Search the drives, set them up and prove that they stop by themselves; ends with [`GroupEvent::Found`] or
-    /// [`GroupEvent::Trouble`]. Nothing moves.
+    /// [`GroupEvent::Failed`]. Nothing moves.
     Find {
         /// Clear errors and halts first.
         reset: bool,
@@ -108,7 +108,7 @@ pub enum Command {
     /// itself. A group that does not know which drives have missed it sends no drive a sign of life. Otherwise as
     /// [`Self::Stand`].
     Abandon,
-    /// Find the zero of a joint; ends with [`GroupEvent::Homed`] or [`GroupEvent::Trouble`].
+    /// Find the zero of a joint; ends with [`GroupEvent::Homed`] or [`GroupEvent::Failed`].
     Home(JointIndex),
     /// Move a joint at reduced acceleration and current until `until`, or with a speed of zero until it rests. Ends with
     /// [`GroupEvent::JogReleased`], then [`GroupEvent::JogEnded`].
@@ -163,7 +163,7 @@ pub enum GroupEvent {
     /// The joint of the jog rests.
     JogEnded,
     /// Something is wrong with a drive or with the group.
-    Trouble(Fault),
+    Failed(Fault),
 }
 
 /// A measured position.
@@ -176,7 +176,7 @@ pub struct Measured {
     /// The set point in force since then, if the measurement answers a set point.
     pub in_force: Option<InForce>,
     /// Error that the drive reports with the position.
-    pub trouble: Option<Cause>,
+    pub cause: Option<Cause>,
 }
 
 /// A set point that acts.
@@ -192,7 +192,7 @@ pub struct InForce {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Standing {
     /// Error that it reports.
-    pub trouble: Option<Cause>,
+    pub cause: Option<Cause>,
     /// It has reported motion several times in a row.
     pub reports_motion: bool,
     /// Its position loop is open: people may move the joint by hand.

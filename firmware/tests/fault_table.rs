@@ -12,7 +12,7 @@ use protocol::powercube::CubeState;
 use protocol::{Duration, Frame};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Trouble {
+enum Injected {
     StopMessage,
     StopOrder,
     HostLost,
@@ -80,23 +80,23 @@ fn bench_in(state: StateKind) -> Bench {
     bench
 }
 
-fn strike(bench: &mut Bench, trouble: Trouble) {
+fn strike(bench: &mut Bench, injected: Injected) {
     let drive = &mut bench.drives[SICK];
     let error = drive.state.union(CubeState::ERROR);
-    match trouble {
-        Trouble::StopMessage => bench.stop_now(),
-        Trouble::StopOrder => {
+    match injected {
+        Injected::StopMessage => bench.stop_now(),
+        Injected::StopOrder => {
             bench.order(Order::Stop).unwrap();
         }
-        Trouble::HostLost => bench.heartbeat = false,
-        Trouble::Silent => drive.silent = true,
-        Trouble::Supply => drive.state = error.union(CubeState::POWERFAULT).union(CubeState::POW_VOLT_ERR),
-        Trouble::Tow => drive.state = error.union(CubeState::TOW_ERROR),
-        Trouble::Watchdog => drive.state = error.union(CubeState::COMM_ERROR).union(CubeState::HALTED),
-        Trouble::HardLimit => drive.state = error.union(CubeState::BEYOND_HARD).union(CubeState::HALTED),
-        Trouble::SoftLimit => drive.state = error.union(CubeState::BEYOND_SOFT),
-        Trouble::LostHome => drive.state = drive.state.with(CubeState::HOME_OK, false),
-        Trouble::Current => drive.current_a = 31.0,
+        Injected::HostLost => bench.heartbeat = false,
+        Injected::Silent => drive.silent = true,
+        Injected::Supply => drive.state = error.union(CubeState::POWERFAULT).union(CubeState::POW_VOLT_ERR),
+        Injected::Tow => drive.state = error.union(CubeState::TOW_ERROR),
+        Injected::Watchdog => drive.state = error.union(CubeState::COMM_ERROR).union(CubeState::HALTED),
+        Injected::HardLimit => drive.state = error.union(CubeState::BEYOND_HARD).union(CubeState::HALTED),
+        Injected::SoftLimit => drive.state = error.union(CubeState::BEYOND_SOFT),
+        Injected::LostHome => drive.state = drive.state.with(CubeState::HOME_OK, false),
+        Injected::Current => drive.current_a = 31.0,
     }
 }
 
@@ -106,7 +106,7 @@ const STATES: [StateKind; 5] =
 /// Bounds. A stop message: within 1 ms. A silent drive that is only read or that homes: after its allowed missed
 /// answers. Values that are read while nothing moves: within four 10 ms ticks. A lost host: within 100 ms, plus
 /// coming to rest: 25 ms to 1 s along the path, a jog 0.25 s and its slack.
-fn table() -> Vec<(Trouble, [Outcome; 5])> {
+fn table() -> Vec<(Injected, [Outcome; 5])> {
     use StateKind::{Armed, Fault, Homing, Idle, Ready, Running, Stopped};
     let fault = |bounds_ms: [u64; 5]| bounds_ms.map(|ms| (Fault, Some(ms)));
     let stopped = |bounds_ms: [u64; 5]| bounds_ms.map(|ms| (Stopped, Some(ms)));
@@ -114,10 +114,10 @@ fn table() -> Vec<(Trouble, [Outcome; 5])> {
     let ramped = fault([45, 45, 45, 45 + 350, 6 + 400]);
     let at_once = fault([45, 45, 45, 45, 6 + 400]);
     vec![
-        (Trouble::StopMessage, stopped([1; 5])),
-        (Trouble::StopOrder, stopped([1, 1, 1, 350, 1_100])),
+        (Injected::StopMessage, stopped([1; 5])),
+        (Injected::StopOrder, stopped([1, 1, 1, 350, 1_100])),
         (
-            Trouble::HostLost,
+            Injected::HostLost,
             [
                 (Ready, None),
                 (Ready, None),
@@ -126,17 +126,17 @@ fn table() -> Vec<(Trouble, [Outcome; 5])> {
                 (Fault, Some(104 + 1_100)),
             ],
         ),
-        (Trouble::Silent, fault([350, 350, 450, 60 + 350, 9 + 400])),
-        (Trouble::Supply, ramped),
-        (Trouble::Tow, ramped),
-        (Trouble::Watchdog, at_once),
-        (Trouble::HardLimit, at_once),
-        (Trouble::SoftLimit, ramped),
+        (Injected::Silent, fault([350, 350, 450, 60 + 350, 9 + 400])),
+        (Injected::Supply, ramped),
+        (Injected::Tow, ramped),
+        (Injected::Watchdog, at_once),
+        (Injected::HardLimit, at_once),
+        (Injected::SoftLimit, ramped),
         // No motion needs a zero in the first and third: the group is Idle, and homing gives the drive a new one.
-        (Trouble::LostHome, [(Idle, None), ramped[1], (Homing, None), ramped[3], ramped[4]]),
+        (Injected::LostHome, [(Idle, None), ramped[1], (Homing, None), ramped[3], ramped[4]]),
         // Nothing moves in the first two; the others read each current in turn, three readings count.
         (
-            Trouble::Current,
+            Injected::Current,
             [
                 (Ready, None),
                 (Armed, None),
@@ -152,20 +152,20 @@ fn table() -> Vec<(Trouble, [Outcome; 5])> {
 }
 
 /// The fault that is reported for it.
-fn named(trouble: Trouble) -> Fault {
+fn named(injected: Injected) -> Fault {
     let at_drive = |cause| Fault::at(cause, joint(SICK));
-    match trouble {
-        Trouble::StopMessage => Fault::group(Cause::StopMessage),
-        Trouble::StopOrder => Fault::group(Cause::StopOrdered),
-        Trouble::HostLost => Fault::group(Cause::HostLost),
-        Trouble::Silent => at_drive(Cause::DriveSilent),
-        Trouble::Supply => at_drive(Cause::DriveSupply),
-        Trouble::Tow => at_drive(Cause::DriveTowError),
-        Trouble::Watchdog => at_drive(Cause::DriveWatchdog),
-        Trouble::HardLimit => at_drive(Cause::DriveHardLimit),
-        Trouble::SoftLimit => at_drive(Cause::DriveSoftLimit),
-        Trouble::LostHome => at_drive(Cause::DriveLostHome),
-        Trouble::Current => at_drive(Cause::OverCurrent),
+    match injected {
+        Injected::StopMessage => Fault::group(Cause::StopMessage),
+        Injected::StopOrder => Fault::group(Cause::StopOrdered),
+        Injected::HostLost => Fault::group(Cause::HostLost),
+        Injected::Silent => at_drive(Cause::DriveSilent),
+        Injected::Supply => at_drive(Cause::DriveSupply),
+        Injected::Tow => at_drive(Cause::DriveTowError),
+        Injected::Watchdog => at_drive(Cause::DriveWatchdog),
+        Injected::HardLimit => at_drive(Cause::DriveHardLimit),
+        Injected::SoftLimit => at_drive(Cause::DriveSoftLimit),
+        Injected::LostHome => at_drive(Cause::DriveLostHome),
+        Injected::Current => at_drive(Cause::OverCurrent),
     }
 }
 
@@ -176,11 +176,11 @@ fn every_cause_in_every_state_has_its_reaction_in_its_time() {
         "{:<12} {:<8} {:<8} {:<16} {:>10} {:>10} {:>10}",
         "cause", "in", "ends in", "latched", "reacts, ms", "halt, ms", "at most"
     );
-    for (trouble, outcomes) in table() {
+    for (injected, outcomes) in table() {
         for (state, (end, bound_ms)) in STATES.into_iter().zip(outcomes) {
             let mut bench = bench_in(state);
             let at = bench.now;
-            strike(&mut bench, trouble);
+            strike(&mut bench, injected);
             let quiet = bound_ms.is_none();
             bench.run_until(2_000_000, |bench| {
                 let kind = bench.kind();
@@ -193,7 +193,7 @@ fn every_cause_in_every_state_has_its_reaction_in_its_time() {
             let ms = |us: Option<u64>| us.map_or("-".to_owned(), |us| format!("{:.1}", us as f64 / 1e3));
             println!(
                 "{:<12} {:<8} {:<8} {:<16} {:>10} {:>10} {:>10}",
-                format!("{trouble:?}"),
+                format!("{injected:?}"),
                 format!("{state:?}"),
                 format!("{:?}", bench.kind()),
                 cause.map_or("-".to_owned(), |cause| format!("{} {}", cause.code(), cause.name())),
@@ -202,20 +202,20 @@ fn every_cause_in_every_state_has_its_reaction_in_its_time() {
                 ms(bound_ms.map(|ms| 1_000 * ms)),
             );
             let fault = bench.controller.state().fault();
-            if end == StateKind::Fault && fault != Some(named(trouble)) {
-                wrong.push(format!("{trouble:?} in {state:?}: reported as {fault:?}"));
+            if end == StateKind::Fault && fault != Some(named(injected)) {
+                wrong.push(format!("{injected:?} in {state:?}: reported as {fault:?}"));
             }
             // The three times that are documented as numbers.
-            let promised_us = match (trouble, state) {
-                (Trouble::StopMessage, _) => Some(1_000),
-                (Trouble::HostLost, StateKind::Running) => {
+            let promised_us = match (injected, state) {
+                (Injected::StopMessage, _) => Some(1_000),
+                (Injected::HostLost, StateKind::Running) => {
                     Some(100_000 + PERIOD_US - (at - bench.last_heartbeat()))
                 }
-                (Trouble::Silent, StateKind::Running) => Some(2 * PERIOD_US + PERIOD_US),
+                (Injected::Silent, StateKind::Running) => Some(2 * PERIOD_US + PERIOD_US),
                 _ => None,
             };
             if promised_us.is_some_and(|promised| left.is_none_or(|left| left > promised)) {
-                wrong.push(format!("{trouble:?} in {state:?}: reacts after {left:?} us"));
+                wrong.push(format!("{injected:?} in {state:?}: reacts after {left:?} us"));
             }
             let fits = match (bound_ms, halted) {
                 (None, None) => true,
@@ -223,11 +223,11 @@ fn every_cause_in_every_state_has_its_reaction_in_its_time() {
                 _ => false,
             };
             if bench.kind() != end || !fits {
-                wrong.push(format!("{trouble:?} in {state:?}: {:?} after {halted:?} us", bench.kind()));
+                wrong.push(format!("{injected:?} in {state:?}: {:?} after {halted:?} us", bench.kind()));
             }
             // After the halt no motion is sent.
             if let Some(us) = halted {
-                assert!(bench.sent_after(at + us, is_motion).is_none(), "{trouble:?} in {state:?}");
+                assert!(bench.sent_after(at + us, is_motion).is_none(), "{injected:?} in {state:?}");
             }
         }
     }
@@ -264,7 +264,7 @@ fn clear_while_the_cause_stays_ends_in_fault_again_and_moves_nothing() {
 #[test]
 fn ready_comes_only_after_every_drive_was_read_again() {
     let mut bench = bench_in(StateKind::Ready);
-    strike(&mut bench, Trouble::Tow);
+    strike(&mut bench, Injected::Tow);
     bench.run_until(100_000, |bench| bench.kind() == StateKind::Fault);
     bench.run_for(20_000);
     let cleared = bench.now;

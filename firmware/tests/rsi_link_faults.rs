@@ -16,7 +16,7 @@ use protocol::Duration;
 
 /// Fault of the link or of the robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Trouble {
+enum Injected {
     AnswersLate(u32),
     AnswersLost(u32),
     TelegramsLost(u32),
@@ -48,40 +48,40 @@ fn other_controller(cell: &mut Cell) {
         Controller::with_group(RamStorage::new(), Spline::empty(), group, &settings, Seed::FORESEEABLE);
 }
 
-fn strike(cell: &mut Cell, trouble: Trouble) {
+fn strike(cell: &mut Cell, injected: Injected) {
     let mut for_cycles = |cycles: u32, wire: Wire| {
         for _ in 0..cycles {
             cell.forced = Some(wire);
             step(cell);
         }
     };
-    match trouble {
-        Trouble::AnswersLate(cycles) => for_cycles(cycles, Wire::AnswerLate),
-        Trouble::AnswersLost(cycles) => for_cycles(cycles, Wire::AnswerLost),
-        Trouble::TelegramsLost(cycles) => for_cycles(cycles, Wire::TelegramLost),
-        Trouble::Doubled => for_cycles(1, Wire::Doubled),
-        Trouble::Overtaken => for_cycles(1, Wire::Overtaken),
-        Trouble::OtherNumber => for_cycles(1, Wire::OtherNumber),
+    match injected {
+        Injected::AnswersLate(cycles) => for_cycles(cycles, Wire::AnswerLate),
+        Injected::AnswersLost(cycles) => for_cycles(cycles, Wire::AnswerLost),
+        Injected::TelegramsLost(cycles) => for_cycles(cycles, Wire::TelegramLost),
+        Injected::Doubled => for_cycles(1, Wire::Doubled),
+        Injected::Overtaken => for_cycles(1, Wire::Overtaken),
+        Injected::OtherNumber => for_cycles(1, Wire::OtherNumber),
         // Not in the cycle that would report a late answer.
-        Trouble::LateCountFalls => {
+        Injected::LateCountFalls => {
             for_cycles(1, Wire::Fine);
             for_cycles(1, Wire::NoLate);
         }
-        Trouble::NoPositions => for_cycles(1, Wire::NoPositions),
-        Trouble::NumberFalls(by) => cell.robot.ipoc -= by.min(cell.robot.ipoc),
-        Trouble::NumberRises(by) => cell.robot.ipoc += by,
-        Trouble::Restart => cell.robot.restart(),
-        Trouble::BackAtStart(cycles, numbers_go_on) => {
+        Injected::NoPositions => for_cycles(1, Wire::NoPositions),
+        Injected::NumberFalls(by) => cell.robot.ipoc -= by.min(cell.robot.ipoc),
+        Injected::NumberRises(by) => cell.robot.ipoc += by,
+        Injected::Restart => cell.robot.restart(),
+        Injected::BackAtStart(cycles, numbers_go_on) => {
             for_cycles(cycles, Wire::TelegramLost);
             let ipoc = cell.robot.ipoc;
             cell.robot.return_to_start();
             cell.robot.ipoc = if numbers_go_on { ipoc } else { cell.robot.ipoc };
         }
-        Trouble::OtherController(cycles) => {
+        Injected::OtherController(cycles) => {
             for_cycles(cycles, Wire::TelegramLost);
             other_controller(cell);
         }
-        Trouble::OtherControllerWithoutPositions(cycles) => {
+        Injected::OtherControllerWithoutPositions(cycles) => {
             for_cycles(cycles, Wire::TelegramLost);
             other_controller(cell);
             cell.forced = Some(Wire::NoPositions);
@@ -107,41 +107,41 @@ fn assert_no_leap(cell: &Cell, what: &dyn std::fmt::Debug) {
 }
 
 /// A throw with a fault in it, observed for two seconds more.
-fn thrown_with(cycle: u64, in_a_row: bool, trouble: Trouble) -> Cell {
+fn thrown_with(cycle: u64, in_a_row: bool, injected: Injected) -> Cell {
     let (mut cell, _) = Cell::thrown();
     cell.robot.counts_in_a_row = in_a_row;
     for _ in 0..cycle {
         step(&mut cell);
     }
-    strike(&mut cell, trouble);
+    strike(&mut cell, injected);
     for _ in 0..170 {
         step(&mut cell);
     }
-    assert_no_leap(&cell, &(trouble, cycle, in_a_row));
+    assert_no_leap(&cell, &(injected, cycle, in_a_row));
     cell
 }
 
 #[test]
 fn late_count_that_falls_in_a_robot_that_counts_in_a_row_changes_nothing() {
-    let cell = thrown_with(UNDER_WAY, true, Trouble::AnswersLate(1));
+    let cell = thrown_with(UNDER_WAY, true, Injected::AnswersLate(1));
     assert!(matches!(cell.kind(), StateKind::Ready), "{:?}", cell.controller.state());
-    thrown_with(UNDER_WAY, false, Trouble::LateCountFalls);
+    thrown_with(UNDER_WAY, false, Injected::LateCountFalls);
 }
 
 #[test]
 fn number_that_falls_or_jumps_in_the_run_holds_the_axes_where_they_are() {
-    for trouble in [Trouble::NumberFalls(30), Trouble::NumberFalls(4_000), Trouble::OtherNumber] {
-        let cell = thrown_with(UNDER_WAY, false, trouble);
-        assert_eq!(cell.cause(), Some(Cause::RobotRestarted), "{trouble:?}");
-        assert!(given_rad(&cell) > 0.2, "{trouble:?}: {}", given_rad(&cell));
+    for injected in [Injected::NumberFalls(30), Injected::NumberFalls(4_000), Injected::OtherNumber] {
+        let cell = thrown_with(UNDER_WAY, false, injected);
+        assert_eq!(cell.cause(), Some(Cause::RobotRestarted), "{injected:?}");
+        assert!(given_rad(&cell) > 0.2, "{injected:?}: {}", given_rad(&cell));
     }
-    let cell = thrown_with(UNDER_WAY, false, Trouble::NumberRises(700));
+    let cell = thrown_with(UNDER_WAY, false, Injected::NumberRises(700));
     assert_eq!(cell.kind(), StateKind::Ready);
 }
 
 #[test]
 fn telegram_without_positions_in_the_run_ends_it_where_the_axes_are() {
-    let cell = thrown_with(UNDER_WAY, false, Trouble::NoPositions);
+    let cell = thrown_with(UNDER_WAY, false, Injected::NoPositions);
     assert_eq!(cell.cause(), Some(Cause::RobotRestarted));
     assert!(given_rad(&cell) > 0.2, "{}", given_rad(&cell));
 }
@@ -149,31 +149,31 @@ fn telegram_without_positions_in_the_run_ends_it_where_the_axes_are() {
 #[test]
 fn outage_at_full_speed_ends_the_run_and_the_axes_are_held_where_the_robot_holds_them() {
     for cycles in [4, 9, 42, 92, 200, 420] {
-        for trouble in [Trouble::TelegramsLost(cycles), Trouble::AnswersLost(cycles)] {
+        for injected in [Injected::TelegramsLost(cycles), Injected::AnswersLost(cycles)] {
             let (mut cell, _) = Cell::thrown();
             for _ in 0..UNDER_WAY {
                 step(&mut cell);
             }
-            strike(&mut cell, trouble);
+            strike(&mut cell, injected);
             let held = *cell.robot.set.last().unwrap();
             for _ in 0..200 {
                 step(&mut cell);
             }
-            assert_no_leap(&cell, &trouble);
+            assert_no_leap(&cell, &injected);
             let kind = cell.kind();
-            assert!(matches!(kind, StateKind::Fault), "{trouble:?}: {kind:?}");
+            assert!(matches!(kind, StateKind::Fault), "{injected:?}: {kind:?}");
             let set = cell.robot.set.last().unwrap();
             let away = (0..AXES).map(|i| (set[i] - held[i]).abs()).fold(0.0, f64::max);
             // If telegrams still come, the axes stop along their path.
-            let is_silent = matches!(trouble, Trouble::TelegramsLost(_));
-            assert!(away < if is_silent { 1e-6 } else { 0.4 }, "{trouble:?}: {away}");
+            let is_silent = matches!(injected, Injected::TelegramsLost(_));
+            assert!(away < if is_silent { 1e-6 } else { 0.4 }, "{injected:?}: {away}");
         }
     }
 }
 
 #[test]
 fn controller_that_begins_again_in_a_run_gives_no_zeros_to_an_arm_away_from_its_start() {
-    let cell = thrown_with(UNDER_WAY, false, Trouble::OtherController(25));
+    let cell = thrown_with(UNDER_WAY, false, Injected::OtherController(25));
     assert!(given_rad(&cell) > 0.2, "{}", given_rad(&cell));
     assert_eq!(cell.kind(), StateKind::Boot);
 }
@@ -191,7 +191,7 @@ fn controller_that_begins_again_within_the_lag_waits_for_what_the_axes_were_give
                     for _ in 0..cycle {
                         step(&mut cell);
                     }
-                    strike(&mut cell, Trouble::OtherController(gap));
+                    strike(&mut cell, Injected::OtherController(gap));
                     for _ in 0..60 {
                         step(&mut cell);
                     }
@@ -205,7 +205,7 @@ fn controller_that_begins_again_within_the_lag_waits_for_what_the_axes_were_give
 #[test]
 fn telegram_without_positions_has_no_answer_of_a_controller_that_begins_again() {
     for cycle in 1..UNDER_WAY {
-        thrown_with(cycle, false, Trouble::OtherControllerWithoutPositions(cycle as u32 % 9));
+        thrown_with(cycle, false, Injected::OtherControllerWithoutPositions(cycle as u32 % 9));
     }
 }
 
@@ -223,7 +223,7 @@ fn program_whose_first_telegram_has_no_positions_is_led_from_its_start() {
 #[test]
 fn program_that_begins_again_at_its_start_is_held_there() {
     for (cycles, numbers_go_on) in [(0, false), (0, true), (20, true), (100, false), (100, true)] {
-        let mut cell = thrown_with(UNDER_WAY, false, Trouble::BackAtStart(cycles, numbers_go_on));
+        let mut cell = thrown_with(UNDER_WAY, false, Injected::BackAtStart(cycles, numbers_go_on));
         assert!(given_rad(&cell) < 1e-6, "{}", given_rad(&cell));
         let fault = cell.controller.state().fault().expect("a fault");
         cell.order(Order::ClearFault { code: fault.cause.code() });
@@ -279,30 +279,30 @@ fn ball_is_released_near_its_path_or_not_at_all() {
     assert!(far >= 10 && near >= 20, "{far} {near}");
 }
 
-fn drawn(rng: &mut Rng) -> Trouble {
+fn drawn(rng: &mut Rng) -> Injected {
     match rng.below(16) {
-        0 => Trouble::AnswersLate(1 + rng.below(4) as u32),
-        1 => Trouble::AnswersLost(1 + rng.below(4) as u32),
-        2 => Trouble::TelegramsLost(1 + rng.below(4) as u32),
-        3 => Trouble::AnswersLost(8 + rng.below(400) as u32),
-        4 => Trouble::TelegramsLost(8 + rng.below(400) as u32),
-        5 => Trouble::Doubled,
-        6 => Trouble::Overtaken,
-        7 => Trouble::NumberFalls(1 + rng.below(5_000)),
-        8 => Trouble::NumberRises(1 + rng.below(5_000)),
-        9 => Trouble::OtherNumber,
-        10 => Trouble::LateCountFalls,
-        11 => Trouble::NoPositions,
-        12 => Trouble::Restart,
+        0 => Injected::AnswersLate(1 + rng.below(4) as u32),
+        1 => Injected::AnswersLost(1 + rng.below(4) as u32),
+        2 => Injected::TelegramsLost(1 + rng.below(4) as u32),
+        3 => Injected::AnswersLost(8 + rng.below(400) as u32),
+        4 => Injected::TelegramsLost(8 + rng.below(400) as u32),
+        5 => Injected::Doubled,
+        6 => Injected::Overtaken,
+        7 => Injected::NumberFalls(1 + rng.below(5_000)),
+        8 => Injected::NumberRises(1 + rng.below(5_000)),
+        9 => Injected::OtherNumber,
+        10 => Injected::LateCountFalls,
+        11 => Injected::NoPositions,
+        12 => Injected::Restart,
         // The arm needs time to move back.
-        13 => Trouble::BackAtStart(4 + rng.below(116) as u32, rng.below(2) == 0),
-        14 => Trouble::OtherController(1 + rng.below(40) as u32),
-        _ => Trouble::OtherControllerWithoutPositions(rng.below(40) as u32),
+        13 => Injected::BackAtStart(4 + rng.below(116) as u32, rng.below(2) == 0),
+        14 => Injected::OtherController(1 + rng.below(40) as u32),
+        _ => Injected::OtherControllerWithoutPositions(rng.below(40) as u32),
     }
 }
 
 #[test]
-fn no_sequence_of_troubles_makes_a_correction_leap() {
+fn no_sequence_of_faults_makes_a_correction_leap() {
     let mut rng = Rng(32);
     for sequence in 0..1_000 {
         let (mut cell, _) = Cell::thrown();
@@ -312,9 +312,9 @@ fn no_sequence_of_troubles_makes_a_correction_leap() {
             for _ in 0..rng.below(60) {
                 step(&mut cell);
             }
-            let trouble = drawn(&mut rng);
-            drawn_so_far.push((cell.cycle, trouble));
-            strike(&mut cell, trouble);
+            let injected = drawn(&mut rng);
+            drawn_so_far.push((cell.cycle, injected));
+            strike(&mut cell, injected);
             assert_no_leap(&cell, &(sequence, &drawn_so_far));
         }
         for _ in 0..120 {

@@ -39,7 +39,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
                 GroupEvent::Measured(measured) => self.analyse(now, &measured),
                 GroupEvent::Missed(joint, in_row) => self.analyse_missed(now, joint, in_row),
                 GroupEvent::Implausible(joint, again) => self.analyse_implausible(now, joint, again),
-                GroupEvent::Trouble(fault) => self.fail(now, fault),
+                GroupEvent::Failed(fault) => self.fail(now, fault),
                 GroupEvent::Cycle { late, overrun } => {
                     self.jitter = self.jitter.max(late);
                     self.period(now, overrun);
@@ -60,7 +60,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     // Not inlined, here and below. Inlined, each event would save and restore the registers that all branches together need.
     #[inline(never)]
     fn analyse(&mut self, now: Instant, measured: &Measured) {
-        let Measured { joint, sample, in_force, trouble } = *measured;
+        let Measured { joint, sample, in_force, cause } = *measured;
         let tracker = self.trackers.at_mut(joint);
         let (clock, tracking) = match *self.machine.state() {
             State::Running { clock, parking } => (clock, parking.is_none()),
@@ -85,7 +85,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         let limits = self.settings.joint.at(joint);
         // A joint that was jogged from outside its limits, or has no zero, may be stopped where it is.
         let soft = SoftLimits::kept(limits, self.group.is_homed(joint)).with(self.stood_at_rad.get(joint));
-        let cause = trouble.or(supervisor::check_motion(&measured, limits, soft));
+        let cause = cause.or(supervisor::check_motion(&measured, limits, soft));
         if let Some(cause) = cause {
             self.fail(now, Fault::at(cause, joint));
         }

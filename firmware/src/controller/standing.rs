@@ -76,7 +76,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         if matches!(kind, StateKind::Idle | StateKind::Ready | StateKind::Armed | StateKind::Stopped) {
             for joint in self.joints() {
                 let silent = self.group.readings(joint).missed_in_row > self.settings.reply_missed_max;
-                let cause = self.group.standing(joint, halted_is_fine).trouble;
+                let cause = self.group.standing(joint, halted_is_fine).cause;
                 if let Some(cause) = if silent { Some(Cause::DriveSilent) } else { cause } {
                     self.fail(now, Fault::at(cause, joint));
                     return;

@@ -75,11 +75,11 @@ impl Drive {
 
     /// It is held and answers, and nothing is wrong with it.
     pub(super) fn is_sound(&self, missed_max: u32) -> bool {
-        self.is_held() && self.answers.missed_in_row <= missed_max && self.trouble().is_none()
+        self.is_held() && self.answers.missed_in_row <= missed_max && self.cause().is_none()
     }
 
     /// What it reports about itself.
-    pub(super) fn trouble(&self) -> Option<Cause> {
+    pub(super) fn cause(&self) -> Option<Cause> {
         if self.emergency != 0 {
             return Some(cause_of(self.emergency));
         }

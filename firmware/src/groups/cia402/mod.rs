@@ -151,7 +151,7 @@ impl Cia402 {
     }
 
     fn fail(&mut self, joint: JointIndex, cause: Cause) {
-        self.push(GroupEvent::Trouble(Fault::at(cause, joint)));
+        self.push(GroupEvent::Failed(Fault::at(cause, joint)));
     }
 
     fn send(&mut self, frame: Frame) {
@@ -206,7 +206,7 @@ impl Cia402 {
             drive.emergency = emergency.code;
         }
         let is_watched = drive.is_held() || matches!(drive.step, Step::Enabling | Step::Enabled);
-        if let Some(cause) = drive.trouble().filter(|_| is_watched) {
+        if let Some(cause) = drive.cause().filter(|_| is_watched) {
             self.report(joint, cause);
         }
     }
@@ -256,14 +256,14 @@ impl Cia402 {
         if !drive.is_held() {
             return;
         }
-        let trouble = drive.trouble();
-        if trouble.is_some() {
+        let cause = drive.cause();
+        if cause.is_some() {
             drive.go_to(now, Step::Off);
         }
         // After the control step the set point that it gave is not yet in force.
         let in_force = self.leader.in_force(joint, self.is_half);
-        self.push(GroupEvent::Measured(Measured { joint, sample, in_force, trouble }));
-        if let Some(cause) = trouble.filter(|_| self.leader.is_finding()) {
+        self.push(GroupEvent::Measured(Measured { joint, sample, in_force, cause }));
+        if let Some(cause) = cause.filter(|_| self.leader.is_finding()) {
             self.refuse(joint, cause);
         }
     }
@@ -493,7 +493,7 @@ impl DriveGroup for Cia402 {
 
     fn check_drive(&self, now: Instant, settings: &Settings, joint: JointIndex) -> Result<(), Refusal> {
         let drive = self.drives.at(joint);
-        let is_sound = drive.trouble().is_none() && drive.step == Step::Held;
+        let is_sound = drive.cause().is_none() && drive.step == Step::Held;
         check_drive(joint, drive.is_homed, is_sound && self.is_at_rest(now, settings, joint))
     }
 
@@ -515,14 +515,14 @@ impl DriveGroup for Cia402 {
 
     fn standing(&self, joint: JointIndex, _: bool) -> Standing {
         let drive = self.drives.at(joint);
-        Standing { trouble: drive.trouble(), reports_motion: false, yields: !drive.is_held() }
+        Standing { cause: drive.cause(), reports_motion: false, yields: !drive.is_held() }
     }
 
     fn readings(&self, joint: JointIndex) -> Readings {
         let drive = self.drives.at(joint);
         // The emergency code above the status word.
         let state = drive.status.map(|status| u32::from(drive.emergency) << 16 | u32::from(status.0));
-        self.leader.readings(joint, &drive.answers, state, drive.trouble().is_some())
+        self.leader.readings(joint, &drive.answers, state, drive.cause().is_some())
     }
 
     fn counters(&self) -> GroupCounters {

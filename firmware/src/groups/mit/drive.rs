@@ -41,7 +41,7 @@ impl Drive {
 
     /// Looks for the motor from the beginning, unless it is held and answers.
     pub(super) fn find(&mut self, missed_max: u32) {
-        if !self.is_held() || self.answers.missed_in_row > missed_max || self.trouble(u8::MAX).is_some() {
+        if !self.is_held() || self.answers.missed_in_row > missed_max || self.cause(u8::MAX).is_some() {
             *self = Self { is_proven: self.is_proven, ..Self::default() };
         }
     }
@@ -53,7 +53,7 @@ impl Drive {
     }
 
     /// What the motor reports about itself.
-    pub(super) fn trouble(&self, hot_c: u8) -> Option<Cause> {
+    pub(super) fn cause(&self, hot_c: u8) -> Option<Cause> {
         let state = self.state.as_ref()?;
         let is_hot = state.transistors_c >= hot_c || state.rotor_c >= hot_c;
         finding::cause(state.status).or(is_hot.then_some(Cause::DrivePowerFault))
@@ -126,7 +126,7 @@ mod tests {
             (Status::Disabled, 40, Some(Cause::DriveError)),
         ] {
             let drive = Drive { state: Some(state(status, rotor_c)), ..Drive::default() };
-            assert_eq!(drive.trouble(90), cause, "{status:?} {rotor_c}");
+            assert_eq!(drive.cause(90), cause, "{status:?} {rotor_c}");
         }
     }
 }

@@ -132,7 +132,7 @@ impl Mit {
     }
 
     fn fail(&mut self, joint: JointIndex, cause: Cause) {
-        self.push(GroupEvent::Trouble(Fault::at(cause, joint)));
+        self.push(GroupEvent::Failed(Fault::at(cause, joint)));
     }
 
     /// Place and motor of the gripper, unless the settings have a joint at that place.
@@ -221,9 +221,9 @@ impl Mit {
             drive.periods = drive.periods.saturating_add(1);
             let waits = matches!(drive.step, Step::Held | Step::Silence { .. });
             if !waits && drive.periods > STEP_PERIODS {
-                let trouble = drive.state.and_then(|state| finding::cause(state.status));
+                let cause = drive.state.and_then(|state| finding::cause(state.status));
                 let answers = drive.answers.missed_in_row == 0;
-                self.refuse(joint, trouble.filter(|_| answers).unwrap_or(Cause::DriveMissing));
+                self.refuse(joint, cause.filter(|_| answers).unwrap_or(Cause::DriveMissing));
                 return;
             }
         }
@@ -277,20 +277,20 @@ impl DriveGroup for Mit {
             return;
         }
         if is_gripper {
-            if drive.trouble(self.options.hot_c).is_some() {
+            if drive.cause(self.options.hot_c).is_some() {
                 self.lose_gripper(joint);
             }
             return;
         }
         let in_force = self.leader.in_force(joint, true);
-        let trouble = drive.trouble(self.options.hot_c);
+        let cause = drive.cause(self.options.hot_c);
         if finding::cause(state.status).is_some() {
             drive.go_to(Step::Off);
         }
         if let Some(sample) = drive.answers.sample {
-            self.push(GroupEvent::Measured(Measured { joint, sample, in_force, trouble }));
+            self.push(GroupEvent::Measured(Measured { joint, sample, in_force, cause }));
         }
-        if let Some(cause) = trouble.filter(|_| self.leader.is_finding()) {
+        if let Some(cause) = cause.filter(|_| self.leader.is_finding()) {
             self.refuse(joint, cause);
         }
     }
@@ -396,7 +396,7 @@ impl DriveGroup for Mit {
     }
 
     fn check_drive(&self, now: Instant, settings: &Settings, joint: JointIndex) -> Result<(), Refusal> {
-        let is_sound = self.standing(joint, true).trouble.is_none() && self.drives.at(joint).is_held();
+        let is_sound = self.standing(joint, true).cause.is_none() && self.drives.at(joint).is_held();
         let is_fit = is_sound && self.is_at_rest(now, settings, joint);
         check_drive(joint, self.is_homed(joint), is_fit)
     }
@@ -419,14 +419,14 @@ impl DriveGroup for Mit {
 
     fn standing(&self, joint: JointIndex, _: bool) -> Standing {
         let drive = self.drives.at(joint);
-        let trouble = drive.trouble(self.options.hot_c);
-        Standing { trouble, reports_motion: false, yields: !drive.is_held() }
+        let cause = drive.cause(self.options.hot_c);
+        Standing { cause, reports_motion: false, yields: !drive.is_held() }
     }
 
     fn readings(&self, joint: JointIndex) -> Readings {
         let drive = self.drives.at(joint);
         let status = drive.state.map(|state| state.status.code().into());
-        let error = drive.trouble(self.options.hot_c).is_some();
+        let error = drive.cause(self.options.hot_c).is_some();
         self.leader.readings(joint, &drive.answers, status, error)
     }
 

@@ -64,9 +64,8 @@ impl Drive {
 
     /// Looks for the axis from the beginning, unless it is held and answers.
     pub(super) fn find(&mut self, now: Instant, missed_max: u32, version: Version) {
-        let is_sound = self.is_held()
-            && self.answers.missed_in_row <= missed_max
-            && self.trouble(now, version).is_none();
+        let is_sound =
+            self.is_held() && self.answers.missed_in_row <= missed_max && self.cause(now, version).is_none();
         if !is_sound {
             *self = Self { is_proven: self.is_proven, since: now, ..Self::default() };
         }
@@ -78,7 +77,7 @@ impl Drive {
     }
 
     /// What is wrong with an axis that should give torque.
-    pub(super) fn trouble(&self, now: Instant, version: Version) -> Option<Cause> {
+    pub(super) fn cause(&self, now: Instant, version: Version) -> Option<Cause> {
         if !self.is_held() {
             return None;
         }

@@ -126,7 +126,7 @@ impl Odrive {
     }
 
     fn fail(&mut self, joint: JointIndex, cause: Cause) {
-        self.push(GroupEvent::Trouble(Fault::at(cause, joint)));
+        self.push(GroupEvent::Failed(Fault::at(cause, joint)));
     }
 
     /// Place and axis of the gripper, unless the settings have a joint at that place.
@@ -155,13 +155,13 @@ impl Odrive {
         }
     }
 
-    fn trouble(&self, now: Instant, joint: JointIndex) -> Option<Cause> {
-        self.options.axis(joint).and_then(|axis| self.drives.at(joint).trouble(now, axis.version))
+    fn cause(&self, now: Instant, joint: JointIndex) -> Option<Cause> {
+        self.options.axis(joint).and_then(|axis| self.drives.at(joint).cause(now, axis.version))
     }
 
     /// Stops an axis that is lost or does not do what it should, and reports it; each axis once in a search.
     fn watch(&mut self, now: Instant, settings: &Settings, joint: JointIndex) {
-        let Some(cause) = self.trouble(now, joint) else { return };
+        let Some(cause) = self.cause(now, joint) else { return };
         let is_gripper = self.gripper_place(settings) == Some(joint);
         let cause = if is_gripper { Cause::GripperUnanswered } else { cause };
         let drive = self.drives.at_mut(joint);
@@ -234,7 +234,7 @@ impl Odrive {
         }
         if let Some(sample) = drive.answers.sample.filter(|_| drive.is_held()) {
             let in_force = self.leader.in_force(joint, true);
-            self.push(GroupEvent::Measured(Measured { joint, sample, in_force, trouble: None }));
+            self.push(GroupEvent::Measured(Measured { joint, sample, in_force, cause: None }));
         }
     }
 
@@ -395,7 +395,7 @@ impl DriveGroup for Odrive {
     }
 
     fn check_drive(&self, now: Instant, settings: &Settings, joint: JointIndex) -> Result<(), Refusal> {
-        let is_sound = self.trouble(now, joint).is_none() && self.drives.at(joint).is_held();
+        let is_sound = self.cause(now, joint).is_none() && self.drives.at(joint).is_held();
         check_drive(joint, self.is_homed(joint), is_sound && self.is_at_rest(now, settings, joint))
     }
 
@@ -417,7 +417,7 @@ impl DriveGroup for Odrive {
 
     fn standing(&self, joint: JointIndex, _: bool) -> Standing {
         let drive = self.drives.at(joint);
-        Standing { trouble: self.trouble(self.at, joint), reports_motion: false, yields: !drive.is_held() }
+        Standing { cause: self.cause(self.at, joint), reports_motion: false, yields: !drive.is_held() }
     }
 
     fn readings(&self, joint: JointIndex) -> Readings {

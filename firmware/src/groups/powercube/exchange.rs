@@ -166,7 +166,7 @@ impl PowerCubes {
     fn take_broadcast(&mut self, frame: &Frame) {
         let moves = self.mode.may_move() && !matches!(self.mode, Mode::Halted);
         if moves && Broadcast::decode(frame) == Ok(Broadcast::Halt) {
-            self.push(GroupEvent::Trouble(Fault::group(Cause::HaltedByOther)));
+            self.push(GroupEvent::Failed(Fault::group(Cause::HaltedByOther)));
         }
     }
 
@@ -315,18 +315,18 @@ impl PowerCubes {
         } else {
             None
         };
-        let trouble = self.short_trouble(joint);
-        if let (Some(cause), Mode::Jogging(jog)) = (trouble, self.mode)
+        let cause = self.cause_of_short_state(joint);
+        if let (Some(cause), Mode::Jogging(jog)) = (cause, self.mode)
             && jog.joint == joint
             && jog.led
         {
             self.fail(Fault::at(cause, joint));
         }
-        self.push(GroupEvent::Measured(Measured { joint, sample, in_force, trouble }));
+        self.push(GroupEvent::Measured(Measured { joint, sample, in_force, cause }));
     }
 
     /// What the short state of a drive says. Without a zero it always says that something is wrong, and halted it says so.
-    fn short_trouble(&self, joint: JointIndex) -> Option<Cause> {
+    fn cause_of_short_state(&self, joint: JointIndex) -> Option<Cause> {
         let drive = self.drives.at(joint);
         let says = drive.is_homed() && !matches!(self.mode, Mode::Halted);
         if says { check_short_state(drive.short_state) } else { None }
@@ -338,7 +338,7 @@ impl PowerCubes {
         if target_rad.is_some() {
             self.doubt_motion(settings, joint);
         }
-        if let Some(cause) = self.short_trouble(joint) {
+        if let Some(cause) = self.cause_of_short_state(joint) {
             self.fail(Fault::at(cause, joint));
         }
         // No answer in a row is missing: it is not silent.

@@ -73,7 +73,7 @@ use crate::settings::Settings;
 
 /// Cycles between the order to run and the start of the plan: the loop settles on the standing reference.
 const LEAD_CYCLES: u64 = 2;
-/// Events of one answer or one deadline: trouble, measurement, end of a step.
+/// Events of one answer or one deadline: failure, measurement, end of a step.
 const EVENTS: usize = 4;
 
 /// What the group is at.
@@ -231,7 +231,7 @@ impl PowerCubes {
     fn push(&mut self, event: GroupEvent) {
         // No call makes more than there is room for. If one did, a fault would take the place of the newest event.
         if let Err(event) = self.events.push_back(event)
-            && let GroupEvent::Trouble(_) = event
+            && let GroupEvent::Failed(_) = event
         {
             self.events.pop_back();
             let _ = self.events.push_back(event);
@@ -250,7 +250,7 @@ impl PowerCubes {
     }
 
     fn fail(&mut self, fault: Fault) {
-        self.push(GroupEvent::Trouble(fault));
+        self.push(GroupEvent::Failed(fault));
     }
 
     fn send(&mut self, frame: &Frame) {

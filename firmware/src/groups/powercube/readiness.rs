@@ -43,7 +43,7 @@ impl PowerCubes {
         let drive = self.drives.at(joint);
         let word = drive.state.filter(|(_, at)| *at >= self.reset_at);
         Standing {
-            trouble: word.and_then(|(word, _)| check_state_word(word, halted_is_fine)),
+            cause: word.and_then(|(word, _)| check_state_word(word, halted_is_fine)),
             reports_motion: drive.motion_words >= MOTION_WORDS,
             yields: drive.state.is_some_and(|(word, _)| word.intersects(CubeState::BRAKEACTIVE)),
         }

@@ -11,7 +11,7 @@ use crate::span;
 /// Events of one call.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Pending {
-    trouble: Option<Fault>,
+    failed: Option<Fault>,
     /// Joints whose measurement is still to be reported.
     measured: u8,
     missed: u8,
@@ -32,8 +32,8 @@ fn take_first(mask: &mut u8) -> Option<JointIndex> {
 
 impl Pending {
     /// The first fault stays until it is reported.
-    pub(super) fn trouble(&mut self, fault: Fault) {
-        self.trouble = self.trouble.or(Some(fault));
+    pub(super) fn fail(&mut self, fault: Fault) {
+        self.failed = self.failed.or(Some(fault));
     }
 
     pub(super) fn measured(&mut self, settings: &Settings) {
@@ -60,8 +60,8 @@ impl Pending {
         sample: &PerJoint<Option<PositionSample>>,
         tracking: Option<f32>,
     ) -> Option<GroupEvent> {
-        if let Some(fault) = self.trouble.take() {
-            return Some(GroupEvent::Trouble(fault));
+        if let Some(fault) = self.failed.take() {
+            return Some(GroupEvent::Failed(fault));
         }
         while let Some(joint) = take_first(&mut self.measured) {
             let Some(mut sample) = sample.get(joint) else { continue };
@@ -70,7 +70,7 @@ impl Pending {
                 sample.at = if late_s > 0.0 { sample.at.saturating_sub(shift) } else { sample.at + shift };
             }
             let in_force = tracking.map(|_| InForce { u_rad_s2: 0.0, in_time: true });
-            return Some(GroupEvent::Measured(Measured { joint, sample, in_force, trouble: None }));
+            return Some(GroupEvent::Measured(Measured { joint, sample, in_force, cause: None }));
         }
         if let Some(joint) = take_first(&mut self.missed) {
             return Some(GroupEvent::Missed(joint, self.missed_in_row));

@@ -144,7 +144,7 @@ impl Rsi {
         let is_first = self.start_rad.is_none() && self.due.is_none();
         if !is_first && !unharmed.contains(&self.motion.mode) {
             self.motion.mode = Mode::Halted;
-            self.pending.trouble(Fault::group(cause));
+            self.pending.fail(Fault::group(cause));
         }
     }
 
@@ -253,10 +253,10 @@ impl Rsi {
         self.lagging_row = if follows { 0 } else { self.lagging_row.saturating_add(1) };
         if self.lagging_row >= LAGGING_ROW {
             self.lagging_row = 0;
-            self.pending.trouble(Fault { cause: Cause::RobotLags, joint: worst });
+            self.pending.fail(Fault { cause: Cause::RobotLags, joint: worst });
         } else if is_tracking && self.late_in_run >= self.options.late_max {
             self.late_in_run = 0;
-            self.pending.trouble(Fault::group(Cause::AnswersLate));
+            self.pending.fail(Fault::group(Cause::AnswersLate));
         }
     }
 
