@@ -122,7 +122,7 @@ fn on_processor_s() -> Option<f64> {
     text.split(' ').next()?.parse::<f64>().ok().map(|ns| ns * 1e-9)
 }
 
-/// Median of the processor seconds of `RUNS` runs; of the wall clock where the system does not tell.
+/// Median of the processor seconds of `RUNS` runs; of the wall clock where the system does not report them.
 fn median_s(mut run: impl FnMut()) -> f64 {
     let mut times: Vec<f64> = (0..RUNS)
         .map(|_| {

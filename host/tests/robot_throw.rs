@@ -181,7 +181,7 @@ fn industrial_robot_throws_and_its_recorded_motion_sends_the_ball_to_the_target(
     assert_eq!(out.status.code(), Some(13), "{}", text(&out.stderr));
     assert!(text(&out.stderr).contains("the robot stopped by itself"), "{}", text(&out.stderr));
 
-    // The folder tells what the controller saw: the robot fell silent, in which state, and each axis at that moment.
+    // The folder has what the controller saw: the robot fell silent, in which state, and each axis at that moment.
     let out = cubectl(&["explain", "--last", &stopped]);
     let told = text(&out.stdout);
     assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));

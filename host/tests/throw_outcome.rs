@@ -26,7 +26,7 @@ fn throw(folder: &Folder, name: &str, faults: &str, words: &[&str]) -> (i32, Str
     println!("--- {name}: exit {}\n{printed}", code(&output));
     let text = std::fs::read_to_string(folder.0.join(name).join("summary.json")).unwrap();
     let summary: Value = serde_json::from_str(&text).unwrap();
-    // Three places tell the same.
+    // Three places report the same.
     assert_eq!(summary["exit_code"], code(&output));
     assert!(printed.contains(&dir), "the folder is named");
     let report = std::fs::read_to_string(folder.0.join(name).join("report.html")).unwrap();

@@ -52,7 +52,7 @@ fn insists_after_first(signals: &[i32]) -> std::io::Result<Arc<AtomicBool>> {
     Ok(insists)
 }
 
-/// The process was started with this signal ignored, as far as the system tells.
+/// The process was started with this signal ignored, as far as the system says.
 fn is_ignored(signal: i32) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));

@@ -15,8 +15,8 @@
 //! | [`line!`], [`text!`] | standard output, with and without an end of line |
 //! | [`note!`] | standard error, a line |
 //! | [`has_begun`] | nothing: whether standard output holds anything |
-//! | [`lost`] | nothing: tells why standard output is incomplete |
-//! | [`mod@interrupt`] | nothing: tells that Ctrl-C or another request to end has come |
+//! | [`lost`] | nothing: reports why standard output is incomplete |
+//! | [`mod@interrupt`] | nothing: reports that Ctrl-C or another request to end has come |
 //! | [`typed_bytes`], [`typed_lines`], [`lines_of`] | nothing: standard input or a file, without waiting for it |
 
 pub mod interrupt;

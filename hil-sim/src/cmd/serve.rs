@@ -18,7 +18,7 @@ use super::progress::Interrupt;
 /// Time between two status lines.
 const STATUS_EVERY: Duration = Duration::from_secs(1);
 
-/// Falling behind by this much is told when it happens: a controller with a cycle of 3 ms loses two answers in a row.
+/// Falling behind by this much is reported when it happens: a controller with a cycle of 3 ms loses two answers in a row.
 const LAG_TOLD: Duration = Duration::from_millis(5);
 
 /// What can be typed while it runs.
@@ -30,7 +30,7 @@ pub(super) struct Args {
     /// Where: socketcand://127.0.0.1:29536/can0 and slcan://127.0.0.1:3333 serve that port, slcan:/dev/ptmx makes a
     /// pseudo-terminal, vcan0 joins that interface; lockstep://127.0.0.1:29536/can0?clients=2 serves programs in virtual
     /// time, which stands while fewer than two take part. Given several times, all of them lead to the same bus. A port takes 32
-    /// clients; one more is told so and disconnected (SLCAN: BELL). A client that has not opened the bus within 5 s, or
+    /// clients; one more gets a message and is disconnected (SLCAN: BELL). A client that has not opened the bus within 5 s, or
     /// reads nothing for 10 s while frames wait for it, is disconnected.
     #[arg(long, value_parser = can_link::bus_of_option, default_value = "socketcand://127.0.0.1:29536/can0")]
     bus: Vec<BusSpec>,

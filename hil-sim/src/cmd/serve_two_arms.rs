@@ -183,7 +183,7 @@ fn run_in_step(args: &Args, cell: TwoArmOptions, data: SocketAddr) -> Result<(),
         while arms.iter().all(|(.., samples)| !samples.is_empty()) {
             live.step(arms.iter_mut().filter_map(|(.., samples)| samples.pop_front()));
         }
-        live.tell(args);
+        live.print_events(args);
         let datagrams: Vec<_> = std::iter::from_fn(|| live.cell.poll_datagram_by(now)).collect();
         trackers.put(&datagrams, now + STEP);
     }
@@ -341,7 +341,7 @@ impl Live {
             while arms.iter().all(|arm| !arm.waiting.is_empty()) {
                 self.step(arms.iter_mut().filter_map(|arm| arm.waiting.pop_front()));
             }
-            self.tell(args);
+            self.print_events(args);
             while let Some(bytes) = self.cell.poll_datagram_by(clock.now()) {
                 match socket.send_to(&bytes, data) {
                     Ok(_) => self.datagrams += 1,
@@ -374,7 +374,7 @@ impl Live {
         self.cell.step(to, self.joints);
     }
 
-    fn tell(&mut self, args: &Args) {
+    fn print_events(&mut self, args: &Args) {
         for (at, event) in self.cell.events().iter().skip(self.printed) {
             let text = format!("{:.4} s: {}", at.as_secs_f64(), words(event));
             if args.json {

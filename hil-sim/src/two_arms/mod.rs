@@ -1,7 +1,7 @@
 //! A cell: two arms, a ball between them, open cups as hands, a tracker that watches.
 //!
 //! The cell moves the ball and looks at it; it moves no arm. Whoever moves the arms (drives with mechanics behind
-//! them, or a model) tells the cell their joints once per step, at most 1 ms long:
+//! them, or a model) gives the cell their joints once per step, at most 1 ms long:
 //!
 //! ```text
 //! joints of both arms ──► TwoArmCell::step ──► ball: held, loose; contacts with cups, links, floor
@@ -35,7 +35,7 @@ const FREE_FROM_S: f64 = 0.020;
 /// A ball in a cup that moves slower than this against it for [`REST_FOR_S`] has come to rest, m/s.
 const REST_M_S: f64 = 0.1;
 const REST_FOR_S: f64 = 0.1;
-/// Balls that cross the mouth plane farther from its middle are not told, m.
+/// Balls that cross the mouth plane farther from its middle are not reported, m.
 const CROSSING_MAX_M: f64 = 0.5;
 /// Boxes farther from the ball than this are not looked at: more than they move in a step.
 const NEAR_M: f64 = 0.02;
@@ -221,14 +221,14 @@ impl TwoArmCell {
         self.jaws_open[arm] = open;
         if open && self.resting == Some(arm) {
             (self.resting, self.slow_since) = (None, None);
-            self.tell(self.now, TwoArmEvent::FellOut { arm });
+            self.record(self.now, TwoArmEvent::FellOut { arm });
         }
         if let (BallPlace::Loose(ball), false, Some(in_cup)) = (self.place, open, self.resting)
             && in_cup == arm
         {
             let at_e_m = self.hand(arm).x_we.inverse_transform_point(&ball.p_m);
             self.place = BallPlace::Held { arm, at_e_m };
-            self.tell(self.now, TwoArmEvent::Gripped { arm });
+            self.record(self.now, TwoArmEvent::Gripped { arm });
         }
     }
 
@@ -299,7 +299,7 @@ impl TwoArmCell {
     }
 
     /// A datagram that has arrived by `now`, which may be some milliseconds after the last step: for a cell that runs in real time
-    /// and is told of the joints a little later.
+    /// and gets the joints a little later.
     pub fn poll_datagram_by(&mut self, now: Instant) -> Option<Vec<u8>> {
         self.tracker.poll_data(now.max(self.now)).map(|(_, bytes)| bytes)
     }
@@ -368,7 +368,7 @@ impl TwoArmCell {
         }
     }
 
-    fn tell(&mut self, at: Instant, event: TwoArmEvent) {
+    fn record(&mut self, at: Instant, event: TwoArmEvent) {
         if self.events.len() < EVENTS_MAX {
             self.events.push((at, event));
         }
@@ -395,7 +395,7 @@ impl TwoArmCell {
             self.released_at = Some((arm, due));
             self.jaws_open[arm] = true;
             (self.crossed, self.resting, self.slow_since) = ([false; 2], None, None);
-            self.tell(due, TwoArmEvent::Released { arm });
+            self.record(due, TwoArmEvent::Released { arm });
             return;
         }
         let BallPlace::Loose(mut ball) = self.place else { return };
@@ -442,7 +442,7 @@ impl TwoArmCell {
             let along = -relative.dot(&x_wc.rot.column(2)) / speed_m_s.max(1e-9);
             let crossing =
                 Crossing { miss_m: is.x.hypot(is.y), angle_rad: along.clamp(-1.0, 1.0).acos(), speed_m_s };
-            self.tell(self.now, TwoArmEvent::Crossed { arm, crossing });
+            self.record(self.now, TwoArmEvent::Crossed { arm, crossing });
         }
         if self.jaws_open[arm] {
             return;
@@ -460,7 +460,7 @@ impl TwoArmCell {
             let hit = Hit { normal, depth_m: contact.depth_m, surface_v_m_s, surface };
             let speed_m_s = ball.hit(&self.options.ball, &hit);
             if speed_m_s > surface.rest_m_s && self.is_new(arm) {
-                self.tell(self.now, TwoArmEvent::HitCup { arm, speed_m_s });
+                self.record(self.now, TwoArmEvent::HitCup { arm, speed_m_s });
             }
             touches = true;
         }
@@ -478,7 +478,7 @@ impl TwoArmCell {
                     && self.now.saturating_since(since).as_secs_f64() >= REST_FOR_S
                 {
                     self.resting = Some(arm);
-                    self.tell(self.now, TwoArmEvent::Rests { arm });
+                    self.record(self.now, TwoArmEvent::Rests { arm });
                 }
             }
             None if slow => self.slow_since = Some((arm, self.now)),
@@ -486,7 +486,7 @@ impl TwoArmCell {
         }
         if self.resting == Some(arm) && !inside {
             self.resting = None;
-            self.tell(self.now, TwoArmEvent::FellOut { arm });
+            self.record(self.now, TwoArmEvent::FellOut { arm });
         }
     }
 
@@ -538,7 +538,7 @@ impl TwoArmCell {
             }
             let hit = &self.options.arms[arm].model.collision().boxes()[number];
             let (link, part) = (hit.link, hit.name.clone());
-            self.tell(self.now, TwoArmEvent::HitLink { arm, link, part });
+            self.record(self.now, TwoArmEvent::HitLink { arm, link, part });
         }
     }
 
@@ -553,7 +553,7 @@ impl TwoArmCell {
                 surface: self.options.ground,
             };
             if ball.hit(&self.options.ball, &hit) > self.options.ground.rest_m_s {
-                self.tell(self.now, TwoArmEvent::HitFloor);
+                self.record(self.now, TwoArmEvent::HitFloor);
             }
         }
     }

@@ -69,7 +69,7 @@ fn open_jaws_are_no_cup() {
     assert_eq!(cell.jaws_open, [true, false]);
 }
 
-/// The release is told to the microsecond, and the ball leaves with the velocity of its place in the hand.
+/// The release is given to the microsecond, and the ball leaves with the velocity of its place in the hand.
 #[test]
 fn a_released_ball_leaves_with_the_hands_velocity_and_the_tracker_sees_it_from_then_on() {
     let mut options = TwoArmOptions::two_arms().unwrap();

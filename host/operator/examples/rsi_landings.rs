@@ -1,5 +1,5 @@
 //! Where the ball lands over many seeds, with noise and a gripper that opens within ±10 ms: without following, in the paper form
-//! and in the best form, with the lag that the description tells and with one that was measured first.
+//! and in the best form, with the lag of the robot file and with one that was measured first.
 //!
 //! `cargo run --release -p operator --example rsi_landings -- [SEEDS] [X,Y,Z | --check]`; with `--check` the target is 2.5 m away
 //! and 0.6 m high, and a row outside of its bounds is an error.

@@ -1,7 +1,7 @@
 //! Long calls: they do not hold the lock of the interpreter, and Ctrl-C ends them.
 //!
 //! The work runs in a thread of its own; the calling thread waits for it and asks every 50 ms whether Python has had a signal.
-//! If a handler raises, as that of Ctrl-C does, the call ends at once. The work is then told to stop. It owns all that it uses,
+//! If a handler raises, as that of Ctrl-C does, the call ends at once. The work then gets the order to stop. It owns all that it uses,
 //! so it may end later; its result is dropped.
 
 use std::panic::resume_unwind;

@@ -58,7 +58,7 @@ pub(crate) fn plan_follow(py: Python<'_>, words: Vec<String>) -> PyResult<String
     planned.map(|plan| plan.to_json()).map_err(|error| refused(&error))
 }
 
-/// Findings of the check by other means than the planner's, as JSON: as `cubectl plan check --json` tells them for the kind of the plan.
+/// Findings of the check by other means than the planner's, as JSON: as `cubectl plan check --json` prints them for the kind of the plan.
 #[pyfunction]
 #[pyo3(signature = (plan, robot))]
 pub(crate) fn check(py: Python<'_>, plan: String, robot: Option<String>) -> PyResult<String> {

@@ -223,7 +223,7 @@ impl Controlled {
     }
 }
 
-/// Tells people what the controller warned of: a host that is nearly too slow, for one.
+/// Prints what the controller warned of: a host that is nearly too slow, for one.
 pub(super) fn tell_warnings(session: &mut Session) {
     for (at, said) in session.take_said() {
         if said.severity >= Severity::Warning {

@@ -24,7 +24,7 @@ ROWS = """[...document.querySelectorAll('#joints tr')].slice(1).map(row => ({t_s
   q: row.cells[1].textContent.replace('−', '-')}))"""
 
 
-# The chart of the angles in the window, and what it tells under the pointer.
+# The chart of the angles in the window, and what it shows under the pointer.
 ANGLES = """(() => { const svg = document.querySelector('#angles svg'); svg.scrollIntoView({block: 'center'});
   const box = svg.getBoundingClientRect(); return [box.left + 0.97 * box.width, box.top + 0.5 * box.height]; })()"""
 TOLD = "[...document.querySelectorAll('#angles .tip tspan')].map(line => line.textContent).join(', ').replace('s:, ', 's: ')"

@@ -49,7 +49,7 @@ def python_can(path):
 
 
 def readings(frames):
-    """What drives tell, read from their bytes: (time, module) -> position in rad or None."""
+    """What drives report, read from their bytes: (time, module) -> position in rad or None."""
     for time_us, identifier, extended, data in frames:
         if extended or not 0x0A1 <= identifier <= 0x0BF or len(data) < 6:
             continue
@@ -65,7 +65,7 @@ def is_motion_order(can_id, extended, data):
 
 
 def cycles(told, addresses):
-    """Angles of each control cycle: it ends when all drives have told theirs, or one tells it again."""
+    """Angles of each control cycle: it ends when all drives have sent theirs, or one sends it again."""
     angles, fresh = [None] * len(addresses), set()
     for time_us, module, q_rad in told:
         if module not in addresses:

@@ -32,7 +32,7 @@ fn throw(settings: &Settings, answer_us: (u64, u64), seed: u64) -> Cycles {
         return Cycles::Refused { period_us: index };
     }
     let controller = lab.controller();
-    let (_, rehearsed_us) = controller.group().cycle_times(controller.settings());
+    let (_, checked_us) = controller.group().cycle_times(controller.settings());
     let before = lab.world.bus_report();
     lab.run(900_000);
     assert_eq!(lab.kind(), StateKind::Running, "{head}: {:?}", lab.controller().state());
@@ -46,10 +46,10 @@ fn throw(settings: &Settings, answer_us: (u64, u64), seed: u64) -> Cycles {
     let slack = |us: u32| i64::from(period_us) - i64::from(us);
     let late = lab.controller().counters().cycles_late;
     println!(
-        "{head}: bus {:4.1} %, cycle rehearsed {} us, mean {mean_us} us, worst {} us; slack mean {} us, least {} us; \
+        "{head}: bus {:4.1} %, timing check {} us, mean {mean_us} us, worst {} us; slack mean {} us, least {} us; \
          {late} of {} late",
         100.0 * utilisation,
-        rehearsed_us.unwrap_or(0),
+        checked_us.unwrap_or(0),
         times.worst_us,
         slack(mean_us),
         slack(times.worst_us),
@@ -58,10 +58,10 @@ fn throw(settings: &Settings, answer_us: (u64, u64), seed: u64) -> Cycles {
     assert_eq!(lab.kind(), StateKind::Ready, "{head}: {:?}", lab.controller().state());
     assert_eq!(lab.findings(), Vec::<String>::new(), "{head}");
     assert!((0.05..0.99).contains(&utilisation), "{head}");
-    // The rehearsal tells what comes: a full bus, or slots further apart where the period has room.
-    let rehearsed_us = rehearsed_us.unwrap_or(0);
+    // The timing check gives what comes: a full bus, or slots further apart where the period has room.
+    let checked_us = checked_us.unwrap_or(0);
     let expected =
-        f64::from(rehearsed_us.max(Slots::plan(settings, rehearsed_us, &Order::BASE_FIRST).cycle_us()));
+        f64::from(checked_us.max(Slots::plan(settings, checked_us, &Order::BASE_FIRST).cycle_us()));
     assert!((0.85..1.35).contains(&(expected / f64::from(mean_us))), "{head}: {expected}");
     Cycles::Ran { worst_us: times.worst_us, late, cycles: times.cycles }
 }

@@ -94,7 +94,7 @@ fn a_halt_of_another_node_beside_a_sign_of_life_stops_the_arm_and_is_found_in_th
         for halted in &all {
             // Seventeen attempts of at most 80 bits, or the writes of a cycle, which go first.
             assert!((50..=1_500).contains(&halted.sent_us), "{halted:?}");
-            // Then each drive tells it with its next answer.
+            // Then each drive reports it with its next answer.
             let period_us = u64::from(settings.cycle_period_us);
             assert!((50..=halted.sent_us + period_us + 500).contains(&halted.known_us), "{halted:?}");
             assert!((10_000..=300_000).contains(&halted.rest_us), "{halted:?}");

@@ -56,7 +56,7 @@ impl Participants for ControllerPort {
     }
 }
 
-/// The simulator's checkers, and whether anything is told to move that must not. Reads bytes, not the codec that the
+/// The simulator's checkers, and whether anything gets an order to move that must not. Reads bytes, not the codec that the
 /// controller uses.
 pub(crate) struct Watch {
     checkers: Checkers,

@@ -272,7 +272,7 @@ fn row(name: &str, what: &str, (least, middle, most): (f64, f64, f64), bound_ms:
     println!("| {name:<5} | {what:<40} | {least:>8.2} | {middle:>8.2} | {most:>8.2} | {bound:>8} |");
 }
 
-/// Rows of `docs/trust.md` that tell other latencies than those of this run over 200 arms.
+/// Rows of `docs/trust.md` with other latencies than those of this run over 200 arms.
 fn stale(found: &[(String, (f64, f64, f64))]) -> Vec<String> {
     let told = page::table("How fast it stops");
     let is_true = |cells: &[String]| {
@@ -376,7 +376,7 @@ fn latencies(seeds: u64) {
     }
     if seeds == 200 {
         let stale = stale(&found);
-        assert!(stale.is_empty(), "docs/trust.md tells {stale:#?}; the table is above");
+        assert!(stale.is_empty(), "docs/trust.md has {stale:#?}; the table is above");
     }
 }
 

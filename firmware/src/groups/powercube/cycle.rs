@@ -208,7 +208,7 @@ impl PowerCubes {
     /// Set points follow. The joints stand.
     pub(super) fn track(&mut self, now: Instant, settings: &Settings) {
         self.schedule.clear_all();
-        // Arming has asked for a rehearsal; without one the period is all that is known.
+        // Arming has asked for a timing check; without one the period is all that is known.
         let cycle_us = self.cycle_times(settings).1.unwrap_or(settings.cycle_period_us);
         let answer_us = PerJoint(self.drives.0.each_ref().map(DriveRecord::answer_us));
         let order = Order::slowest_first(settings.joints as usize, &answer_us);
@@ -373,9 +373,9 @@ impl PowerCubes {
         let free = self.all_answered(settings);
         let request = |this: &Self, joint| this.look_request(settings, joint, armed);
         let reads = settings.joints().all(|joint| matches!(request(self, joint), Request::Get(_)));
-        let rehearse = free && reads && self.cycle.number.is_multiple_of(4);
-        if rehearse {
-            self.timing.begin_rehearsal(now);
+        let timed = free && reads && self.cycle.number.is_multiple_of(4);
+        if timed {
+            self.timing.begin_check(now);
         } else if free {
             // One that is at work may last longer than the time between two looks.
             self.timing.abandon();
@@ -384,7 +384,7 @@ impl PowerCubes {
         for joint in settings.joints() {
             let request = request(self, joint);
             if self.schedule.is_done(joint, self.drives.at(joint)) {
-                if rehearse {
+                if timed {
                     self.schedule.push(joint, Request::Get(Parameter::ActPos));
                 }
                 self.schedule.push(joint, request);

@@ -15,22 +15,22 @@
 //! life and Cyphal; they wait, a joint never waits for them. The read for monitoring has its place in the cycle, and is left out after
 //! a late one.
 //!
-//! # Rehearsal
+//! # Timing check
 //!
-//! While nothing moves, every fourth poll of the drives is a rehearsal: a cycle that only reads, with two reads per joint in
+//! While nothing moves, every fourth poll of the drives is a timing check: a cycle that only reads, with two reads per joint in
 //! the order and with the pipelining of a control cycle, at 8 % fewer bits. Its duration, with those bits added, must fit into the period
 //! before a motion may begin ([`Cause::CycleTooShort`](crate::fault::Cause::CycleTooShort) names the period that would do).
-//! The check takes the last 32 rehearsals, ignores the slowest quarter and two more, and uses the longest of the rest. So a
+//! Readiness takes the last 32 timing checks, ignores the slowest quarter and two more, and uses the longest of the rest. So a
 //! computer that is late now and then does not count as a slow drive; single late cycles stop nothing either. With a window of
-//! eight rehearsals, one throw of some hundred was refused at 3 ms and 200 ± 100 µs, although all of them can run.
+//! eight timing checks, one throw of some hundred was refused at 3 ms and 200 ± 100 µs, although all of them can run.
 
 use protocol::Instant;
 
-/// Bits by which a joint's writes, acknowledge and motion exceed the reads of a rehearsal (40), with stuff bits, µs at 1 Mbit/s.
+/// Bits by which a joint's writes, acknowledge and motion exceed the reads of a timing check (40), with stuff bits, µs at 1 Mbit/s.
 const MORE_PER_JOINT_US: u32 = 44;
 /// The read for monitoring of a cycle: request and answer, 158 bits and stuff bits, µs at 1 Mbit/s.
 pub(crate) const MONITORING_US: u32 = 175;
-/// CycleTimer looked back at.
+/// Timing checks that are kept.
 const WINDOW: usize = 32;
 /// The longest of each four is ignored, and two more, because there may be few at first.
 const SHARE: usize = 4;
@@ -48,24 +48,24 @@ pub struct CycleTimes {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
-    Rehearsal,
+    Check,
     Cycle,
 }
 
-/// Measures how long rehearsals and control cycles take.
+/// Measures how long timing checks and control cycles take.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct CycleTimer {
     begun: Option<(Instant, Kind)>,
-    rehearsed: usize,
-    /// The last rehearsals, in no order, µs.
+    checked: usize,
+    /// The last timing checks, in no order, µs.
     last_us: [u32; WINDOW],
     times: CycleTimes,
 }
 
 impl CycleTimer {
-    /// A rehearsal begins.
-    pub const fn begin_rehearsal(&mut self, now: Instant) {
-        self.begun = Some((now, Kind::Rehearsal));
+    /// A timing check begins.
+    pub const fn begin_check(&mut self, now: Instant) {
+        self.begun = Some((now, Kind::Check));
     }
 
     /// A control cycle begins.
@@ -78,9 +78,9 @@ impl CycleTimer {
         self.begun = None;
     }
 
-    /// True during a rehearsal.
-    pub fn is_rehearsing(&self) -> bool {
-        self.begun.is_some_and(|(_, kind)| kind == Kind::Rehearsal)
+    /// True during a timing check.
+    pub fn is_checking(&self) -> bool {
+        self.begun.is_some_and(|(_, kind)| kind == Kind::Check)
     }
 
     fn end(&mut self, now: Instant, of: Kind) -> Option<u32> {
@@ -88,16 +88,16 @@ impl CycleTimer {
         Some(u32::try_from(now.saturating_since(begun).as_micros()).unwrap_or(u32::MAX))
     }
 
-    /// The last answer of a rehearsal has come.
-    pub fn end_rehearsal(&mut self, now: Instant) {
-        let Some(us) = self.end(now, Kind::Rehearsal) else { return };
-        if let Some(place) = self.last_us.get_mut(self.rehearsed % WINDOW) {
+    /// The last answer of a timing check has come.
+    pub fn end_check(&mut self, now: Instant) {
+        let Some(us) = self.end(now, Kind::Check) else { return };
+        if let Some(place) = self.last_us.get_mut(self.checked % WINDOW) {
             *place = us;
         }
-        self.rehearsed = (self.rehearsed + 1) % (2 * WINDOW);
-        if self.rehearsed == 0 {
+        self.checked = (self.checked + 1) % (2 * WINDOW);
+        if self.checked == 0 {
             // Full stays full.
-            self.rehearsed = WINDOW;
+            self.checked = WINDOW;
         }
     }
 
@@ -120,9 +120,9 @@ impl CycleTimer {
     }
 
     /// How long a control cycle of this many joints takes, with a read for monitoring or without, µs; `None` before the first
-    /// rehearsal.
+    /// timing check.
     pub fn cycle_us(&self, joints: u32, monitored: bool) -> Option<u32> {
-        let last_us = self.last_us.get(..self.rehearsed.min(WINDOW)).unwrap_or(&self.last_us);
+        let last_us = self.last_us.get(..self.checked.min(WINDOW)).unwrap_or(&self.last_us);
         let outliers = (last_us.len() / SHARE + 2).min(last_us.len().saturating_sub(1));
         let as_long = |us: u32| last_us.iter().filter(|other| **other >= us).count();
         let longest_us = last_us.iter().copied().filter(|us| as_long(*us) > outliers).max()?;
@@ -141,23 +141,23 @@ impl CycleTimer {
 mod tests {
     use super::*;
 
-    fn rehearse(timing: &mut CycleTimer, us: u64) {
-        timing.begin_rehearsal(Instant::from_micros(1_000));
-        timing.end_rehearsal(Instant::from_micros(1_000 + us));
+    fn check(timing: &mut CycleTimer, us: u64) {
+        timing.begin_check(Instant::from_micros(1_000));
+        timing.end_check(Instant::from_micros(1_000 + us));
     }
 
     #[test]
-    fn the_longest_of_the_last_rehearsals_counts_but_for_a_quarter_and_two() {
+    fn the_longest_of_the_last_timing_checks_counts_but_for_a_quarter_and_two() {
         let mut timing = CycleTimer::default();
         assert_eq!(timing.cycle_us(6, true), None);
-        rehearse(&mut timing, 2_500);
+        check(&mut timing, 2_500);
         assert_eq!(timing.cycle_us(6, true), Some(2_500 + 6 * MORE_PER_JOINT_US + MONITORING_US));
         for us in [9_000, 2_100, 2_000, 2_600, 2_050, 2_200, 2_300] {
-            rehearse(&mut timing, us);
+            check(&mut timing, us);
         }
         assert_eq!(timing.cycle_us(0, false), Some(2_200), "the four longest are left out");
         for _ in 0..3 * WINDOW {
-            rehearse(&mut timing, 2_000);
+            check(&mut timing, 2_000);
         }
         assert_eq!(timing.cycle_us(0, false), Some(2_000), "what is old is forgotten");
     }
@@ -165,11 +165,11 @@ mod tests {
     #[test]
     fn a_missed_reply_spoils_a_measurement() {
         let mut timing = CycleTimer::default();
-        timing.begin_rehearsal(Instant::ZERO);
+        timing.begin_check(Instant::ZERO);
         timing.abandon();
-        timing.end_rehearsal(Instant::from_micros(90_000));
+        timing.end_check(Instant::from_micros(90_000));
         timing.begin_cycle(Instant::ZERO);
-        timing.end_rehearsal(Instant::from_micros(90_000));
+        timing.end_check(Instant::from_micros(90_000));
         assert_eq!(timing.cycle_us(6, true), None);
     }
 

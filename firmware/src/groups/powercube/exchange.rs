@@ -217,8 +217,8 @@ impl PowerCubes {
                 self.homing_on_answer(now, settings, homing, request);
             }
             Mode::Jogging(jog) if jog.joint == joint => self.jogging_on_answer(now, jog),
-            Mode::Standing { .. } if self.timing.is_rehearsing() && self.all_answered(settings) => {
-                self.timing.end_rehearsal(now);
+            Mode::Standing { .. } if self.timing.is_checking() && self.all_answered(settings) => {
+                self.timing.end_check(now);
             }
             _ => {}
         }
@@ -332,7 +332,7 @@ impl PowerCubes {
         if says { check_short_state(drive.short_state) } else { None }
     }
 
-    /// A position of unknown time, answered while joints move: the drive lives and tells its state, but a position taken for
+    /// A position of unknown time, answered while joints move: the drive lives and reports its state, but a position taken for
     /// one of now would be a joint that is slower, then faster than it is.
     fn take_untimed(&mut self, settings: &Settings, joint: JointIndex, target_rad: Option<f32>) {
         if target_rad.is_some() {

@@ -63,7 +63,7 @@ impl PowerCubes {
         until: Instant,
     ) {
         if let Mode::Jogging(jog) = &mut self.mode {
-            // Speed zero lets go. The joint brakes from the speed it was sent at: a drive that is told speed zero never arrives.
+            // Speed zero lets go. The joint brakes from the speed it was sent at: a drive with the order speed zero never arrives.
             let speed = if qd_rad_s == 0.0 { jog.qd_rad_s } else { qd_rad_s };
             (jog.qd_rad_s, jog.until) = (speed, if qd_rad_s == 0.0 { now } else { until });
             return;

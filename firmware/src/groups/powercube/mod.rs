@@ -222,7 +222,7 @@ impl PowerCubes {
         &self.axes.at(joint).model
     }
 
-    /// Durations of the control cycles of the last run; and how long one takes by the last rehearsals, µs ([`cycle_timing`]), `None`
+    /// Durations of the control cycles of the last run; and how long one takes by the last timing checks, µs ([`cycle_timing`]), `None`
     /// before the first.
     pub fn cycle_times(&self, settings: &Settings) -> (CycleTimes, Option<u32>) {
         (self.timing.times(), self.timing.cycle_us(settings.joints, settings.cycle_monitoring))
@@ -422,7 +422,7 @@ impl DriveGroup for PowerCubes {
     }
 
     fn is_keeping_time(&self) -> bool {
-        self.mode.is_cyclic() || self.timing.is_rehearsing()
+        self.mode.is_cyclic() || self.timing.is_checking()
     }
 
     fn is_cycle_done(&self, settings: &Settings) -> bool {

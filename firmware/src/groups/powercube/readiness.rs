@@ -68,7 +68,7 @@ impl PowerCubes {
 
     /// A control cycle fits into its period: known before a motion, not found out in it.
     fn require_time(&self, settings: &Settings) -> Result<(), Refusal> {
-        // Without a rehearsal the drives have not been read since they were found; it comes with the next few looks.
+        // Without a timing check the drives have not been read since they were found; it comes with the next few looks.
         let (_, cycle_us) = self.cycle_times(settings);
         let cycle_us = cycle_us.ok_or(Refusal::of(Cause::DriveNotReady))?;
         if cycle_us <= settings.cycle_period_us {
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn group_whose_cycle_was_not_rehearsed_or_does_not_fit_its_period_is_not_ready() {
+    fn group_whose_cycle_was_not_timed_or_does_not_fit_its_period_is_not_ready() {
         let (group, settings, _) = standing();
         assert_eq!(group.require_time(&settings), Err(Refusal::of(Cause::DriveNotReady)));
         assert_eq!(group.is_group_ready(ms(2_000), &settings), Err(Refusal::of(Cause::DriveNotReady)));

@@ -17,7 +17,7 @@
 //! * `spacing`: motion and answer of a drive, 206 bits and stuff bits; more where drives are slow or the period is long.
 //! * `reply`: from handing out a request to its answer, at the load of the cycle.
 //!
-//! `reply` follows from the rehearsed duration C of a cycle ([`crate::groups::powercube::cycle_timing`]) of n drives, W in flight. If the bus is the
+//! `reply` follows from the measured duration C of a cycle ([`crate::groups::powercube::cycle_timing`]) of n drives, W in flight. If the bus is the
 //! bottleneck, the bus carries n - 1 other drives and the read for monitoring in the same time: C less their bits. If the drives
 //! are the bottleneck, 2n requests take C in W lanes: C·W/2n. Each is an upper bound; the smaller one counts.
 //!

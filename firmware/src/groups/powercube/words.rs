@@ -4,7 +4,7 @@ use protocol::powercube::{CubeState, ShortState};
 
 use crate::fault::Cause;
 
-/// The gravest thing a state word tells. `halted_is_fine`: the controller halted the drive.
+/// The gravest thing that a state word reports. `halted_is_fine`: the controller halted the drive.
 pub fn check_state_word(state: CubeState, halted_is_fine: bool) -> Option<Cause> {
     let table = [
         (CubeState::POW_VOLT_ERR, Cause::DriveSupply),

@@ -44,7 +44,7 @@ impl Pending {
         (self.missed, self.missed_in_row) = (all(settings), in_row);
     }
 
-    pub(super) const fn tell(&mut self, event: GroupEvent) {
+    pub(super) const fn push(&mut self, event: GroupEvent) {
         self.other = Some(event);
     }
 

@@ -265,17 +265,17 @@ impl Rsi {
         let all_rest = settings.joints().all(|joint| self.is_at_rest(now, settings, joint));
         let is_known = self.is_known();
         match &mut self.motion.mode {
-            Mode::Finding if all_rest && is_known => self.pending.tell(GroupEvent::Found),
+            Mode::Finding if all_rest && is_known => self.pending.push(GroupEvent::Found),
             Mode::Homing(joint) => {
                 let joint = *joint;
                 self.motion.mode = Mode::Standing;
-                self.pending.tell(GroupEvent::Homed(joint));
+                self.pending.push(GroupEvent::Homed(joint));
             }
             Mode::Jogging { until, released, .. } if !*released && *until <= now => {
                 *released = true;
-                self.pending.tell(GroupEvent::JogReleased);
+                self.pending.push(GroupEvent::JogReleased);
             }
-            Mode::Jogging { released: true, .. } if all_rest => self.pending.tell(GroupEvent::JogEnded),
+            Mode::Jogging { released: true, .. } if all_rest => self.pending.push(GroupEvent::JogEnded),
             _ => {}
         }
     }

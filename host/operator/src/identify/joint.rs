@@ -101,12 +101,12 @@ pub fn identify(
     let bus = session.name().to_owned();
     let mut parts = Experiment::parts(true, n);
     let mut begun = 0;
-    let mut tell = |what: &str| {
+    let mut report = |what: &str| {
         begun += 1;
         parts = parts.max(begun);
         progress(what, parts);
     };
-    let mut experiment = Experiment::new(session, model, mounted, joint, wish.bounds, &mut tell)?;
+    let mut experiment = Experiment::new(session, model, mounted, joint, wish.bounds, &mut report)?;
     let measured = match measure(&mut experiment, model, joint) {
         Ok(measured) => {
             experiment.finish();

@@ -98,7 +98,7 @@ fn passing(arm: &CatchArm, from_s: f64, forecast: &Forecast) -> Vec<Foreseen> {
         .collect()
 }
 
-/// Smallest room; what is below `enough_m` is not told exactly.
+/// Smallest room; what is below `enough_m` is not given exactly.
 fn least_room_m(arm: &CatchArm, motion: &CatchMotion, balls: &[Foreseen], enough_m: f64) -> f64 {
     let radius_m = arm.ball_radius_m();
     let mut least = f64::INFINITY;

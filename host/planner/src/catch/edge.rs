@@ -16,7 +16,7 @@ const PER_RING: u32 = 6;
 const SHIFTS_S: [f64; 7] = [0.0, -0.03, 0.03, -0.06, 0.06, -0.1, 0.1];
 /// A catch with less of the candidate's chance that the ball stays is no catch of the same kind.
 const ALIKE: f64 = 0.5;
-/// Below this standard deviation of what is still to be told, nearly all flights are in reach where the candidate is, m.
+/// Below this standard deviation of what later samples will add, nearly all flights are in reach where the candidate is, m.
 const SIGMA_MIN_M: f64 = 0.003;
 
 /// Share of the flights, as far as they are not known yet, for which an arm that goes to this candidate can still catch: at that time

@@ -9,7 +9,7 @@ use super::law::{Limits, stopping_angle};
 use super::task::{Settings, Start, passes_rim};
 
 const TIMES_MAX: usize = 24;
-/// Moments of corrections, as shares of the time from the first samples that tell a velocity to the last correction.
+/// Moments of corrections, as shares of the time from the first samples that give a velocity to the last correction.
 const CORRECTIONS: [f64; 5] = [0.0, 0.15, 0.4, 0.7, 1.0];
 /// A correction moves the hand on a lever of this length about one axis, m: used for what corrections can reach.
 const LEVER_M: f64 = 0.8;
@@ -19,7 +19,7 @@ const LEVER_M: f64 = 0.8;
 pub(super) struct Correction {
     /// How far a correction that begins then moves the hand with an acceleration of 1 rad/s², m.
     pub(super) authority_m: f64,
-    /// Standard deviation of what the samples since the moment before tell, m.
+    /// Standard deviation of what the samples since the moment before add, m.
     pub(super) sigma_m: f64,
 }
 
@@ -101,7 +101,7 @@ fn corrections(
     ball: &Foreseen,
 ) -> ([Correction; CORRECTIONS.len()], f64) {
     let watch = &forecast.watch;
-    // Three samples tell a velocity.
+    // Three samples give a velocity.
     let first_s = (watch.first_s + watch.latency_s + 2.0 * watch.period_s).max(start.at_s);
     let last_s = (ball.t_s - settings.freeze_s - settings.actuation_s).max(first_s);
     let mut sigma_m = ball.lateral_sigma_m();

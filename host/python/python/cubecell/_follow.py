@@ -133,7 +133,7 @@ def plan_follow(
     """Plans a throw to a target (m, world) whose hand follows the flight while the gripper opens.
 
     As ``cubectl plan throw`` does for industrial robots (``kr16_2``), and with ``options=["--follow"]`` for any arm of six joints: the
-    same options and seed give the same plan, but for the time of the search that it tells. ``lag_ms`` is the first-order lag of the
+    same options and seed give the same plan, but for the time of the search in it. ``lag_ms`` is the first-order lag of the
     robot, by which its commands lead; ``period_ms`` the time between two set points. Other arguments are the options of that name,
     ``options`` further ones.
 
