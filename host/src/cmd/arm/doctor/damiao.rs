@@ -1,5 +1,5 @@
-//! Damiao motors: each is asked for its state as classical CAN and as CAN FD, with and without bit rate switch. A state moves nothing and
-//! feeds no watchdog.
+//! Damiao motors: each is asked for its state in the form of the robot file, classical CAN or CAN FD, and if that fails in the others. A
+//! request for a state moves nothing.
 
 use std::cell::RefCell;
 use std::io;
@@ -61,16 +61,16 @@ impl Form {
 
 /// Frames since the last look.
 #[derive(Clone, Default)]
-struct Ear(Rc<RefCell<Vec<(Way, Frame)>>>);
+struct Listener(Rc<RefCell<Vec<(Way, Frame)>>>);
 
-impl Tap for Ear {
+impl Tap for Listener {
     fn frame(&mut self, _: Instant, way: Way, frame: &Frame) -> io::Result<()> {
         self.0.borrow_mut().push((way, *frame));
         Ok(())
     }
 }
 
-impl Ear {
+impl Listener {
     fn heard(&self) -> Vec<Frame> {
         let all = self.0.take().into_iter();
         all.filter(|(way, _)| *way == Way::Received).map(|(_, frame)| frame).collect()
@@ -85,25 +85,32 @@ type Answer = (Form, Option<u32>);
 /// # Errors
 /// The bus is gone, or Ctrl-C.
 pub(super) fn find(session: &mut Session, motors: &MitMotors) -> Result<Vec<Finding>, ExpectedError> {
-    let ear = Ear::default();
-    session.add_tap(Box::new(ear.clone()));
+    let listener = Listener::default();
+    session.add_tap(Box::new(listener.clone()));
     session.sleep_until(session.now() + LISTEN)?;
-    let heard = ear.heard();
+    let heard = listener.heard();
     let mut findings = vec![interface(session, motors.data_bit_rate_bit_s)];
     if let Some(busy) = others(&heard, motors) {
         findings.push(busy);
         findings.extend(errors(session, true));
         return Ok(findings);
     }
-    let mut forms = vec![Form::Classical];
-    if session.takes_fd().is_ok() {
-        forms.extend([Form::Fd { brs: true }, Form::Fd { brs: false }]);
-    }
+    // The others only if that one fails: a classical node of another kind takes CAN FD frames for errors.
+    let wanted = expected(motors.data_bit_rate_bit_s);
+    let all = [Form::Classical, Form::Fd { brs: true }, Form::Fd { brs: false }];
+    let mut forms = vec![wanted];
+    forms.extend(all.into_iter().filter(|form| *form != wanted));
+    let takes_fd = session.takes_fd().is_ok();
+    forms.retain(|form| takes_fd || *form == Form::Classical);
     let (mut fine, mut wrong) = (0, Vec::<(Verdict, Vec<String>)>::new());
     for (index, motor) in motors.all().enumerate() {
         let mut answers = Vec::new();
         for form in &forms {
-            answers.push((*form, ask(session, &ear, motor, *form)?));
+            let answer = ask(session, &listener, motor, *form)?;
+            answers.push((*form, answer));
+            if answer.is_some_and(|(own, _)| (own, *form) == (wanted, wanted)) {
+                break;
+            }
         }
         let place =
             if index < motors.joints.len() { format!("joint {}", index + 1) } else { "gripper".to_owned() };
@@ -121,13 +128,8 @@ pub(super) fn find(session: &mut Session, motors: &MitMotors) -> Result<Vec<Find
         findings.push(finding(Level::Problem, "motors", format!("{}: {what}", names.join(", ")), next));
     }
     if fine > 0 {
-        let expected = expected(motors.data_bit_rate_bit_s).words();
-        findings.push(finding(
-            Level::Ok,
-            "motors",
-            format!("{fine} answer to {expected}, and in the same form"),
-            "",
-        ));
+        let what = format!("{fine} answer to {}, and in the same form", wanted.words());
+        findings.push(finding(Level::Ok, "motors", what, ""));
     }
     findings.extend(errors(session, false));
     Ok(findings)
@@ -187,15 +189,15 @@ fn others(heard: &[Frame], motors: &MitMotors) -> Option<Finding> {
 /// `None`: no answer.
 fn ask(
     session: &mut Session,
-    ear: &Ear,
+    listener: &Listener,
     motor: &MitMotor,
     form: Form,
 ) -> Result<Option<Answer>, ExpectedError> {
     let mut wait = |request: &RegisterRequest| -> Result<Vec<Frame>, ExpectedError> {
-        ear.heard();
+        listener.heard();
         session.host_node().send(form.on(request.encode(motor.id)));
         session.sleep_until(session.now() + ANSWER)?;
-        Ok(ear.heard())
+        Ok(listener.heard())
     };
     for _ in 0..TRIES {
         let frames = wait(&RegisterRequest::State)?;
