@@ -73,7 +73,9 @@ fn modules_that_interpolate_go_to_a_pose_and_throw() {
     let moved =
         cubectl(&["move", "--joints", "0.3,0.4,0.5,0,0.2,0", "--home", "--yes", "--json", "--robot", &file]);
     assert_eq!(code(&moved), 0, "{}{}", out(&moved), err(&moved));
-    let thrown = cubectl(&["throw", "--target", TARGET, "--period-ms", "3", "--json", "--robot", &file]);
+    let to = folder.file("throw");
+    let words = ["throw", "--target", TARGET, "--period-ms", "3", "--json", "--out", &to, "--robot", &file];
+    let thrown = cubectl(&words);
     assert_eq!(code(&thrown), 0, "{}{}", out(&thrown), err(&thrown));
     let summary: Value = serde_json::from_str(&out(&thrown)).unwrap();
     assert_eq!(summary["outcome"], "landed", "{summary}");
