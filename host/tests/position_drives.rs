@@ -175,3 +175,20 @@ fn verbs_that_ask_powercubes_say_who_answers_and_what_finds_the_drives() {
         assert_eq!(code(&homed), 0, "{}{}", out(&homed), err(&homed));
     }
 }
+
+#[test]
+fn a_recorded_motion_is_replayed_bit_for_bit() {
+    let openarm = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/openarm7.toml");
+    let arms = ARMS.map(|arm| (arm.file, "0.3,0.4,0.5,0,0.2,0"));
+    for (k, (file, joints)) in arms.into_iter().chain([(openarm, "0.3,0.4,0,0.5,0,0.2,0")]).enumerate() {
+        let folder = Folder::new(&format!("position-replay-{k}"));
+        let dir = folder.file("a");
+        let moved = cubectl(&["move", "--joints", joints, "--home", "--yes", "--robot", file, "--out", &dir]);
+        assert_eq!(code(&moved), 0, "{}{}", out(&moved), err(&moved));
+        // The robot is that of the plan in the folder.
+        let replayed = cubectl(&["log", "replay", &dir]);
+        assert_eq!(code(&replayed), 0, "{file}: {}{}", out(&replayed), err(&replayed));
+        let same: usize = out(&replayed).split(' ').nth(1).and_then(|word| word.parse().ok()).unwrap();
+        assert!((3_000..60_000).contains(&same), "{}", out(&replayed));
+    }
+}

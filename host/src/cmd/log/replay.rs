@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use firmware::settings::Settings;
+use planner::record::PlanRecord;
 use protocol::cyphal::cubecell::group_state;
 use protocol::cyphal::id::{NodeId, Route};
-use protocol::powercube::{Address, Channel};
 use protocol::{Frame, Id, Instant, Node};
 use robot_model::RobotModel;
 use toml_reader::{DESCRIPTION_MAX_BYTES, read_text};
@@ -16,7 +16,8 @@ use crate::cmd::tune::InForce;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::can_drives::CanDrives;
-use operator::bus::period::{PeriodRequest, apply, choose};
+use operator::bus::orders::is_order;
+use operator::bus::period::{PeriodRequest, apply, choose, settings_with_gains};
 use operator::bus::settings::settings_of;
 use operator::bus::sim::soft_controller;
 
@@ -37,9 +38,9 @@ pub struct Args {
     /// Gains the controller began with [default: gains.toml beside the log, or the built-in ones].
     #[arg(long, value_name = "FILE")]
     pub gains: Option<PathBuf>,
-    /// Robot of the recorded cell: a built-in name or a file.
-    #[arg(long, default_value = "powercube6", value_name = "ROBOT")]
-    pub robot: String,
+    /// Robot of the recorded cell: a built-in name or a file [default: that of the plan beside the log, or powercube6].
+    #[arg(long, value_name = "ROBOT")]
+    pub robot: Option<String>,
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
@@ -80,21 +81,23 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if let Some(tear) = &tear {
         console::note!("{}: {tear}", path.display());
     }
+    let robot = RobotModel::load(&robot_of(args, path)?).map_err(|error| ExpectedError::bad_input(&error))?;
     let node = controller_of(&lines);
-    if !lines.iter().any(|line| is_from_controller(line, node)) {
+    if !lines.iter().any(|line| is_from_controller(line, &robot, node)) {
         return Err(ExpectedError::bad_input(&format!("{}: no frame of a controller in it", path.display()))
             .next("record a run with one, for example `cubectl log record boot --controller --for-s 2`"));
     }
-    let robot = RobotModel::load(&args.robot).map_err(|error| ExpectedError::bad_input(&error))?;
-    let mut settings = settings_of(&robot).map_err(|error| ExpectedError::bad_input(&error))?;
-    settings.node_id = node.get().into();
     let beside = path.with_file_name("gains.toml");
-    if let Some(path) = args.gains.as_ref().or_else(|| beside.is_file().then_some(&beside)) {
+    let gains = args.gains.as_ref().or_else(|| beside.is_file().then_some(&beside));
+    let settings = if gains.is_some() { settings_of(&robot) } else { settings_with_gains(&robot) };
+    let mut settings = settings.map_err(|error| ExpectedError::bad_input(&error))?;
+    settings.node_id = node.get().into();
+    if let Some(path) = gains {
         begin_with(path, &robot, &mut settings)?;
     }
     let mut controller =
         soft_controller(&settings, CanDrives::of(&robot).map_err(|error| ExpectedError::bad_input(&error))?);
-    let replayed = replay(&lines, &mut controller);
+    let replayed = replay(&lines, &robot, &mut controller);
     if args.json {
         print_json(&serde_json::json!({
             "received": replayed.received,
@@ -135,6 +138,19 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
 }
 
+/// The robot: asked for, or that of the plan beside the log.
+fn robot_of(args: &Args, log: &Path) -> Result<String, ExpectedError> {
+    let plan = log.with_file_name("plan.json");
+    match &args.robot {
+        Some(robot) => Ok(robot.clone()),
+        None if plan.is_file() => {
+            let plan = PlanRecord::read(&plan).map_err(|error| ExpectedError::bad_input(&error))?;
+            Ok(plan.robot().source.clone())
+        }
+        None => Ok("powercube6".to_owned()),
+    }
+}
+
 /// Lets the controller begin with the gains of a file: a certified one, or what a controller held during a throw.
 fn begin_with(path: &Path, robot: &RobotModel, settings: &mut Settings) -> Result<(), ExpectedError> {
     let text = read_text(path, DESCRIPTION_MAX_BYTES).map_err(|error| ExpectedError::io(path, &error))?;
@@ -165,7 +181,7 @@ fn controller_of(lines: &[Line]) -> NodeId {
 /// Frames to drives, which on a bus with a controller only it sends, and its half of the host link.
 ///
 /// What the recording program sent itself (a stop, orders of an operator) is not the controller's.
-fn is_from_controller(line: &Line, node: NodeId) -> bool {
+fn is_from_controller(line: &Line, robot: &RobotModel, node: NodeId) -> bool {
     let frame = &line.frame;
     if line.sent == Some(true) {
         return false;
@@ -173,10 +189,7 @@ fn is_from_controller(line: &Line, node: NodeId) -> bool {
     if let Id::Extended(id) = frame.id() {
         return Route::parse(id).is_ok_and(|(_, route)| route.source() == Some(node));
     }
-    matches!(
-        Address::of(frame.id()),
-        Some(Address::Broadcast | Address::Module(Channel::Get | Channel::Put, _))
-    )
+    is_order(robot, frame)
 }
 
 /// Hands the frames of the log that the controller received to `node`, at their times, and compares what it sends,
@@ -184,12 +197,12 @@ fn is_from_controller(line: &Line, node: NodeId) -> bool {
 ///
 /// A frame that leaves at time t is on the bus later, so only the order of the sent ones is compared; their contents
 /// and number must be the same. Frames that still waited when the recording ended are no difference.
-pub fn replay(lines: &[Line], node: &mut dyn Node) -> Replayed {
+pub fn replay(lines: &[Line], robot: &RobotModel, node: &mut dyn Node) -> Replayed {
     let mut replayed = Replayed::default();
     let controller = controller_of(lines);
-    let mut recorded = lines.iter().filter(|line| is_from_controller(line, controller));
+    let mut recorded = lines.iter().filter(|line| is_from_controller(line, robot, controller));
     let end = lines.last().map_or(Instant::ZERO, |line| line.at);
-    let inputs = lines.iter().filter(|line| !is_from_controller(line, controller));
+    let inputs = lines.iter().filter(|line| !is_from_controller(line, robot, controller));
     let mut now = Instant::ZERO;
     let mut check = |node: &mut dyn Node, replayed: &mut Replayed| -> bool {
         for _ in 0..FRAMES_MAX {

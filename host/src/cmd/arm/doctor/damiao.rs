@@ -7,8 +7,9 @@ use std::rc::Rc;
 
 use mit_protocol::{DATA_RATES, Register, RegisterAnswer, RegisterRequest, RegisterValue, State};
 use operator::bus::Session;
+use operator::bus::orders::is_order_to_motor;
 use operator::tap::{Tap, Way};
-use protocol::{Duration, FdFlags, Frame, Id, Instant};
+use protocol::{Duration, FdFlags, Frame, Instant};
 use robot_model::{MitMotor, MitMotors};
 
 use super::errors;
@@ -162,12 +163,7 @@ fn interface(session: &Session, data_bit_rate_bit_s: Option<u32>) -> Finding {
 /// Commands that this program did not send.
 fn others(heard: &[Frame], motors: &MitMotors) -> Option<Finding> {
     const NAME: &str = "other programs";
-    let is_command = |frame: &&Frame| {
-        let Id::Standard(id) = frame.id() else { return false };
-        id.get() == mit_protocol::REGISTER_ID
-            || motors.all().any(|motor| u16::from(motor.id.get()) == id.get())
-    };
-    let command = heard.iter().find(is_command)?;
+    let command = heard.iter().find(|frame| is_order_to_motor(motors, frame))?;
     let form = Form::of(command);
     let found = format!(
         "another program sends {} to the motors (id {}): nothing was asked",
