@@ -21,7 +21,7 @@ const GENTLE_S_M: f64 = 0.01;
 const FIRST_BOUNCE_S: f64 = 0.06;
 /// Steps of time (s) and of the cup's direction (rad) about a posture that is missed by little.
 const NEARBY: [(f64, f64); 3] = [(0.01, 0.15), (0.005, 0.07), (0.0025, 0.035)];
-/// Looks about one posture after the other of a branch, and what a look must leave of the miss for another one with the same step.
+/// Looks about one posture after the other, and what a look must leave of the miss for another one with the same step.
 const LOOKS_MAX: usize = 8;
 const LOOK_GAIN: f64 = 0.8;
 const NEARBY_DIRECTIONS: u32 = 8;
@@ -185,15 +185,15 @@ pub(super) struct Search<'a> {
     pub(super) start: &'a Start<'a>,
     /// Best first.
     pub(super) best: Vec<Candidate>,
-    /// What is missed by least, for each branch: by how much, its time (s), its cup direction.
-    missed: [Option<(Miss, f64, Vector3<f64>)>; Branch::COUNT],
+    /// What is missed by least: by how much, its time (s), its cup direction.
+    missed: Option<(Miss, f64, Vector3<f64>)>,
     pub(super) count: Count,
 }
 
 impl<'a> Search<'a> {
     pub(super) fn new(arm: &'a CatchArm, settings: &'a Settings, start: &'a Start<'a>) -> Self {
         let best = Vec::with_capacity(SHORTLIST + 1);
-        Self { arm, settings, start, best, missed: [None; Branch::COUNT], count: Count::default() }
+        Self { arm, settings, start, best, missed: None, count: Count::default() }
     }
 
     /// All postures at one time with these cup directions, given about the reverse of the ball's velocity.
@@ -228,20 +228,16 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// As long as there is no catch: looks about the posture of each branch that missed one by least, and about what is found there, with
-    /// smaller steps where a look gains little. Then about the best catch, as long as the ball may bounce out of its cup.
+    /// As long as there is no catch: looks about the posture that missed one by least, and about what is found there, with smaller
+    /// steps where a look gains little. Then about the best catch, as long as the ball may bounce out of its cup.
     pub(super) fn look_nearby(&mut self, forecast: &Forecast, limits: &[Limits; 6]) {
-        for branch in 0..Branch::COUNT {
-            let mut scale = 0;
-            for _ in 0..LOOKS_MAX {
-                let Some((by, t_s, axis)) = self.missed[branch].filter(|_| self.best.is_empty()) else {
-                    break;
-                };
-                let Some(step) = NEARBY.get(scale) else { break };
-                self.look_about(forecast, limits, t_s, &axis, *step);
-                if self.missed[branch].is_some_and(|(now, ..)| !now.gains(by)) {
-                    scale += 1;
-                }
+        let mut scale = 0;
+        for _ in 0..LOOKS_MAX {
+            let Some((by, t_s, axis)) = self.missed.filter(|_| self.best.is_empty()) else { break };
+            let Some(step) = NEARBY.get(scale) else { break };
+            self.look_about(forecast, limits, t_s, &axis, *step);
+            if self.missed.is_some_and(|(now, ..)| !now.gains(by)) {
+                scale += 1;
             }
         }
         for step in NEARBY {
@@ -272,9 +268,8 @@ impl<'a> Search<'a> {
     }
 
     fn miss(&mut self, place: &Place<'_>, by: Miss) {
-        let missed = &mut self.missed[place.branch.index()];
-        if missed.is_none_or(|(least, ..)| by < least) {
-            *missed = Some((by, place.slot.ball.t_s, place.axis));
+        if self.missed.is_none_or(|(least, ..)| by < least) {
+            self.missed = Some((by, place.slot.ball.t_s, place.axis));
         }
     }
 
