@@ -19,7 +19,7 @@ const PERIOD: Duration = Duration::from_micros(PERIOD_US);
 const FIND_MS: u64 = 1_500;
 
 /// Healthy servos stand where they stopped, with torque.
-fn others_are_held(rig: &mut Rig, lost: usize) {
+pub(crate) fn others_are_held(rig: &mut Rig, lost: usize) {
     let before = rig.shafts();
     rig.run_us(500_000);
     let after = rig.shafts();

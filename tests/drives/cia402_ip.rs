@@ -8,6 +8,7 @@ use firmware::state::StateKind;
 use hil_sim::drive::cia402::{Interpolating, ServoOptions};
 use protocol::{Duration, Instant};
 
+use crate::cia402::others_are_held;
 use crate::cia402_rig::{Rig, node};
 use crate::rig::joint;
 use crate::six::{JOINTS, stands_rad};
@@ -19,16 +20,6 @@ const FIND_MS: u64 = 7_000;
 pub(crate) fn short(_: usize, options: &mut ServoOptions) {
     let commutation = Duration::from_millis(50);
     options.interpolating = options.interpolating.map(|own| Interpolating { commutation, ..own });
-}
-
-fn others_are_held(rig: &mut Rig, lost: usize) {
-    let before = rig.shafts();
-    rig.run_us(500_000);
-    let after = rig.shafts();
-    for i in (0..JOINTS).filter(|i| *i != lost) {
-        assert_eq!(rig.drive(i, |servo, _| servo.state()), State::OperationEnabled, "joint {i}");
-        assert!((after[i] - before[i]).abs() < 1e-3, "joint {i}: {} {}", before[i], after[i]);
-    }
 }
 
 #[test]

@@ -97,7 +97,7 @@ pub enum OptionsError {
     },
     /// A turn has no counts, or a servo no torque.
     Units(JointIndex),
-    /// A servo that interpolates cannot take a place as its zero.
+    /// A servo in interpolated position mode is to take the place where it stands as its zero; it has no such mode.
     Home(JointIndex),
     /// The output that opens the hand is of no servo, or has no such bit.
     Output,

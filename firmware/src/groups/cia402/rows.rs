@@ -25,7 +25,7 @@ pub(super) enum Kind {
     IsIfThere,
     /// It has these bits.
     Has,
-    /// Part of the units; the last one is compared.
+    /// One of the numbers that give the counts per turn. When the last one is read, the result is compared.
     Unit(u8),
     /// Last error.
     Error,

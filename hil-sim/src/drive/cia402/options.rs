@@ -13,7 +13,7 @@ pub enum MissingTarget {
 }
 
 /// A module that interpolates: modes profile position, velocity and interpolated position (1, 2, 7), of which only the last one moves
-/// it here; a fixed unit, without objects 608F and 6091. The form of SCHUNK's PRL+ and ERB modules by their public description.
+/// it here; a fixed unit, without objects 608F and 6091. Made from the public description of SCHUNK's PRL+ and ERB modules.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Interpolating {
     /// Duration of the search for the commutation, at the first order to enable in mode 7 while SYNC runs.

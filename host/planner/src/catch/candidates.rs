@@ -21,8 +21,9 @@ const GENTLE_S_M: f64 = 0.01;
 const FIRST_BOUNCE_S: f64 = 0.06;
 /// Steps of time (s) and of the cup's direction (rad) about a posture that is missed by little.
 const NEARBY: [(f64, f64); 3] = [(0.01, 0.15), (0.005, 0.07), (0.0025, 0.035)];
-/// Looks about one posture after the other, and what a look must leave of the miss for another one with the same step.
+/// Most looks, each about what the one before found.
 const LOOKS_MAX: usize = 8;
+/// The step stays as it is if a look leaves less than this share of the miss.
 const LOOK_GAIN: f64 = 0.8;
 const NEARBY_DIRECTIONS: u32 = 8;
 /// About a catch is looked if a ball that enters its cup stays there with less chance than this: another tilt may keep it.
@@ -55,7 +56,7 @@ pub(super) struct Candidate {
 enum Miss {
     /// By what the cup's axis is too low where the hand stops.
     CupDown(f64),
-    /// By what is beyond the limits, as shares of them and rad.
+    /// By how much limits (share) and ranges (rad) are passed, in sum.
     NoMotion(f64),
 }
 
@@ -134,9 +135,9 @@ fn allows(settings: &Settings, slot: &Slot<'_>, mode: Mode) -> bool {
 struct Least {
     /// Largest share of an acceleration limit.
     peak: f64,
-    /// What is beyond the limits of accelerations, as the sum of the shares above 1.
+    /// By how much the joints pass their limits of acceleration: sum of the shares above 1.
     late: f64,
-    /// What stops after the catch are beyond the ranges, rad.
+    /// By how much the stops of all joints after the catch leave their ranges, rad.
     beyond_rad: f64,
 }
 
