@@ -167,7 +167,7 @@ impl Cell {
             let nodes = model.addresses().unwrap_or_default().into_iter();
             cell.addresses = nodes.filter_map(|node| ModuleId::new(node).ok()).collect();
         }
-        cell.data_bit_rate_bit_s = model.mit_motors().and_then(|motors| motors.data_bit_rate_bit_s);
+        cell.data_bit_rate_bit_s = model.data_bit_rate_bit_s();
         Ok(cell)
     }
 

@@ -5,7 +5,9 @@ use std::borrow::Cow;
 use mit_protocol::{DATA_RATES, Status};
 use protocol::powercube::{Address, BaudRate, Channel};
 use protocol::{Duration, Frame, Id, Instant, ModuleId, Node};
-use robot_model::{Cia402Mode, FingerTravel, MitMotor as Described, OdriveAxis as DescribedAxis, RobotModel};
+use robot_model::{
+    Cia402Mode, Cia402Servos, FingerTravel, MitMotor as Described, OdriveAxis as DescribedAxis, RobotModel,
+};
 
 use super::{CellError, CellOptions};
 use crate::bus::TxOrder;
@@ -73,10 +75,10 @@ impl Arm<MitMotor> {
 impl Arm<OdriveAxis> {
     /// Axes at rest, configured as `docs/moving.md` says: their watchdog is on, estimates come when they are asked for. The fingers are closed.
     pub(super) fn new(model: &RobotModel, options: &CellOptions, q_rad: &[f64]) -> Self {
-        let described = model.odrive_axes().unwrap_or_default().iter().zip(q_rad).enumerate();
+        let described = model.odrive_axes().map_or(&[][..], |all| &all.axes).iter().zip(q_rad).enumerate();
         let joints = described
             .map(|(joint, (axis, q_rad))| axis_of(axis, options.mounting_of(joint).drive_rad(*q_rad)));
-        let fingers = model.odrive_gripper().map(|gripper| {
+        let fingers = model.odrive_axes().and_then(|all| all.gripper).map(|gripper| {
             let motor = axis_of(&gripper.axis, gripper.travel.closed_rad);
             Fingers::closed(motor, gripper.axis.rotor_kg_m2, gripper.travel)
         });
@@ -160,7 +162,7 @@ pub(super) fn servos(
     options: &CellOptions,
     q_rad: &[f64],
 ) -> Result<Vec<CanopenServo>, CellError> {
-    let Some(described) = model.cia402_servos() else {
+    let Some(Cia402Servos { servos: described, output }) = model.cia402_servos() else {
         return Err(CellError::NoDrives { robot: model.name().to_owned() });
     };
     let tuned = options.mechanics.servo_inertia_kg_m2(model);
@@ -184,7 +186,7 @@ pub(super) fn servos(
             stiffness_nm_rad: tuned[joint] * wn_rad_s * wn_rad_s,
             damping_nms_rad: 2.0 * damping * wn_rad_s * tuned[joint],
             is_absolute: described.is_absolute,
-            gripper_bit: model.cia402_output().filter(|own| own.joint == joint).map(|own| own.bit),
+            gripper_bit: output.filter(|own| own.joint == joint).map(|own| own.bit),
             ..delivered
         };
         CanopenServo::new(options_of, options.mounting_of(joint).drive_rad(q_rad[joint]))

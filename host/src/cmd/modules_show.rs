@@ -61,7 +61,7 @@ pub(super) fn run(args: &ShowArgs) -> Result<(), ExpectedError> {
     let eds = read(&args.eds)?;
     let cell = args.bus.cell.load()?;
     let robot = &cell.robot;
-    let Some(servos) = robot.cia402_servos() else {
+    let Some(servos) = robot.cia402_servos().map(|all| &all.servos) else {
         let what = format!("robot {} has no CANopen servos", robot.name());
         return Err(ExpectedError::bad_input(&what)
             .next("name the robot of this arm with --robot; its file has [joint.cia402]"));

@@ -59,9 +59,9 @@ impl CanDrives {
             return Ok(Self::Cia402(Cia402::new(options)));
         }
         if let Some(axes) = robot.odrive_axes() {
-            let joints: Vec<Axis> = axes.iter().map(axis_of).collect();
+            let joints: Vec<Axis> = axes.axes.iter().map(axis_of).collect();
             let options = odrive::Options::new(&joints).and_then(|all| all.with_model(model_of(robot)));
-            let options = options.and_then(|all| match robot.odrive_gripper() {
+            let options = options.and_then(|all| match axes.gripper {
                 Some(gripper) => all.with_gripper(GripperAxis {
                     axis: axis_of(&gripper.axis),
                     open_rad: gripper.travel.open_rad as f32,
@@ -99,9 +99,10 @@ impl CanDrives {
 /// # Errors
 /// [`NoSettings::Invalid`]: none, or servos that cannot form a group.
 pub fn cia402_options(robot: &RobotModel) -> Result<cia402::Options, NoSettings> {
-    let joints: Vec<Servo> = robot.cia402_servos().unwrap_or_default().iter().map(servo_of).collect();
+    let own = robot.cia402_servos();
+    let joints: Vec<Servo> = own.map_or(&[][..], |own| &own.servos).iter().map(servo_of).collect();
     let options = cia402::Options::new(&joints).and_then(|all| all.with_model(model_of(robot)));
-    let options = options.and_then(|all| match robot.cia402_output() {
+    let options = options.and_then(|all| match own.and_then(|own| own.output) {
         Some(own) => {
             let joint = JointIndex::new(own.joint).map_err(|_| cia402::OptionsError::Output)?;
             all.with_gripper(GripperOutput { joint, bit: own.bit })

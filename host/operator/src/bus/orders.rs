@@ -22,8 +22,7 @@ pub fn is_order(robot: &RobotModel, frame: &Frame) -> bool {
         };
     }
     if let Some(axes) = robot.odrive_axes() {
-        let gripper = robot.odrive_gripper().map(|gripper| &gripper.axis);
-        return axes.iter().chain(gripper).any(|axis| {
+        return axes.all().any(|axis| {
             let order = Order::decode(frame, axis.version).map(|(node, _)| node);
             let request = Request::decode(frame, axis.version).map(|(node, _)| node);
             order.or(request) == Some(axis.node)

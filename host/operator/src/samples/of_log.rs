@@ -33,7 +33,7 @@ impl Samples {
     #[must_use]
     pub fn of_log(lines: Vec<Line>, drives: Drives, arm: &Arm, bit_rate_bit_s: u32) -> Self {
         let frames = lines.into_iter().map(|line| BusFrame { at: line.at, frame: line.frame }).collect();
-        let data_bit_rate_bit_s = arm.mit_motors().and_then(|motors| motors.data_bit_rate_bit_s);
+        let data_bit_rate_bit_s = arm.data_bit_rate_bit_s();
         let bus = BusLog { frames, bit_times: BitTimes::of(bit_rate_bit_s, data_bit_rate_bit_s), drives };
         let drives = &bus.drives;
         let names =
@@ -43,9 +43,9 @@ impl Samples {
             drives,
             joints: arm.joints(),
             motors: arm.mit_motors().map_or(&[], |motors| &motors.joints),
-            servos: arm.cia402_servos().unwrap_or_default(),
+            servos: arm.cia402_servos().map_or(&[], |all| &all.servos),
             synchronized_at: None,
-            axes: arm.odrive_axes().unwrap_or_default(),
+            axes: arm.odrive_axes().map_or(&[], |all| &all.axes),
             of_axes: vec![Axis::default(); drives.address.len()],
             samples: Self { joints: vec![JointSamples::default(); drives.address.len()], ..Self::default() },
             ramps: vec![Ramp::default(); drives.address.len()],
