@@ -39,7 +39,10 @@ impl NoSettings {
     pub fn next(&self) -> Option<String> {
         Some(match self {
             Self::NoDrives { .. } => {
-                "give each [[joint]] of its file a [joint.drive] table with address and current, or a [joint.mit], [joint.cia402] or [joint.odrive] table".to_owned()
+                let others = robot_model::motor_tables();
+                format!(
+                    "give each [[joint]] of its file a [joint.drive] table with address and current, or a {others} table"
+                )
             }
             Self::NoSuchModule { .. } => "name the robot of this arm with --robot; `cubectl status` \
          shows which modules are there"

@@ -98,9 +98,12 @@ families! {
     Odrive(OdriveAxes) "odrive"
 }
 
-/// Headings of the tables of a joint that describe its drive, those of PowerCubes first.
-pub fn drive_tables() -> impl Iterator<Item = &'static str> {
-    TABLES.iter().map(|(_, heading)| *heading)
+/// Headings of the tables of a joint with a drive other than a PowerCube, as `[joint.a], [joint.b] or [joint.c]`.
+#[must_use]
+pub fn motor_tables() -> String {
+    let [_, before @ .., (_, last)] = TABLES else { return String::new() };
+    let before: Vec<&str> = before.iter().map(|(_, heading)| *heading).collect();
+    format!("{} or {last}", before.join(", "))
 }
 
 impl RobotModel {
