@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::boxes::{BodyBox, CollisionModel};
-use crate::drives::Drives;
+use crate::drives::{Common, Drives};
 use crate::family::Family;
 use crate::fingers::Fingers;
 use crate::per_joint::{JointVec, PerJoint};
@@ -24,7 +24,7 @@ pub struct RobotModel {
     pub(crate) gripper: Gripper,
     pub(crate) fingers: Option<Fingers>,
     pub(crate) family: Family,
-    pub(crate) drives: Option<Drives>,
+    pub(crate) drives: Option<(Drives, Common)>,
     pub(crate) supplies: Vec<Supply>,
     pub(crate) drive_loop: Option<DriveLoop>,
     pub(crate) world: World,

@@ -6,7 +6,7 @@ use canopen_protocol::NodeId;
 use toml_reader::Value;
 
 use super::reading::{Taken, of_joints};
-use super::{DriveFamily, Drives, Tables};
+use super::{Common, Drives, Tables};
 use crate::error::{LoadError, Problem};
 use crate::load::Section;
 use crate::model::RobotModel;
@@ -80,41 +80,29 @@ impl RobotModel {
     /// CANopen servos of profile CiA 402, base first, if the robot file describes them (for all joints or for no joint).
     #[must_use]
     pub fn cia402_servos(&self) -> Option<&Cia402Servos> {
-        if let Some(Drives::Cia402(servos)) = &self.drives { Some(servos) } else { None }
+        if let Some(Drives::Cia402(servos)) = self.moved_by() { Some(servos) } else { None }
     }
 }
 
-impl DriveFamily for Cia402Servos {
-    fn read(tables: &Tables<'_>) -> Result<Option<Self>, LoadError> {
-        let mut nodes = Taken::default();
-        let servos = of_joints(("cia402", "CANopen servo"), tables, |part, _, joint| {
-            let servo = read_servo(part)?;
-            nodes.take_node(part, servo.node.get(), &joint.name)?;
-            Ok(servo)
-        })?;
-        let output = read_output(tables.gripper, servos.as_deref())?;
-        Ok(servos.map(|servos| Self { servos, output }))
-    }
-
-    fn addresses(&self) -> Vec<u8> {
-        self.servos.iter().map(|servo| servo.node.get()).collect()
-    }
-
-    fn rotor_kg_m2(&self, joint: usize) -> Option<f64> {
-        Some(self.servos[joint].rotor_kg_m2)
-    }
-
-    fn motors_text(&self) -> String {
-        format!("{:?} {:?}", self.servos, self.output)
-    }
-
-    fn of_controller(&self) -> Option<&'static str> {
-        Some("CANopen servos")
-    }
-
-    fn opens_its_hand(&self) -> bool {
-        self.output.is_some()
-    }
+pub(super) fn read(tables: &Tables<'_>) -> Result<Option<(Cia402Servos, Common)>, LoadError> {
+    let mut nodes = Taken::default();
+    let servos = of_joints(("cia402", "CANopen servo"), tables, |part, _, joint| {
+        let servo = read_servo(part)?;
+        nodes.take_node(part, servo.node.get(), &joint.name)?;
+        Ok(servo)
+    })?;
+    let output = read_output(tables.gripper, servos.as_deref())?;
+    Ok(servos.map(|servos| {
+        let common = Common {
+            addresses: servos.iter().map(|servo| servo.node.get()).collect(),
+            rotors_kg_m2: servos.iter().map(|servo| servo.rotor_kg_m2).collect(),
+            motors_text: format!("{servos:?} {output:?}"),
+            of_controller: Some("CANopen servos"),
+            hand_lacks_opener: output.is_none(),
+            ..Common::default()
+        };
+        (Cia402Servos { servos, output }, common)
+    }))
 }
 
 /// The output that opens the hand, or nothing.

@@ -11,7 +11,7 @@
 
 use toml_reader::Value;
 
-use super::{Drive, PowerCubes, TABLES, Tables};
+use super::{Common, Drive, Drives, PowerCubes, TABLES, Tables};
 use crate::error::{LoadError, Problem};
 use crate::load::Section;
 use crate::model::{Joint, Supply};
@@ -27,7 +27,7 @@ pub(crate) fn read_generic(
     root: &Section<'_>,
     section: &Section<'_>,
     tables: &Tables<'_>,
-) -> Result<(PowerCubes, Supply), LoadError> {
+) -> Result<((Drives, Common), Supply), LoadError> {
     let mut beside = TABLES.iter().filter(|(key, _)| tables.joints.iter().any(|joint| joint.has(key)));
     let beside = beside.next().map(|(_, table)| *table).or(root.has("supply").then_some("[[supply]]"));
     if let Some(beside) = beside {
@@ -61,5 +61,9 @@ pub(crate) fn read_generic(
     let mut feeds = PerJoint::<bool>::default_of(joints.len());
     feeds.iter_mut().for_each(|fed| *fed = true);
     let current_max_a = drives.iter().map(|drive| drive.current_max_a).sum();
-    Ok((PowerCubes(drives), Supply { name: Drive::GENERIC.to_owned(), voltage_v, current_max_a, feeds }))
+    let (drives, common) = PowerCubes::with_common(drives);
+    Ok((
+        (Drives::PowerCubes(drives), common),
+        Supply { name: Drive::GENERIC.to_owned(), voltage_v, current_max_a, feeds },
+    ))
 }

@@ -5,7 +5,7 @@ use protocol::StandardId;
 use toml_reader::Value;
 
 use super::reading::{Taken, of_joints, require_range, travel};
-use super::{DriveFamily, Drives, FingerTravel, Tables};
+use super::{Common, Drives, FingerTravel, Tables};
 use crate::error::{LoadError, Problem};
 use crate::load::Section;
 use crate::model::RobotModel;
@@ -67,66 +67,49 @@ impl RobotModel {
     /// Damiao motors with MIT frames, if the robot file describes them (for all joints or for no joint).
     #[must_use]
     pub fn mit_motors(&self) -> Option<&MitMotors> {
-        if let Some(Drives::Mit(motors)) = &self.drives { Some(motors) } else { None }
+        if let Some(Drives::Mit(motors)) = self.moved_by() { Some(motors) } else { None }
     }
 }
 
-impl DriveFamily for MitMotors {
-    fn read(tables: &Tables<'_>) -> Result<Option<Self>, LoadError> {
-        let mut ids = Taken::default();
-        let joints = of_joints(("mit", "MIT motor"), tables, |part, section, joint| {
-            let motor = read_motor(part, &joint.name, &mut ids)?;
-            // A larger value is clipped in the fields of the frames, and nothing on the wire shows it.
-            let (limits, ranges) = (&joint.limits, &motor.motor.ranges);
-            let turned_rad = limits.q_min_rad.abs().max(limits.q_max_rad.abs());
-            let (p_max_rad, v_max_rad_s) = (f64::from(ranges.p_max_rad()), f64::from(ranges.v_max_rad_s()));
-            let rows = [
-                ("range_deg", turned_rad.to_degrees(), p_max_rad.to_degrees()),
-                ("velocity_max_deg_s", limits.v_max_rad_s.to_degrees(), v_max_rad_s.to_degrees()),
-                ("torque_max_nm", limits.torque_max_nm.unwrap_or(0.0), f64::from(ranges.t_max_nm())),
-            ];
-            require_range(section, &rows, || format!("the frames of a motor {}", motor.motor.name))?;
-            Ok(motor)
-        })?;
-        let gripper = tables.gripper.optional("mit", Value::section)?;
-        let Some(joints) = joints else {
-            return match (gripper, tables.bus) {
-                (Some(_), _) => Err(tables.gripper.error("mit", Problem::GripperAlone("MIT motor"))),
-                (None, Some(bus)) => {
-                    Err(bus.error("data_bit_rate_bit_s", Problem::OfFamily(FD_ELSEWHERE.into())))
-                }
-                (None, None) => Ok(None),
-            };
+pub(super) fn read(tables: &Tables<'_>) -> Result<Option<(MitMotors, Common)>, LoadError> {
+    let mut ids = Taken::default();
+    let joints = of_joints(("mit", "MIT motor"), tables, |part, section, joint| {
+        let motor = read_motor(part, &joint.name, &mut ids)?;
+        // A larger value is clipped in the fields of the frames, and nothing on the wire shows it.
+        let (limits, ranges) = (&joint.limits, &motor.motor.ranges);
+        let turned_rad = limits.q_min_rad.abs().max(limits.q_max_rad.abs());
+        let (p_max_rad, v_max_rad_s) = (f64::from(ranges.p_max_rad()), f64::from(ranges.v_max_rad_s()));
+        let rows = [
+            ("range_deg", turned_rad.to_degrees(), p_max_rad.to_degrees()),
+            ("velocity_max_deg_s", limits.v_max_rad_s.to_degrees(), v_max_rad_s.to_degrees()),
+            ("torque_max_nm", limits.torque_max_nm.unwrap_or(0.0), f64::from(ranges.t_max_nm())),
+        ];
+        require_range(section, &rows, || format!("the frames of a motor {}", motor.motor.name))?;
+        Ok(motor)
+    })?;
+    let gripper = tables.gripper.optional("mit", Value::section)?;
+    let Some(joints) = joints else {
+        return match (gripper, tables.bus) {
+            (Some(_), _) => Err(tables.gripper.error("mit", Problem::GripperAlone("MIT motor"))),
+            (None, Some(bus)) => {
+                Err(bus.error("data_bit_rate_bit_s", Problem::OfFamily(FD_ELSEWHERE.into())))
+            }
+            (None, None) => Ok(None),
         };
-        let gripper = gripper.map(|part| read_gripper(&part, &mut ids)).transpose()?;
-        let data_bit_rate_bit_s = tables.bus.map(read_data_rate).transpose()?;
-        Ok(Some(Self { joints, gripper, data_bit_rate_bit_s }))
-    }
-
-    fn addresses(&self) -> Vec<u8> {
-        self.joints.iter().map(|motor| motor.id.get()).collect()
-    }
-
-    fn rotor_kg_m2(&self, joint: usize) -> Option<f64> {
-        Some(self.joints[joint].rotor_kg_m2)
-    }
-
-    /// Without the rate of the bus, which changes no motion.
-    fn motors_text(&self) -> String {
-        format!("MitMotors {{ joints: {:?}, gripper: {:?} }}", self.joints, self.gripper)
-    }
-
-    fn of_controller(&self) -> Option<&'static str> {
-        Some("motors with MIT frames")
-    }
-
-    fn opening_s(&self) -> Option<f64> {
-        self.gripper.as_ref().map(MitGripper::opening_s)
-    }
-
-    fn data_bit_rate_bit_s(&self) -> Option<u32> {
-        self.data_bit_rate_bit_s
-    }
+    };
+    let gripper = gripper.map(|part| read_gripper(&part, &mut ids)).transpose()?;
+    let data_bit_rate_bit_s = tables.bus.map(read_data_rate).transpose()?;
+    let common = Common {
+        addresses: joints.iter().map(|motor| motor.id.get()).collect(),
+        rotors_kg_m2: joints.iter().map(|motor| motor.rotor_kg_m2).collect(),
+        // Without the rate of the bus, which changes no motion.
+        motors_text: format!("MitMotors {{ joints: {joints:?}, gripper: {gripper:?} }}"),
+        of_controller: Some("motors with MIT frames"),
+        opening_s: gripper.as_ref().map(MitGripper::opening_s),
+        data_bit_rate_bit_s,
+        ..Common::default()
+    };
+    Ok(Some((MitMotors { joints, gripper, data_bit_rate_bit_s }, common)))
 }
 
 const FD_ELSEWHERE: &str = "only Damiao motors ([joint.mit]) are led over CAN FD here";

@@ -6,7 +6,7 @@ use odrive_protocol::{NodeId, Version};
 use toml_reader::Value;
 
 use super::reading::{Taken, of_joints, require_range, travel};
-use super::{DriveFamily, Drives, FingerTravel, Tables};
+use super::{Common, Drives, FingerTravel, Tables};
 use crate::error::{LoadError, Problem};
 use crate::load::Section;
 use crate::model::RobotModel;
@@ -101,7 +101,7 @@ impl RobotModel {
     /// Axes of ODrives, if the robot file describes them (for all joints or for no joint).
     #[must_use]
     pub fn odrive_axes(&self) -> Option<&OdriveAxes> {
-        if let Some(Drives::Odrive(axes)) = &self.drives { Some(axes) } else { None }
+        if let Some(Drives::Odrive(axes)) = self.moved_by() { Some(axes) } else { None }
     }
 }
 
@@ -112,49 +112,34 @@ impl OdriveAxes {
     }
 }
 
-impl DriveFamily for OdriveAxes {
-    fn read(tables: &Tables<'_>) -> Result<Option<Self>, LoadError> {
-        let mut nodes = Taken::default();
-        let axes = of_joints(("odrive", "ODrive axis"), tables, |part, section, joint| {
-            let axis = read_axis(part)?;
-            // Fields of a set point clip what is larger; the current limits the torque.
-            let (limits, field) = (&joint.limits, OdriveAxis::FIELD_MAX);
-            let torque_max_nm = axis.torque_max_nm().min(field * axis.gear_ratio);
-            let rows = [
-                ("velocity_max_deg_s", limits.v_max_rad_s.to_degrees(), field * 360.0 / axis.counted()),
-                ("torque_max_nm", limits.torque_max_nm.unwrap_or(0.0), torque_max_nm),
-            ];
-            require_range(section, &rows, || "the set points of this ODrive".to_owned())?;
-            nodes.take_node(part, axis.node.get(), &joint.name)?;
-            Ok(axis)
-        })?;
-        let gripper = read_gripper(tables.gripper, axes.is_some(), &mut nodes)?;
-        Ok(axes.map(|axes| Self { axes, gripper }))
-    }
-
-    fn addresses(&self) -> Vec<u8> {
-        self.axes.iter().map(|axis| axis.node.get()).collect()
-    }
-
-    fn rotor_kg_m2(&self, joint: usize) -> Option<f64> {
-        Some(self.axes[joint].rotor_kg_m2)
-    }
-
-    fn motors_text(&self) -> String {
-        format!("{:?} {:?}", self.axes, self.gripper)
-    }
-
-    fn of_controller(&self) -> Option<&'static str> {
-        Some("ODrives")
-    }
-
-    fn opens_its_hand(&self) -> bool {
-        self.gripper.is_some()
-    }
-
-    fn opening_s(&self) -> Option<f64> {
-        self.gripper.as_ref().map(OdriveGripper::opening_s)
-    }
+pub(super) fn read(tables: &Tables<'_>) -> Result<Option<(OdriveAxes, Common)>, LoadError> {
+    let mut nodes = Taken::default();
+    let axes = of_joints(("odrive", "ODrive axis"), tables, |part, section, joint| {
+        let axis = read_axis(part)?;
+        // Fields of a set point clip what is larger; the current limits the torque.
+        let (limits, field) = (&joint.limits, OdriveAxis::FIELD_MAX);
+        let torque_max_nm = axis.torque_max_nm().min(field * axis.gear_ratio);
+        let rows = [
+            ("velocity_max_deg_s", limits.v_max_rad_s.to_degrees(), field * 360.0 / axis.counted()),
+            ("torque_max_nm", limits.torque_max_nm.unwrap_or(0.0), torque_max_nm),
+        ];
+        require_range(section, &rows, || "the set points of this ODrive".to_owned())?;
+        nodes.take_node(part, axis.node.get(), &joint.name)?;
+        Ok(axis)
+    })?;
+    let gripper = read_gripper(tables.gripper, axes.is_some(), &mut nodes)?;
+    Ok(axes.map(|axes| {
+        let common = Common {
+            addresses: axes.iter().map(|axis| axis.node.get()).collect(),
+            rotors_kg_m2: axes.iter().map(|axis| axis.rotor_kg_m2).collect(),
+            motors_text: format!("{axes:?} {gripper:?}"),
+            of_controller: Some("ODrives"),
+            hand_lacks_opener: gripper.is_none(),
+            opening_s: gripper.as_ref().map(OdriveGripper::opening_s),
+            ..Common::default()
+        };
+        (OdriveAxes { axes, gripper }, common)
+    }))
 }
 
 /// The axis of the fingers, or nothing.

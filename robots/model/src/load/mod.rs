@@ -134,10 +134,10 @@ fn read_model(root: &Section<'_>) -> Result<RobotModel, LoadError> {
     let tables =
         Tables { joints: &joint_sections, described: &joints, gripper: &gripper_section, bus: bus.as_ref() };
     let mut drives = Drives::read(&tables)?;
-    let mut supplies = read_supplies(root, &joints, matches!(drives, Some(Drives::PowerCubes(_))))?;
+    let mut supplies = read_supplies(root, &joints, matches!(drives, Some((Drives::PowerCubes(_), _))))?;
     if let Some(section) = root.optional("generic_drives", Value::section)? {
         let (modules, supply) = read_generic(root, &section, &tables)?;
-        (drives, supplies) = (Some(Drives::PowerCubes(modules)), vec![supply]);
+        (drives, supplies) = (Some(modules), vec![supply]);
     }
     for section in &joint_sections {
         section.finish()?;
