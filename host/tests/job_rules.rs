@@ -198,7 +198,7 @@ fn a_recording_of_a_controller_with_another_node_id_is_replayed_bit_for_bit() {
     let folder = Folder::new("rules-replay");
     let bus = BusArgs { record: Some(folder.0.join("boot")), ..BusArgs::default() };
     let cell = bus.cell.load().unwrap();
-    let mut settings = operator::bus::period::settings_with_gains(&cell.robot).unwrap();
+    let mut settings = operator::bus::period::settings_with_gains(&cell.robot, &cell.setup).unwrap();
     settings.node_id = 12;
     let mut session = bus.open_cell(&cell, Some(&settings)).unwrap();
     session.pass(Duration::from_millis(1_500)).unwrap();

@@ -60,7 +60,7 @@ fn open(stop: Option<(f64, Frame)>) -> Session {
         every: None,
         count: None,
     }));
-    let settings = settings_with_gains(&cell.robot).unwrap();
+    let settings = settings_with_gains(&cell.robot, &cell.setup).unwrap();
     let mut session = BusArgs::default().open_cell(&cell, Some(&settings)).unwrap();
     session.sim().unwrap().world().with_participants(|all, _| all.0.0.0.record_trace()).unwrap();
     session
@@ -79,7 +79,7 @@ fn done(
     clears: bool,
 ) -> (usize, Result<(), host::error::ExpectedError>) {
     let fingerprint = fingerprint_of(arm);
-    let mut operator = OnBus::new(session, None, 1_000_000);
+    let mut operator = OnBus::new(session, None);
     if clears {
         operator.clear_fault().unwrap();
     }

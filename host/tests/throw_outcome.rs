@@ -126,7 +126,7 @@ fn a_throw_that_never_began_is_not_thrown_with_the_exit_code_of_its_cause() {
 fn unobserved(folder: &Folder, name: &str) -> (Outcome, String, Record) {
     let dir = folder.0.join(name);
     let [plan, log, summary] = ["plan.json", "bus.log", "summary.json"].map(|file| dir.join(file));
-    let recorded = report::read(&plan, &log, Some(&summary), None, report::BIT_RATE).unwrap();
+    let recorded = report::read(&plan, &log, Some(&summary), None, None).unwrap();
     let plan = recorded.ran.throw.as_ref().unwrap();
     let order = Order::throw(&recorded.arm, plan, Travel::default());
     let analysis = recorded.analysis.unwrap();

@@ -43,7 +43,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let robot = RobotModel::load("powercube6")?;
     let mut setup = SimSetup::default();
     take_plan(&mut setup.cell, &plan);
-    let mut operator = InProcess::new(&robot, &setup, SEED, &settings_with_gains(&robot)?)?;
+    let mut operator = InProcess::new(&robot, &setup, SEED, &settings_with_gains(&robot, &setup)?)?;
 
     let throw = Order::throw(&arm, &plan, Travel { seed: SEED, ..Travel::default() });
     let verdict = perform(&mut operator, &throw, &mut |_| Answer::Yes).verdict;

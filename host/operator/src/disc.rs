@@ -179,7 +179,7 @@ fn execute(
     close_s: f64,
     lost: Option<DriveLost>,
 ) -> Result<Executed, NoRun> {
-    let settings = settings_with_gains(robot)?;
+    let settings = settings_with_gains(robot, &SimSetup::default())?;
     let file = trajectory(plan, close_s, &settings)?;
     let mut session = open(robot, &plan.motion.q(plan.motion.from_s), &settings)?;
     session.watch_stops();

@@ -369,7 +369,7 @@ mod tests {
         use planner::timing::{Limits, Path, along, straight};
         let arm = planner::plan::Arm::load("powercube6").unwrap();
         let limits = Limits::of_arm(&arm, 1.0).unwrap();
-        let settings = crate::bus::period::settings_with_gains(&arm).unwrap();
+        let settings = crate::bus::period::settings_with_gains(&arm, &Default::default()).unwrap();
         let mut rng = SplitMix64::new(5);
         for k in 0..120 {
             let length_rad = 2e-3 * 2000_f64.powf(rng.unit());

@@ -16,7 +16,7 @@ fn cell() -> Cell {
 }
 
 fn open(cell: &Cell) -> Session {
-    let mut settings = settings_with_gains(&cell.robot).unwrap();
+    let mut settings = settings_with_gains(&cell.robot, &cell.setup).unwrap();
     operator::bus::period::set_period(&mut settings, 5_000);
     BusArgs::default().open_cell(cell, Some(&settings)).unwrap()
 }
@@ -29,13 +29,13 @@ fn fingers<R>(session: &mut Session, act: impl FnOnce(&mut hil_sim::drive::mit::
 
 /// The controller has found its drives.
 fn found(session: &mut Session) {
-    let mut operator = OnBus::new(session, None, 1_000_000);
+    let mut operator = OnBus::new(session, None);
     operator.connect().unwrap();
     operator.wait_for(Duration::from_secs(5), &|state| state == State::Idle).unwrap();
 }
 
 fn order(session: &mut Session, open: bool) {
-    let mut operator = OnBus::new(session, None, 1_000_000);
+    let mut operator = OnBus::new(session, None);
     operator.connect().unwrap();
     operator.set_gripper(open).unwrap();
 }
@@ -74,7 +74,7 @@ fn a_gripper_motor_without_power_is_a_fault_of_the_gripper_and_the_joints_are_he
     let cell = cell();
     let mut session = open(&cell);
     found(&mut session);
-    let mut operator = OnBus::new(&mut session, None, 1_000_000);
+    let mut operator = OnBus::new(&mut session, None);
     operator.connect().unwrap();
     operator.home(0x7F, Duration::from_secs(5)).unwrap();
     let held_rad = operator.pose().unwrap();

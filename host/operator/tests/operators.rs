@@ -46,16 +46,16 @@ fn throw(operator: &mut dyn Operator, arm: &Arm, plan: &PlanFile) -> Record {
 
 fn on_a_bus(arm: &Arm, plan: &PlanFile, fault: Option<&str>) -> Thrown {
     let cell = cell(plan, fault);
-    let settings = settings_with_gains(&cell.robot).unwrap();
+    let settings = settings_with_gains(&cell.robot, &cell.setup).unwrap();
     let mut session = BusArgs::default().open_cell(&cell, Some(&settings)).unwrap();
-    let record = throw(&mut OnBus::new(&mut session, None, cell.setup.bus.bit_rate_bit_s), arm, plan);
+    let record = throw(&mut OnBus::new(&mut session, None), arm, plan);
     let ball = BallSeen::of(session.sim().unwrap().cell());
     Thrown { record, ball }
 }
 
 fn in_process(arm: &Arm, plan: &PlanFile, fault: Option<&str>) -> Thrown {
     let cell = cell(plan, fault);
-    let settings = settings_with_gains(&cell.robot).unwrap();
+    let settings = settings_with_gains(&cell.robot, &cell.setup).unwrap();
     let mut operator = InProcess::new(&cell.robot, &cell.setup, cell.seed, &settings).unwrap();
     let record = throw(&mut operator, arm, plan);
     let ball = BallSeen::of(operator.cell());
@@ -106,7 +106,8 @@ fn the_same_job_lands_the_ball_by_either_operator_and_its_samples_give_the_same_
 #[test]
 fn a_drive_that_falls_silent_stops_the_throw_by_either_operator_with_the_same_cause() {
     let (arm, plan) = plan();
-    let settings = settings_with_gains(&cell(&plan, None).robot).unwrap();
+    let cell = cell(&plan, None);
+    let settings = settings_with_gains(&cell.robot, &cell.setup).unwrap();
     // Found from a throw without a fault: the middle of the throw, by the time of each cell.
     let clean = in_process(&arm, &plan, None);
     let (_, begun, ended) =
@@ -184,9 +185,9 @@ fn path_with_more_points_than_the_controller_holds_is_followed_by_either_operato
     let (arm, plan) = plan();
     for fault in [None, Some(LOSSY)] {
         let cell = cell(&plan, fault);
-        let settings = settings_with_gains(&cell.robot).unwrap();
+        let settings = settings_with_gains(&cell.robot, &cell.setup).unwrap();
         let mut session = BusArgs::default().open_cell(&cell, Some(&settings)).unwrap();
-        let mut bus = OnBus::new(&mut session, None, cell.setup.bus.bit_rate_bit_s);
+        let mut bus = OnBus::new(&mut session, None);
         let mut local = InProcess::new(&cell.robot, &cell.setup, cell.seed, &settings).unwrap();
         let records = [follow_long_path(&mut bus, &arm, &plan), follow_long_path(&mut local, &arm, &plan)];
         let stands_rad = [session.sim().unwrap().cell(), local.cell()]
@@ -206,10 +207,9 @@ fn path_whose_segments_do_not_come_ends_with_its_cause_on_the_way() {
     let (arm, plan) = plan();
     let deaf = "kind = \"drop\", target = \"bus\", id = \"1C000000\", id_mask = 0x1C000000";
     let cell = cell(&plan, Some(deaf));
-    let settings = settings_with_gains(&cell.robot).unwrap();
+    let settings = settings_with_gains(&cell.robot, &cell.setup).unwrap();
     let mut session = BusArgs::default().open_cell(&cell, Some(&settings)).unwrap();
-    let (record, _) =
-        follow_long_path(&mut OnBus::new(&mut session, None, cell.setup.bus.bit_rate_bit_s), &arm, &plan);
+    let (record, _) = follow_long_path(&mut OnBus::new(&mut session, None), &arm, &plan);
     let Some(JobError::Operator(OperatorError::Stopped { cause, .. })) = record.ended else {
         panic!("{:?}", record.ended)
     };
@@ -225,13 +225,12 @@ fn path_whose_segments_do_not_come_ends_with_its_cause_on_the_way() {
 fn long_path_is_followed_by_a_controller_with_a_key() {
     let (arm, plan) = plan();
     let cell = cell(&plan, None);
-    let settings = settings_with_gains(&cell.robot).unwrap();
+    let settings = settings_with_gains(&cell.robot, &cell.setup).unwrap();
     let mut session = BusArgs::default().open_cell(&cell, Some(&settings)).unwrap();
     let node = session.find_controller(None).unwrap();
     session.wait_for(Duration::from_secs(20), &|state| state == State::Ready).unwrap();
     session.write_key(node, &[0x42; 32]).unwrap();
     session.set_key(Some(Key::new([0x42; 32])));
-    let (record, _) =
-        follow_long_path(&mut OnBus::new(&mut session, None, cell.setup.bus.bit_rate_bit_s), &arm, &plan);
+    let (record, _) = follow_long_path(&mut OnBus::new(&mut session, None), &arm, &plan);
     assert_eq!((record.verdict.outcome, record.ended.is_none()), (Outcome::Reached, true));
 }

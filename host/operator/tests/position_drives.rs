@@ -51,10 +51,10 @@ impl Arm {
 
 /// Found and at home.
 fn ready(cell: &Cell, period_us: u32) -> Session {
-    let mut settings = settings_with_gains(&cell.robot).unwrap();
+    let mut settings = settings_with_gains(&cell.robot, &cell.setup).unwrap();
     set_period(&mut settings, period_us);
     let mut session = BusArgs::default().open_cell(cell, Some(&settings)).unwrap();
-    let mut operator = OnBus::new(&mut session, None, 1_000_000);
+    let mut operator = OnBus::new(&mut session, None);
     operator.connect().unwrap();
     operator.wait_for(Duration::from_secs(5), &|state| state == State::Idle).unwrap();
     operator.home(0x3F, Duration::from_secs(5)).unwrap();
@@ -75,7 +75,7 @@ fn the_reported_pose_is_the_pose_of_the_plant_and_the_arm_is_held_at_each_period
             let before = plant_rad(&mut session);
             let until = session.now() + Duration::from_secs(2);
             session.run(until, &mut |_| false).unwrap();
-            let mut operator = OnBus::new(&mut session, None, 1_000_000);
+            let mut operator = OnBus::new(&mut session, None);
             operator.connect().unwrap();
             let reported = operator.pose().unwrap();
             for ((plant, before), reported) in plant_rad(&mut session).iter().zip(&before).zip(&reported) {
@@ -138,7 +138,7 @@ fn motion_is_judged_by_what_the_drives_measured() {
     for arm in ARMS {
         let cell = arm.cell();
         let mut session = ready(&cell, 3_000);
-        let mut operator = OnBus::new(&mut session, None, 1_000_000);
+        let mut operator = OnBus::new(&mut session, None);
         operator.connect().unwrap();
         let from = Joints::from_slice(&operator.pose().unwrap());
         let to = from.map(|q| q + 0.3);

@@ -72,7 +72,7 @@ fn followed(
     };
     session.sim().unwrap().world().with_participants(|all, _| all.0.0.0.record_trace()).unwrap();
     let from = session.now();
-    let mut operator = OnBus::new(session, None, 1_000_000);
+    let mut operator = OnBus::new(session, None);
     operator.connect().unwrap();
     let streamed = follow(&mut operator, &arm(), keeps, listed).unwrap();
     session.pass(Duration::from_millis(300)).unwrap();

@@ -55,10 +55,9 @@ fn on_a_bus(arm: &Arm, plan: &PlanFile, cell: &Cell) -> Thrown {
 }
 
 fn on_a_bus_with(arm: &Arm, plan: &PlanFile, cell: &Cell, answers: OnProgress<'_>) -> Thrown {
-    let settings = settings_with_gains(&cell.robot).unwrap();
+    let settings = settings_with_gains(&cell.robot, &cell.setup).unwrap();
     let mut session = BusArgs::default().open_cell(cell, Some(&settings)).unwrap();
-    let record =
-        throw(&mut OnBus::new(&mut session, None, cell.setup.bus.bit_rate_bit_s), arm, plan, answers);
+    let record = throw(&mut OnBus::new(&mut session, None), arm, plan, answers);
     let cell = session.sim().unwrap().cell();
     Thrown { record, ball: BallSeen::of(cell), stands_rad: angles(cell) }
 }
@@ -68,7 +67,7 @@ fn in_process(arm: &Arm, plan: &PlanFile, cell: &Cell) -> Thrown {
 }
 
 fn in_process_with(arm: &Arm, plan: &PlanFile, cell: &Cell, answers: OnProgress<'_>) -> Thrown {
-    let settings = settings_with_gains(&cell.robot).unwrap();
+    let settings = settings_with_gains(&cell.robot, &cell.setup).unwrap();
     let mut operator = InProcess::new(&cell.robot, &cell.setup, cell.seed, &settings).unwrap();
     let record = throw(&mut operator, arm, plan, answers);
     let cell = operator.cell();
@@ -208,7 +207,7 @@ fn moved(
     stop: Option<(f64, Frame)>,
 ) -> (Record, Vec<f64>, Vec<f64>) {
     let cell = cell(plan, true, stop);
-    let settings = settings_with_gains(&cell.robot).unwrap();
+    let settings = settings_with_gains(&cell.robot, &cell.setup).unwrap();
     let mut looks = 0;
     let mut answers = |progress: Progress<'_>| match progress {
         Progress::May(_) => {
@@ -221,7 +220,7 @@ fn moved(
         let mut session = BusArgs::default().open_cell(&cell, Some(&settings)).unwrap();
         let stood = angles(session.sim().unwrap().cell());
         let order = short_move(arm, plan, &stood);
-        let mut operator = OnBus::new(&mut session, None, cell.setup.bus.bit_rate_bit_s);
+        let mut operator = OnBus::new(&mut session, None);
         let record = perform(&mut operator, &order, &mut answers);
         (record, stood, angles(session.sim().unwrap().cell()))
     } else {

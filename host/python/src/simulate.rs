@@ -55,7 +55,7 @@ fn throw(request: &Request, stop: &Arc<AtomicBool>) -> Result<String, ExpectedEr
     let mut setup = cell.load()?.setup;
     take_plan(&mut setup.cell, &plan);
     let settings = match &request.gains {
-        None => settings_with_gains(&robot).map_err(|error| bad(&error))?,
+        None => settings_with_gains(&robot, &setup).map_err(|error| bad(&error))?,
         Some(text) => {
             let gains = GainsFile::from_toml(text, arm.name()).map_err(|error| bad(&error))?;
             let mut settings = settings_of(&robot).map_err(|error| bad(&error))?;

@@ -19,7 +19,7 @@ use protocol::cyphal::id::NodeId;
 use super::controlled::tell_warnings;
 use super::ended::Seen;
 use super::folder::Folder;
-use super::log::report::{BIT_RATE, MOTION};
+use super::log::report::MOTION;
 use super::plan::follow_options::is_industrial;
 use super::rsi::link::{Believed, Opening, RobotLink, motion_csv};
 use super::rsi::{LOG, write_description};
@@ -175,7 +175,7 @@ impl Link {
     /// Does `work` with the operator of the arm.
     pub fn with<R>(&mut self, work: impl FnOnce(&mut dyn Interactive) -> R) -> R {
         match self {
-            Self::Bus(session, node, _) => work(&mut OnBus::new(session, *node, BIT_RATE)),
+            Self::Bus(session, node, _) => work(&mut OnBus::new(session, *node)),
             Self::Led(link) => work(&mut link.operator),
         }
     }

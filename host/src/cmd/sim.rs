@@ -84,7 +84,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let cell = scenario.cell().map_err(|error| ExpectedError::bad_input(&error))?;
     let others = if args.controller {
         let robot = RobotModel::load(&scenario.robot).map_err(|error| ExpectedError::bad_input(&error))?;
-        let settings = settings_with_gains(&robot).map_err(|error| ExpectedError::bad_input(&error))?;
+        let settings = settings_with_gains(&robot, &scenario.clone().into())
+            .map_err(|error| ExpectedError::bad_input(&error))?;
         let drives = CanDrives::of(&robot).map_err(|error| ExpectedError::bad_input(&error))?;
         controller_node(&settings, drives, std::rc::Rc::default())
     } else {

@@ -14,7 +14,6 @@ use operator::machine::Machine;
 use planner::plan::file::PlanFile;
 use robot_model::RobotModel;
 
-use super::log::report::BIT_RATE;
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::live;
@@ -56,7 +55,7 @@ impl WebArgs {
             // A picture of virtual time would be over at once.
             sim.pace();
         }
-        let state = LiveState::new(Machine::of(robot), session.zero_unix(), BIT_RATE);
+        let state = LiveState::new(Machine::of(robot), session.zero_unix(), session.bit_rate_bit_s());
         let state = Arc::new(Mutex::new(state));
         session.add_tap(Box::new(LiveTap(Arc::clone(&state))));
         let page = live::page(robot, session.name(), plan);

@@ -226,7 +226,7 @@ impl Rig {
             judge: Judge::Throw { plan, tolerance_m: 0.01 },
             ..Order::throw(&self.arm, plan, Travel { seed, ..Travel::default() })
         };
-        let record = perform(&mut OnBus::new(&mut session, None, 1_000_000), &order, &mut |_| Answer::Yes);
+        let record = perform(&mut OnBus::new(&mut session, None), &order, &mut |_| Answer::Yes);
         if let Some(error) = record.ended {
             return Err(error);
         }

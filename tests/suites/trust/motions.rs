@@ -138,7 +138,7 @@ fn run_motion(
 ) -> Result<Followed, Failed> {
     let end_rad = motion.stop_rad();
     let order = Order::new(&bench.arm, &bench.plan.robot.fingerprint, Program::Motion(motion), Judge::Reach);
-    let record = perform(&mut OnBus::new(session, None, 1_000_000), &order, &mut |_| Answer::Yes);
+    let record = perform(&mut OnBus::new(session, None), &order, &mut |_| Answer::Yes);
     match (record.verdict.outcome, &record.ended) {
         (Outcome::Reached, None) => Ok(Followed { end_rad, name: "followed" }),
         (_, Some(JobError::Operator(error))) => Err(Failed::of(error)),
@@ -166,7 +166,7 @@ fn moved(motion: Motion, bench: &Bench, entry: Option<&Entry>) -> Seen {
     let (cell, bus, actions) = (scenario.cell.clone(), scenario.bus, scenario.actions.clone());
     let setup = SimSetup { cell, bus, faults, actions };
     let cell = Cell { robot_source: bench.robot_source.to_owned(), robot: bench.arm.clone(), seed: 1, setup };
-    let settings = settings_with_gains(&bench.arm).unwrap();
+    let settings = settings_with_gains(&bench.arm, &Default::default()).unwrap();
     let mut session = BusArgs::default().open_cell(&cell, Some(&settings)).unwrap();
     session.sim().unwrap().world().with_participants(|all, _| all.0.0.0.record_trace()).unwrap();
     let reported = motion.job(&mut session, bench);
@@ -207,7 +207,7 @@ fn begin(session: &mut Session, bench: &Bench) -> Result<Joints, OperatorError> 
     session.wait_for(Duration::from_secs(10), &|state| state != State::Boot)?;
     if bench.family != Family::PowerCube {
         // PowerCubes keep their zeros.
-        let mut operator = OnBus::new(session, None, 1_000_000);
+        let mut operator = OnBus::new(session, None);
         operator.connect()?;
         operator.home(((1_u16 << bench.arm.n()) - 1) as u8, Duration::from_secs(5))?;
     }
@@ -216,7 +216,7 @@ fn begin(session: &mut Session, bench: &Bench) -> Result<Joints, OperatorError> 
 }
 
 fn stream(session: &mut Session, bench: &Bench, from: Joints) -> Result<Followed, ServoError> {
-    let mut operator = OnBus::new(session, None, 1_000_000);
+    let mut operator = OnBus::new(session, None);
     operator.connect()?;
     let keeps = Keeps {
         share: 0.5,

@@ -530,12 +530,13 @@ impl DriveGroup for Cia402 {
     }
 
     fn is_keeping_time(&self) -> bool {
-        // Also at rest: a servo that is held takes a set point in each period.
-        !self.leader.is_finding() && self.options.joints().all(|joint| self.drives.at(joint).is_held())
+        // Also at rest and while others are looked for: a servo that is held takes a set point in each period.
+        self.options.joints().any(|joint| self.drives.at(joint).is_held())
     }
 
     fn is_cycle_done(&self, settings: &Settings) -> bool {
         // From the control step on the set points come, then the SYNC: what is queued before them delays it.
-        self.is_half && self.have_answered(settings)
+        let mut held = settings.joints().filter(|joint| self.drives.at(*joint).is_held());
+        self.is_half && held.all(|joint| !self.drives.at(joint).answers.awaited)
     }
 }

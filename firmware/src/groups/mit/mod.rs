@@ -435,11 +435,12 @@ impl DriveGroup for Mit {
     }
 
     fn is_keeping_time(&self) -> bool {
-        // Also at rest: a motor that is held takes a command in each period.
-        !self.leader.is_finding() && self.options.places().all(|place| self.drives.at(place).is_held())
+        // Also at rest and while others are looked for: a motor that is held takes a command in each period.
+        self.options.places().any(|place| self.drives.at(place).is_held())
     }
 
     fn is_cycle_done(&self, settings: &Settings) -> bool {
-        self.places(settings).all(|place| !self.drives.at(place).answers.awaited)
+        let mut held = self.places(settings).filter(|place| self.drives.at(*place).is_held());
+        held.all(|place| !self.drives.at(place).answers.awaited)
     }
 }

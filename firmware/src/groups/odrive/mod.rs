@@ -433,11 +433,12 @@ impl DriveGroup for Odrive {
     }
 
     fn is_keeping_time(&self) -> bool {
-        // Also at rest: an axis that is held takes a set point in each period.
-        !self.leader.is_finding() && self.options.places().all(|place| self.drives.at(place).is_held())
+        // Also at rest and while others are looked for: an axis that is held takes a set point in each period.
+        self.options.places().any(|place| self.drives.at(place).is_held())
     }
 
     fn is_cycle_done(&self, settings: &Settings) -> bool {
-        settings.joints().all(|joint| !self.drives.at(joint).answers.awaited)
+        let mut held = settings.joints().filter(|joint| self.drives.at(*joint).is_held());
+        held.all(|joint| !self.drives.at(joint).answers.awaited)
     }
 }

@@ -179,7 +179,7 @@ impl Bench {
             judge: Judge::Throw { plan: &self.plan, tolerance_m: self.tolerance_m },
             ..Order::throw(&self.arm, &self.plan, travel)
         };
-        let mut operator = OnBus::new(&mut session, None, scenario.bus.bit_rate_bit_s);
+        let mut operator = OnBus::new(&mut session, None);
         let record = perform(&mut operator, &order, &mut |_| Answer::Yes);
         let job_end = session.now();
         let mut broken = match &record.ended {

@@ -37,8 +37,6 @@ const END_S: f64 = 0.2;
 const HALTED: Duration = Duration::from_secs(1);
 /// Length of the plan that stands still: longer than any throw.
 const STANDING: Duration = Duration::from_secs(20);
-/// Of the bus.
-const BIT_RATE_BIT_S: u32 = 1_000_000;
 /// Time for a motion on top of its own.
 const RUN_MORE: Duration = Duration::from_secs(10);
 
@@ -168,7 +166,7 @@ impl ControllerArm {
     pub fn kept_joints(&self, robot: &RobotModel) -> Vec<(f64, Joints)> {
         let lines = self.keeper.stop();
         let Some(drives) = Drives::of(robot) else { return Vec::new() };
-        let joints = Samples::of_log(lines, drives, robot, BIT_RATE_BIT_S).joints;
+        let joints = Samples::of_log(lines, drives, robot, self.session.bit_rate_bit_s()).joints;
         let Some(first) = joints.first() else { return Vec::new() };
         // Drives answer one after the other: the others are taken between two of their answers.
         let at = |at: Instant| {

@@ -84,12 +84,7 @@ impl CellArgs {
         let robot_source = named.unwrap_or_else(|| "powercube6".to_owned());
         let robot = RobotModel::load(&robot_source)?;
         let seed = self.seed.or(scenario.as_ref().map(|scenario| scenario.seed)).unwrap_or(1);
-        let setup = scenario.map_or_else(SimSetup::default, |scenario| SimSetup {
-            cell: scenario.cell,
-            bus: scenario.bus,
-            faults: scenario.faults,
-            actions: scenario.actions,
-        });
+        let setup = scenario.map_or_else(SimSetup::default, SimSetup::from);
         Ok(Cell { robot_source, robot, seed, setup })
     }
 }
@@ -144,7 +139,8 @@ impl BusArgs {
     /// As [`BusArgs::open`].
     pub fn open_with_controller_until(&self, stop: Arc<AtomicBool>) -> Result<Session, BusFailure> {
         let cell = self.cell.load()?;
-        let settings = (self.bus == BusSpec::Sim).then(|| settings_with_gains(&cell.robot)).transpose()?;
+        let settings =
+            (self.bus == BusSpec::Sim).then(|| settings_with_gains(&cell.robot, &cell.setup)).transpose()?;
         self.open_cell_until(&cell, settings.as_ref(), stop)
     }
 
@@ -275,7 +271,7 @@ mod tests {
     fn a_controller_for_assumed_drives_is_refused_on_a_bus_with_real_ones() {
         let robot = format!("{}/../../docs/robots/arm.toml", env!("CARGO_MANIFEST_DIR"));
         let cell = CellArgs { robot: Some(robot), ..CellArgs::default() }.load().unwrap();
-        let settings = settings_with_gains(&cell.robot).unwrap();
+        let settings = settings_with_gains(&cell.robot, &cell.setup).unwrap();
         let open = |bus: &str, settings: Option<&Settings>| {
             let bus = BusArgs { bus: bus.parse().unwrap(), ..BusArgs::default() };
             bus.open_cell(&cell, settings).map(drop).unwrap_err()

@@ -95,6 +95,14 @@ impl LiveBus {
         soft.finish()
     }
 
+    /// Of the adapter that this program sets up.
+    pub(super) const fn bit_rate_bit_s(&self) -> Option<u32> {
+        match self.spec {
+            BusSpec::Slcan { bitrate, .. } => Some(bitrate.bits_per_second()),
+            _ => None,
+        }
+    }
+
     pub(super) fn takes_fd(&self) -> Result<(), LinkError> {
         self.link.takes_fd()
     }

@@ -37,4 +37,4 @@ pub mod storage;
 
 pub use args::BusArgs;
 pub use failure::BusFailure;
-pub use session::{Ended, Session};
+pub use session::{BIT_RATE_BIT_S, Ended, Session};

@@ -6,6 +6,7 @@ use robot_model::RobotModel;
 
 use crate::bus::cycle_timing::CycleTiming;
 use crate::bus::settings::{NoSettings, settings_of};
+use crate::bus::sim::SimSetup;
 use tuner::gains::choose::{GainsFrom, NoGains, PERIODS_US, gains_for};
 use tuner::gains::gains_file::GainsFile;
 
@@ -158,14 +159,15 @@ fn advice(timing: &CycleTiming) -> String {
     }
 }
 
-/// Settings for `robot` with gains for it. If its file has too little data to design them, there are no gains and a
+/// Settings for `robot` with gains for it, and the usual period on the bus of `setup`. If its file has too little data to design them, there are no gains and a
 /// controller cannot be armed.
 ///
 /// # Errors
 /// [`NoSettings`].
-pub fn settings_with_gains(robot: &RobotModel) -> Result<Settings, NoSettings> {
+pub fn settings_with_gains(robot: &RobotModel, setup: &SimSetup) -> Result<Settings, NoSettings> {
     let mut settings = settings_of(robot)?;
-    if let Ok(choice) = choose(PeriodRequest::Any, None, robot, settings.cycle_period_us) {
+    let usual_us = period_for(setup.cycle(robot.n()), settings.cycle_period_us);
+    if let Ok(choice) = choose(PeriodRequest::Any, None, robot, usual_us) {
         apply(&choice, &mut settings);
     }
     Ok(settings)

@@ -35,6 +35,9 @@ pub enum Ended {
     Interrupted,
 }
 
+/// Bit rate of a bus whose rate is not known.
+pub const BIT_RATE_BIT_S: u32 = 1_000_000;
+
 /// What every kind of bus does for a session.
 pub(super) enum Medium {
     Sim(Box<SimBus>),
@@ -144,6 +147,15 @@ impl Session {
     /// True in virtual time.
     pub const fn is_simulated(&self) -> bool {
         matches!(self.medium, Medium::Sim(_))
+    }
+
+    /// Bit rate outside the data phase of CAN FD: that of the simulated bus, or the one that an SLCAN adapter was set to. Of others it is
+    /// not known here, and 1 Mbit/s is assumed.
+    pub fn bit_rate_bit_s(&self) -> u32 {
+        match &self.medium {
+            Medium::Sim(sim) => sim.bit_rate_bit_s(),
+            Medium::Live(live) => live.bit_rate_bit_s().unwrap_or(BIT_RATE_BIT_S),
+        }
     }
 
     /// Whether CAN FD frames can be sent on this bus.

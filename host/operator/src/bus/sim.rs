@@ -14,7 +14,7 @@ use firmware::store::RamStorage;
 use hil_sim::bus::{BusConfig, ErrorKind};
 use hil_sim::fault::Fault;
 use hil_sim::participants::{Participants, Solo};
-use hil_sim::scenario::{Action, ScriptedHost};
+use hil_sim::scenario::{Action, Scenario, ScriptedHost};
 use hil_sim::{Cell as SimCell, CellOptions, Observer, World};
 use protocol::{Duration, Frame, Instant, Node};
 use robot_model::RobotModel;
@@ -114,6 +114,12 @@ pub struct SimSetup {
 const ANSWER_BITS: f64 = 130.0;
 /// A scripted host that takes more of the bus than this leaves no time for control.
 const SCRIPTED_SHARE_MAX: f64 = 0.9;
+
+impl From<Scenario> for SimSetup {
+    fn from(scenario: Scenario) -> Self {
+        Self { cell: scenario.cell, bus: scenario.bus, faults: scenario.faults, actions: scenario.actions }
+    }
+}
 
 impl SimSetup {
     /// Duration of a control cycle of `joints` drives: its bits and the longest processing time of a drive, on the
@@ -219,6 +225,10 @@ impl SimBus {
     /// The world, to read it and to add faults.
     pub fn world(&mut self) -> &mut World<SimParticipants> {
         &mut self.world
+    }
+
+    pub(super) fn bit_rate_bit_s(&self) -> u32 {
+        self.world.bus().bit_rate_bit_s()
     }
 
     /// See [`super::Session::takes_fd`].

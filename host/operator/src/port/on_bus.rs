@@ -32,7 +32,6 @@ pub struct OnBus<'a> {
     node: Option<NodeId>,
     clock: ControllerClock,
     keeper: Keeper,
-    bit_rate_bit_s: u32,
     /// The next run is a throw that releases this long after its start.
     release_after: Option<Duration>,
     /// Segments of the plan that was uploaded last.
@@ -40,8 +39,8 @@ pub struct OnBus<'a> {
 }
 
 impl<'a> OnBus<'a> {
-    /// Operator of the controller `wanted`, or of the one on the bus. Times on the bus are for `bit_rate_bit_s`.
-    pub fn new(session: &'a mut Session, wanted: Option<NodeId>, bit_rate_bit_s: u32) -> Self {
+    /// Operator of the controller `wanted`, or of the one on the bus.
+    pub fn new(session: &'a mut Session, wanted: Option<NodeId>) -> Self {
         let keeper = Keeper::default();
         session.add_tap(Box::new(keeper.clone()));
         session.watch_stops();
@@ -51,7 +50,6 @@ impl<'a> OnBus<'a> {
             node: None,
             clock: ControllerClock::default(),
             keeper,
-            bit_rate_bit_s,
             release_after: None,
             segments: Vec::new(),
         }
@@ -182,7 +180,7 @@ impl Operator for OnBus<'_> {
 
     fn take_samples(&mut self, arm: &Arm, drives: Option<Drives>) -> Option<Samples> {
         let lines = self.keeper.stop();
-        Some(Samples::of_log(lines, drives.or_else(|| Drives::of(arm))?, arm, self.bit_rate_bit_s))
+        Some(Samples::of_log(lines, drives.or_else(|| Drives::of(arm))?, arm, self.session.bit_rate_bit_s()))
     }
 
     fn double_answers(&mut self) -> Vec<String> {

@@ -10,7 +10,6 @@ use protocol::{Duration, Instant, ModuleId};
 
 use crate::cmd::arm::stop::halt;
 use crate::cmd::fixed;
-use crate::cmd::log::report::BIT_RATE;
 use crate::cmd::survey::{Modules, modules_on, require_powercubes};
 use crate::cmd::web::WebArgs;
 use crate::error::ExpectedError;
@@ -82,7 +81,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         tally.foreign_requests + tally.tools
     };
     let others_before = others(&mut session);
-    let live = LiveState::new(Machine::of(&cell.robot), session.zero_unix(), BIT_RATE);
+    let live = LiveState::new(Machine::of(&cell.robot), session.zero_unix(), session.bit_rate_bit_s());
     let live = Arc::new(Mutex::new(live));
     session.add_tap(Box::new(LiveTap(Arc::clone(&live))));
     let span = args.time.or((session.is_simulated() && page.is_none()).then_some(1.0));

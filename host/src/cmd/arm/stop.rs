@@ -6,7 +6,6 @@ use protocol::cyphal::cubecell::stop::Reason;
 use protocol::powercube::CubeState;
 use protocol::{Duration, ModuleId};
 
-use crate::cmd::log::report::BIT_RATE;
 use crate::cmd::survey::survey_with_progress;
 use crate::error::ExpectedError;
 use crate::exit;
@@ -68,7 +67,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 }
 
 fn stop(mut session: Session, machine: Machine, beside: bool) -> Result<(), ExpectedError> {
-    let live = LiveState::new(machine, session.zero_unix(), BIT_RATE);
+    let live = LiveState::new(machine, session.zero_unix(), session.bit_rate_bit_s());
     let live = Arc::new(Mutex::new(live));
     session.add_tap(Box::new(LiveTap(Arc::clone(&live))));
     halt(&mut session)?;

@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use crate::cmd::ended::{failure, outcome_last};
-use crate::cmd::log::report::BIT_RATE;
 use crate::cmd::path_file::{self, RetimeArgs};
 use crate::cmd::progress::ProgressView;
 use crate::cmd::target::Target;
@@ -42,7 +41,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let mut order = source.order();
     order.extent = Extent::Upload;
     let mut progress = ProgressView::new(false);
-    let mut operator = OnBus::new(&mut session, args.on.controller, BIT_RATE);
+    let mut operator = OnBus::new(&mut session, args.on.controller);
     let record = perform(&mut operator, &order, &mut |step| {
         progress.show(step);
         Answer::Yes

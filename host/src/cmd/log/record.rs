@@ -90,7 +90,7 @@ pub fn for_programs(words: &[String], stop: &Arc<AtomicBool>) -> Result<Vec<Line
     }
     let cell = args.bus.cell.load()?;
     let with_controller = args.controller && args.bus.bus == BusSpec::Sim;
-    let settings = with_controller.then(|| settings_with_gains(&cell.robot)).transpose();
+    let settings = with_controller.then(|| settings_with_gains(&cell.robot, &cell.setup)).transpose();
     let settings = settings.map_err(BusFailure::from)?;
     let mut session = args.bus.open_cell_until(&cell, settings.as_ref(), Arc::clone(stop))?;
     let keeper = Keeper::default();

@@ -17,6 +17,7 @@ use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::period::{PeriodRequest, apply, choose, settings_with_gains};
 use operator::bus::settings::settings_of;
+use operator::bus::sim::SimSetup;
 use operator::bus::sim::soft_controller;
 use operator::drives::CanDrives;
 use operator::drives::is_order;
@@ -89,7 +90,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     let beside = path.with_file_name("gains.toml");
     let gains = args.gains.as_ref().or_else(|| beside.is_file().then_some(&beside));
-    let settings = if gains.is_some() { settings_of(&robot) } else { settings_with_gains(&robot) };
+    let settings =
+        if gains.is_some() { settings_of(&robot) } else { settings_with_gains(&robot, &SimSetup::default()) };
     let mut settings = settings.map_err(|error| ExpectedError::bad_input(&error))?;
     settings.node_id = node.get().into();
     if let Some(path) = gains {

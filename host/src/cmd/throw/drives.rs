@@ -12,7 +12,6 @@ use crate::cmd::controlled::{is_soft, tell_warnings};
 use crate::cmd::ended::failure;
 use crate::cmd::finding::Level;
 use crate::cmd::folder::Folder;
-use crate::cmd::log::report::BIT_RATE;
 use crate::cmd::meaning::Deed;
 use crate::cmd::plan::search::{Planned, SearchOptions};
 use crate::cmd::progress::{ProgressView, Ui};
@@ -139,7 +138,7 @@ impl Drives {
             Some(Controller::Node(node)) => Some(node),
             Some(Controller::Soft) | None => None,
         };
-        let mut operator = OnBus::new(&mut session, wanted, BIT_RATE);
+        let mut operator = OnBus::new(&mut session, wanted);
         let record = perform(&mut operator, &self.order(args), &mut |step| ui.answer(step));
         ui.progress.quiet();
         tell_warnings(&mut session);
@@ -309,12 +308,14 @@ fn without_period(refused: NoPeriod, args: &Args, arm: &Arm) -> ExpectedError {
     }
 }
 
-/// What is wrong with the drives, asked by the host itself with the controller out of the way; only checks that count.
+/// What is wrong with the drives, asked by the host itself with the controller out of the way; only checks that count. PowerCubes only:
+/// others fall without their controller, or do not answer its questions.
 pub(super) fn diagnosis(
     session: &mut Session,
     arm: &Arm,
     counts: impl Fn(&str) -> bool,
 ) -> Option<Vec<ExpectedError>> {
+    arm.drives()?;
     session.switch_controller_off();
     // Answers to it may still be under way.
     session.sleep_until(session.now() + ANSWERS_MAX).ok()?;

@@ -8,7 +8,7 @@ use toml_reader::{DESCRIPTION_MAX_BYTES, read_text};
 use super::apply::InForce;
 use super::trial::{self, Named, Row, Throw};
 use super::{Args, Work};
-use crate::cmd::log::report::{self, BIT_RATE};
+use crate::cmd::log::report;
 use crate::cmd::throw::read_gains;
 use crate::error::ExpectedError;
 use crate::exit;
@@ -99,7 +99,7 @@ fn recorded(
     let [plan, log, summary, gains] =
         ["plan.json", "bus.log", "summary.json", "gains.toml"].map(|name| folder.join(name));
     let file = PlanFile::read(&plan).map_err(|e| ExpectedError::bad_input(&e))?;
-    let seen = report::read(&plan, &log, Some(&summary), Some(&work.source), BIT_RATE)?;
+    let seen = report::read(&plan, &log, Some(&summary), Some(&work.source), None)?;
     let analysis = seen.analysis.map_err(|why| ExpectedError::bad_input(&why).at(log.display()))?;
     let (its, _) = read(&gains, work, of_robot)?;
     let ran_with = |set: &&Named| {

@@ -17,6 +17,7 @@ use crate::report::motion;
 use crate::report::run::{EarlyReport, Ran, RunReport};
 use operator::analysis::events::{self, RunEvent};
 use operator::analysis::{AnalysisError, PlanClock, Run, RunAnalysis, analyse, drives_of};
+use operator::bus::BIT_RATE_BIT_S;
 use operator::log::candump::{self, Recording, Tear};
 use operator::log::text_in;
 use operator::samples::Samples;
@@ -24,9 +25,6 @@ use planner::follow::limits::Limits;
 use planner::plan::file::{Kind, PlanFileError, require_robot};
 use planner::record::PlanRecord;
 use planner::throw::Arm;
-
-/// Default bit rate of a bus, bit/s.
-pub const BIT_RATE: u32 = 1_000_000;
 
 /// What an industrial robot did, in the folder of a run.
 pub(in crate::cmd) const MOTION: &str = "motion.csv";
@@ -55,9 +53,9 @@ pub struct Args {
     /// Robot the run was made with: a built-in name or a file. Default: what the plan names.
     #[arg(long)]
     pub robot: Option<String>,
-    /// Bit rate of the bus, for times on it, bit/s.
-    #[arg(long, default_value_t = BIT_RATE, value_name = "BIT/S", value_parser = clap::value_parser!(u32).range(10_000..=1_000_000))]
-    pub bit_rate: u32,
+    /// Bit rate of the bus, for times on it, bit/s. Default: that of summary.json, or 1000000.
+    #[arg(long, value_name = "BIT/S", value_parser = clap::value_parser!(u32).range(10_000..=1_000_000))]
+    pub bit_rate: Option<u32>,
     /// Print the analysis as JSON instead of writing a report.
     #[arg(long)]
     pub json: bool,
@@ -129,7 +127,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     Ok(())
 }
 
-/// Reads and analyses a run.
+/// Reads and analyses a run. The bit rate that is not given is that of the summary, or 1 Mbit/s.
 ///
 /// # Errors
 /// As [`run`].
@@ -138,7 +136,7 @@ pub fn read(
     log: &Path,
     summary: Option<&Path>,
     robot: Option<&str>,
-    bit_rate_bit_s: u32,
+    bit_rate_bit_s: Option<u32>,
 ) -> Result<Recorded, ExpectedError> {
     let of_robot = log.file_name().is_some_and(|name| name == MOTION);
     let recording = if of_robot { Recording::default() } else { candump::read_file(log)? };
@@ -170,7 +168,9 @@ pub fn read(
             Some(drives) => drives,
             None => drives_of(&arm).map_err(|error| not_analysed(log, &error))?,
         };
-        Samples::of_log(recording.lines, drives, &arm, bit_rate_bit_s)
+        let of_summary = || summary.as_ref()?.pointer("/analysis/bus/bit_rate_bit_s")?.as_f64();
+        let rate = bit_rate_bit_s.or_else(|| of_summary().map(|rate| rate.round() as u32));
+        Samples::of_log(recording.lines, drives, &arm, rate.unwrap_or(BIT_RATE_BIT_S))
     };
     let run = Run {
         samples: &samples,
@@ -203,7 +203,7 @@ pub(in crate::cmd) fn write_into(folder: &Folder, robot: &str) -> Result<(), Exp
     let is_led = rsi::is_recording(&folder.path);
     let log = if is_led { MOTION } else { "bus.log" };
     let [plan, log, summary] = ["plan.json", log, "summary.json"].map(|name| folder.file(name));
-    let recorded = read(&plan, &log, Some(&summary), Some(robot), BIT_RATE)?;
+    let recorded = read(&plan, &log, Some(&summary), Some(robot), None)?;
     write(&recorded, &folder.file("report.html"))
 }
 
@@ -247,7 +247,7 @@ pub fn write_robot(folder: &Path, out: &Path) -> Result<(), ExpectedError> {
     let [plan_file, table, summary] = ["plan.json", MOTION, "summary.json"].map(|name| folder.join(name));
     let plan = match PlanRecord::read(&plan_file).map_err(|error| ExpectedError::bad_input(&error))? {
         PlanRecord::Follow(plan) => *plan,
-        _ => return write(&read(&plan_file, &table, Some(&summary), None, BIT_RATE)?, out),
+        _ => return write(&read(&plan_file, &table, Some(&summary), None, None)?, out),
     };
     let arm = crate::cmd::six_axes(&plan.robot.source)?;
     let (rows, summary) = (rows_of(&table)?, summary_of(&summary)?);
