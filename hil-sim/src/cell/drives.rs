@@ -31,7 +31,7 @@ impl Drives {
     pub(super) fn len(&self) -> usize {
         match self {
             Self::PowerCubes(drives) => drives.len(),
-            Self::Motors(arm) => arm.len(),
+            Self::Motors(arm) => arm.motors.len(),
         }
     }
 
@@ -46,7 +46,7 @@ impl Drives {
     pub(super) fn node(&mut self, index: usize) -> &mut dyn Node {
         match self {
             Self::PowerCubes(drives) => &mut drives[index],
-            Self::Motors(arm) => arm.node(index),
+            Self::Motors(arm) => &mut *arm.motors[index],
         }
     }
 
@@ -74,7 +74,7 @@ impl Drives {
     }
 
     pub(super) fn tx_order(&self, index: usize) -> Option<TxOrder> {
-        if let Self::Motors(arm) = self { arm.tx_order(index) } else { None }
+        if let Self::Motors(arm) = self { arm.motors[index].tx_order() } else { None }
     }
 
     pub(super) fn connection(
@@ -85,7 +85,7 @@ impl Drives {
     ) -> BusConnection {
         match self {
             Self::PowerCubes(drives) => drives[index].link(bit_rate),
-            Self::Motors(arm) => arm.connection(index, bit_rate, fd_bit_s),
+            Self::Motors(arm) => arm.motors[index].connection(bit_rate.bit_per_s(), fd_bit_s),
         }
     }
 
@@ -113,7 +113,7 @@ impl Drives {
     pub(super) fn input(&self, joint: usize, middle: Instant) -> AxisInput {
         match self {
             Self::PowerCubes(drives) => drives[joint].input(middle),
-            Self::Motors(arm) => arm.input(joint, middle),
+            Self::Motors(arm) => arm.motors[joint].input_at(middle),
         }
     }
 

@@ -165,8 +165,8 @@ impl Cell {
         match &mut self.drives {
             Drives::PowerCubes(_) => self.feed_drives(end),
             Drives::Motors(arm) => {
-                for (joint, mounting) in self.mounting.iter().enumerate() {
-                    arm.tick(joint, mounting.axis(self.plant.axis(joint)), dt_s);
+                for (joint, (motor, mounting)) in arm.motors.iter_mut().zip(&self.mounting).enumerate() {
+                    motor.tick(mounting.axis(self.plant.axis(joint)), dt_s);
                 }
                 arm.step_fingers(dt_s, end);
             }

@@ -2,8 +2,7 @@
 
 use std::any::Any;
 
-use protocol::powercube::BaudRate;
-use protocol::{Instant, Node};
+use protocol::Instant;
 use robot_model::{FingerTravel, RobotModel};
 
 use super::bench::{ShaftMotor, turn};
@@ -59,7 +58,7 @@ pub(crate) struct Start<'a> {
 
 /// The motors in joint order, the one of the fingers last.
 pub(crate) struct Arm {
-    motors: Vec<Box<dyn ArmMotor>>,
+    pub(crate) motors: Vec<Box<dyn ArmMotor>>,
     fingers: Option<Fingers>,
 }
 
@@ -98,18 +97,9 @@ impl Arm {
         self.motors.iter_mut().filter_map(|motor| (&mut **motor as &mut dyn Any).downcast_mut())
     }
 
-    /// Nodes on the bus.
-    pub(crate) fn len(&self) -> usize {
-        self.motors.len()
-    }
-
     /// Those that turn a joint.
     pub(crate) fn joints(&self) -> usize {
         self.motors.len() - usize::from(self.fingers.is_some())
-    }
-
-    pub(crate) fn node(&mut self, index: usize) -> &mut dyn Node {
-        &mut *self.motors[index]
     }
 
     pub(crate) fn name(&self, index: usize) -> String {
@@ -119,19 +109,6 @@ impl Arm {
         } else {
             format!("joint {} ({name})", index + 1)
         }
-    }
-
-    pub(crate) fn tx_order(&self, index: usize) -> Option<TxOrder> {
-        self.motors[index].tx_order()
-    }
-
-    pub(crate) fn connection(
-        &self,
-        index: usize,
-        bit_rate: BaudRate,
-        fd_bit_s: Option<u32>,
-    ) -> BusConnection {
-        self.motors[index].connection(bit_rate.bit_per_s(), fd_bit_s)
     }
 
     /// Begins a fault of the motor of a joint; false: such a motor has no such fault.
@@ -151,14 +128,6 @@ impl Arm {
         if *fault == PhysicalFault::Frozen {
             self.motors[joint].set_frozen(false);
         }
-    }
-
-    pub(crate) fn input(&self, joint: usize, middle: Instant) -> AxisInput {
-        self.motors[joint].input_at(middle)
-    }
-
-    pub(crate) fn tick(&mut self, joint: usize, axis: AxisState, dt_s: f64) {
-        self.motors[joint].tick(axis, dt_s);
     }
 
     /// Moves the fingers on to `end`, if a motor moves them.
