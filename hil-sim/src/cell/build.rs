@@ -4,13 +4,12 @@ use protocol::powercube::BaudRate;
 use protocol::{Duration, Instant, ModuleId};
 use robot_model::{Drive, JointVec, RobotModel};
 
-use super::drives::{Arm, Drives, servos};
+use super::drives::Drives;
 use super::finger_release::FingerRelease;
 use super::throw::Throw;
 use super::{Cell, Mounting};
-use crate::drive::mit::MitMotor;
-use crate::drive::odrive::OdriveAxis;
-use crate::drive::{DriveOptions, Nameplate, PowerCubeDrive};
+use crate::drive::arm::Start;
+use crate::drive::{DriveOptions, Nameplate, PowerCubeDrive, motors_of};
 use crate::mechanics::perturb::JointDeviation;
 use crate::mechanics::{
     Body, Gripper, GripperOptions, JointMechanics, MechanicsOptions, Mechanism, Plant, Scatter, Supply,
@@ -76,7 +75,8 @@ impl Default for CellOptions {
 pub enum CellError {
     /// The robot file describes no drives.
     #[error(
-        "robot {robot} has no drives: give each [[joint]] of its file a [joint.drive], [joint.mit], [joint.cia402] or [joint.odrive] table"
+        "robot {robot} has no drives: give each [[joint]] of its file a [joint.drive], {} table",
+        robot_model::motor_tables()
     )]
     NoDrives {
         /// Name of the robot.
@@ -97,12 +97,9 @@ pub enum CellError {
         joint: usize,
         address: u8,
     },
-    /// Torque and speed of a motor are not known.
-    #[error("no figures for motor '{motor}': the simulated ones are 4310, 4340 and 8009")]
-    MotorUnknown {
-        /// Its type.
-        motor: String,
-    },
+    /// Motors that are not simulated.
+    #[error("{0}")]
+    Motors(String),
     /// The start pose has another number of joints, or a value is not a number.
     #[error("the start pose has {found} usable angles, the robot {expected} joints")]
     StartPose {
@@ -128,11 +125,12 @@ impl Cell {
             Some(described) => {
                 Drives::PowerCubes(powercubes(model, options, described, &deviations, &q, seed)?)
             }
-            None if model.odrive_axes().is_some() => {
-                Drives::Odrive(Box::new(Arm::<OdriveAxis>::new(model, options, q.as_slice())))
+            None => {
+                let q_rad = (0..n).map(|joint| options.mounting_of(joint).drive_rad(q[joint])).collect();
+                let motors = motors_of(&Start { robot: model, mechanics: &options.mechanics, q_rad })
+                    .map_err(CellError::Motors)?;
+                Drives::Motors(motors.ok_or_else(|| CellError::NoDrives { robot: model.name().to_owned() })?)
             }
-            None if model.cia402_servos().is_some() => Drives::Cia402(servos(model, options, q.as_slice())?),
-            None => Drives::Mit(Box::new(Arm::<MitMotor>::new(model, options, q.as_slice())?)),
         };
         let plant = options.mechanics.build(model, q, &deviations);
         let supplies: Vec<Supply> = model
@@ -144,7 +142,7 @@ impl Cell {
         let world = *model.world();
         let mut gripper = options.gripper;
         // Fingers with a motor take the time that they take.
-        if matches!(drives, Drives::Mit(_) | Drives::Odrive(_)) {
+        if matches!(&drives, Drives::Motors(arm) if !arm.opens_by_output()) {
             (gripper.delay, gripper.jitter) = (Duration::ZERO, Duration::ZERO);
         }
         gripper.delay = options.scatter.draw_gripper_delay(seed, gripper.delay);
@@ -167,7 +165,7 @@ impl Cell {
             let nodes = model.addresses().unwrap_or_default().into_iter();
             cell.addresses = nodes.filter_map(|node| ModuleId::new(node).ok()).collect();
         }
-        cell.data_bit_rate_bit_s = model.mit_motors().and_then(|motors| motors.data_bit_rate_bit_s);
+        cell.data_bit_rate_bit_s = model.data_bit_rate_bit_s();
         Ok(cell)
     }
 

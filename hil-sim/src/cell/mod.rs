@@ -22,6 +22,7 @@ mod finger_release;
 mod mounting;
 mod throw;
 
+use std::any::Any;
 use std::borrow::Cow;
 
 use protocol::powercube::BaudRate;
@@ -33,10 +34,7 @@ pub use throw::{BallState, ThrowReport};
 
 use crate::bus::TxOrder;
 use crate::drive::PowerCubeDrive;
-use crate::drive::bench::ShaftMotor;
-use crate::drive::cia402::CanopenServo;
-use crate::drive::mit::MitMotor;
-use crate::drive::odrive::OdriveAxis;
+use crate::drive::arm::Arm;
 use crate::fault::FaultTarget;
 use crate::mechanics::{AxisInput, Plant, Supply};
 use crate::participants::{BusConnection, Participants};
@@ -81,21 +79,11 @@ impl Cell {
         self.drives.powercubes_mut().get_mut(index)
     }
 
-    /// The motors with MIT frames, in joint order, the one of the gripper last; empty for an arm with other drives.
-    pub fn mit_motors_mut(&mut self) -> impl Iterator<Item = &mut MitMotor> {
-        let arm = if let Drives::Mit(arm) = &mut self.drives { Some(arm) } else { None };
-        arm.into_iter().flat_map(|arm| arm.motors_mut())
-    }
-
-    /// The CANopen servos, in joint order; empty for an arm with other drives.
-    pub fn servos_mut(&mut self) -> &mut [CanopenServo] {
-        if let Drives::Cia402(servos) = &mut self.drives { servos } else { &mut [] }
-    }
-
-    /// The axes of ODrives, in joint order, the one of the gripper last; empty for an arm with other drives.
-    pub fn odrives_mut(&mut self) -> impl Iterator<Item = &mut OdriveAxis> {
-        let arm = if let Drives::Odrive(arm) = &mut self.drives { Some(arm) } else { None };
-        arm.into_iter().flat_map(|arm| arm.motors_mut())
+    /// The motors of one kind, such as [`OdriveAxis`](crate::drive::odrive::OdriveAxis), in joint order, the one of the gripper last;
+    /// empty for an arm with other drives.
+    pub fn motors_mut<M: Any>(&mut self) -> impl Iterator<Item = &mut M> {
+        let arm = if let Drives::Motors(arm) = &mut self.drives { Some(arm) } else { None };
+        arm.into_iter().flat_map(Arm::motors_mut)
     }
 
     pub fn plant(&self) -> &dyn Plant {
@@ -176,23 +164,13 @@ impl Cell {
         self.plant.step(dt_s, &self.inputs);
         match &mut self.drives {
             Drives::PowerCubes(_) => self.feed_drives(end),
-            Drives::Mit(arm) => {
-                for (index, motor) in arm.joints.iter_mut().enumerate() {
-                    motor.tick(self.mounting[index].axis(self.plant.axis(index)), dt_s);
+            Drives::Motors(arm) => {
+                for (joint, (motor, mounting)) in arm.motors.iter_mut().zip(&self.mounting).enumerate() {
+                    motor.tick(mounting.axis(self.plant.axis(joint)), dt_s);
                 }
-            }
-            Drives::Odrive(arm) => {
-                for (index, axis) in arm.joints.iter_mut().enumerate() {
-                    axis.tick(self.mounting[index].axis(self.plant.axis(index)), dt_s);
-                }
-            }
-            Drives::Cia402(servos) => {
-                for (index, servo) in servos.iter_mut().enumerate() {
-                    servo.tick(self.mounting[index].axis(self.plant.axis(index)), dt_s);
-                }
+                arm.step_fingers(dt_s, end);
             }
         }
-        self.drives.step_fingers(dt_s, end);
         self.throw.step(&self.drives, &*self.plant, end);
         self.plant.set_ball_held(self.throw.report().released_at.is_none());
         self.grid = end;
@@ -262,8 +240,8 @@ impl Participants for Cell {
         self.drives.accepts(index, frame)
     }
 
-    fn tx_order(&self, _index: usize) -> Option<TxOrder> {
-        self.drives.tx_order()
+    fn tx_order(&self, index: usize) -> Option<TxOrder> {
+        self.drives.tx_order(index)
     }
 
     fn module(&self, index: usize) -> Option<ModuleId> {

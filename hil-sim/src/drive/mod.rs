@@ -17,6 +17,7 @@
 //! | `servo` | position loop and the torque that the current limit allows |
 //! | `faults` | its faults |
 //! | [`mit`], [`odrive`], [`cia402`] | a Damiao motor, an axis of an ODrive, a CANopen servo instead of a PowerCube |
+//! | `arm` | such motors on the joints of an arm |
 //! | [`mod@bench`] | such motors with an inertia each, as participants of a bus |
 //!
 //! # State
@@ -45,6 +46,7 @@
 //! * Bits of Config and Setup without a line in `supervise` or `obey` are stored and read back, and do nothing: they
 //!   belong to other hardware (25xx, linear modules, Profibus).
 
+pub(crate) mod arm;
 pub mod bench;
 pub mod cia402;
 mod faults;
@@ -62,6 +64,19 @@ mod state;
 mod store;
 mod supervise;
 
+use robot_model::Drives;
+
 pub use options::{DriveOptions, Nameplate};
 pub use state::{DriveCounters, PowerCubeDrive};
 pub use supervise::COUNT_LOSS_RAD_S;
+
+/// The motors at rest that a robot file describes; `None`: it describes PowerCubes, which hang on supplies, or no drives. An error says
+/// which motors are not simulated.
+pub(crate) fn motors_of(start: &arm::Start<'_>) -> Result<Option<arm::Arm>, String> {
+    Ok(match start.robot.moved_by() {
+        None | Some(Drives::PowerCubes(_)) => None,
+        Some(Drives::Mit(motors)) => Some(mit::arm(motors, start)?),
+        Some(Drives::Cia402(servos)) => Some(cia402::arm(servos, start)),
+        Some(Drives::Odrive(axes)) => Some(odrive::arm(axes, start)),
+    })
+}

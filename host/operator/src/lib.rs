@@ -30,8 +30,8 @@
 //!       log       node                 recordings, and the content of their frames; the host's node, without IO
 //!        |
 //!        v
-//!   tap    machine    interrupt   eds  who sees the frames of a session; the arm as viewers need it; signals
-//!                                      that ask the program to end; data sheets of CANopen nodes
+//!   tap  machine  interrupt  eds  drives   who sees the frames of a session; the arm as viewers need it; signals that ask the
+//!                                          program to end; data sheets of CANopen nodes; the families of drives on CAN
 //! ```
 
 pub mod analysis;
@@ -39,6 +39,7 @@ pub mod ball_catch;
 pub mod bus;
 pub mod dialogue;
 pub mod disc;
+pub mod drives;
 pub mod eds;
 pub mod flight_estimator;
 pub mod identify;

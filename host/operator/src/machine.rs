@@ -46,7 +46,7 @@ impl Machine {
                 .drives()
                 .map_or_else(Vec::new, |drives| drives.iter().map(|drive| drive.address).collect()),
             boxes: robot.collision().boxes().iter().map(|b| (b.link, b.x_lb, b.half_m.into())).collect(),
-            data_bit_rate_bit_s: robot.mit_motors().and_then(|motors| motors.data_bit_rate_bit_s),
+            data_bit_rate_bit_s: robot.data_bit_rate_bit_s(),
             ball_radius_m: robot.gripper().ball_radius_m,
             place: Box::new(move |q_rad| placed(&own, q_rad)),
         }

@@ -24,7 +24,7 @@ fn open(cell: &Cell) -> Session {
 /// The motor of the fingers, which is the last one.
 fn fingers<R>(session: &mut Session, act: impl FnOnce(&mut hil_sim::drive::mit::MitMotor) -> R) -> R {
     let world = session.sim().unwrap().world();
-    world.with_participants(|all, _| act(all.0.0.0.mit_motors_mut().last().unwrap())).unwrap()
+    world.with_participants(|all, _| act(all.0.0.0.motors_mut().last().unwrap())).unwrap()
 }
 
 /// The controller has found its drives.

@@ -1,12 +1,14 @@
 //! Arms of CANopen servos and of ODrives in the simulated cell, judged by their plant, and what a drive may do wrong.
 
 use firmware::fault::Cause;
+use hil_sim::drive::cia402::CanopenServo;
+use hil_sim::drive::odrive::OdriveAxis;
 use operator::bus::BusArgs;
 use operator::bus::BusFailure;
 use operator::bus::args::{Cell, CellArgs};
-use operator::bus::can_drives::CanDrives;
 use operator::bus::period::{set_period, settings_with_gains};
 use operator::bus::session::Session;
+use operator::drives::CanDrives;
 use operator::job::{Answer, Judge, Order, Program, perform};
 use operator::port::{OnBus, Operator};
 use planner::plan::Joints;
@@ -113,8 +115,8 @@ fn a_drive_without_power_is_a_fault_of_its_joint_and_brakes_hold_the_arm() {
         let world = session.sim().unwrap().world();
         world
             .with_participants(|all, now| match arm {
-                Arm::Cia402 => all.0.0.0.servos_mut()[1].set_power(now, false),
-                Arm::Odrive => all.0.0.0.odrives_mut().nth(1).unwrap().set_power(now, false),
+                Arm::Cia402 => all.0.0.0.motors_mut::<CanopenServo>().nth(1).unwrap().set_power(now, false),
+                Arm::Odrive => all.0.0.0.motors_mut::<OdriveAxis>().nth(1).unwrap().set_power(now, false),
             })
             .unwrap();
         let until = session.now() + Duration::from_secs(1);

@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use operator::bus::BusArgs;
-use operator::bus::can_drives::cia402_options;
-use operator::bus::settings::settings_of;
+use operator::bus::settings::{NoSettings, settings_of};
 use operator::dialogue::ask::AskError;
+use operator::drives::cia402;
 use operator::eds::Eds;
 use operator::eds::compare::{Report, compare};
 use protocol::JointIndex;
@@ -61,12 +61,15 @@ pub(super) fn run(args: &ShowArgs) -> Result<(), ExpectedError> {
     let eds = read(&args.eds)?;
     let cell = args.bus.cell.load()?;
     let robot = &cell.robot;
-    let Some(servos) = robot.cia402_servos() else {
+    let Some(group) = robot.cia402_servos() else {
         let what = format!("robot {} has no CANopen servos", robot.name());
         return Err(ExpectedError::bad_input(&what)
             .next("name the robot of this arm with --robot; its file has [joint.cia402]"));
     };
-    let options = cia402_options(robot).map_err(|error| ExpectedError::bad_input(&error))?;
+    let servos = &group.servos;
+    let options = cia402::options(group, robot)
+        .map_err(|cause| NoSettings::Invalid { robot: robot.name().to_owned(), cause })
+        .map_err(|error| ExpectedError::bad_input(&error))?;
     let settings = settings_of(robot).map_err(|error| ExpectedError::bad_input(&error))?;
     let of_node = |number: u8| servos.iter().position(|servo| servo.node.get() == number);
     let joints: Vec<usize> = match args.node {

@@ -13,9 +13,9 @@ use super::sim_robot::RobotRun;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::BusFailure;
-use operator::bus::can_drives::CanDrives;
 use operator::bus::period::settings_with_gains;
 use operator::bus::sim::{controller_node, no_other_nodes};
+use operator::drives::CanDrives;
 use operator::interrupt::interrupt;
 
 /// Time between two looks at how late the machine was, and the lag that is printed at once: a controller with a cycle

@@ -9,7 +9,7 @@ impl RobotModel {
     /// `None` if the robot file describes no drives.
     #[must_use]
     pub fn motor_currents(&self, qd: &JointVec, tau: &JointVec) -> Option<JointVec> {
-        let drives = self.drives.as_ref()?;
+        let drives = self.drives()?;
         Some(JointVec::from_fn(self.n(), |i| {
             drives[i].k_b_a_s_rad * qd[i].abs() + drives[i].k_m_a_nm * tau[i].abs()
         }))

@@ -1,5 +1,7 @@
 //! What can be wrong with a robot file, with the data needed to put it right.
 
+use std::borrow::Cow;
+
 use toml_reader::DocumentError;
 
 /// A robot file was refused: where, and why.
@@ -47,14 +49,6 @@ pub enum Problem {
     /// A name is used twice.
     #[error("`{0}` is used twice")]
     Duplicate(String),
-    /// Two drives share one bus address.
-    #[error("bus address {address} already belongs to {owner}")]
-    DuplicateAddress {
-        /// The address.
-        address: i64,
-        /// Joint that has it first.
-        owner: String,
-    },
     /// A supply names a joint that is not there.
     #[error("there is no joint `{0}`")]
     UnknownJoint(String),
@@ -78,9 +72,6 @@ pub enum Problem {
     /// A pair of links names a link that does not exist.
     #[error("there is no link `{0}` (`base` is what does not move)")]
     UnknownLink(String),
-    /// Some joints have a drive and others do not.
-    #[error("joint `{0}` has no drive, though others have: all or none")]
-    DriveMissing(String),
     /// Some joints have a drive of this family and others do not.
     #[error("joint `{joint}` has no {what}, though others have: all or none")]
     FamilyMissing {
@@ -92,70 +83,33 @@ pub enum Problem {
     /// A joint has two drives.
     #[error("joint `{0}` has another drive too; give one or the other")]
     TwoFamilies(String),
-    /// A limit of a joint that the set points of its ODrive cannot hold.
-    #[error("{value:.1} is more than the set points of this ODrive hold ({max:.1})")]
-    BeyondOdriveRange {
+    /// A limit of a joint that its drive cannot be given.
+    #[error("{value:.1} is more than {holder} hold ({max:.1})")]
+    BeyondDrive {
         /// The limit, in the file's unit.
         value: f64,
         /// Largest value that fits.
         max: f64,
+        /// What cannot hold it.
+        holder: String,
     },
-    /// Two drives have one node.
-    #[error("node {node} already belongs to {owner}")]
-    DuplicateNode {
-        /// The node.
-        node: u8,
-        /// Joint that has it first.
-        owner: String,
-    },
-    /// The gripper has a drive of this family, but the joints do not.
-    #[error("the gripper has an {0}, but the joints have none")]
-    GripperAlone(&'static str),
-    /// The servo whose output opens the hand moves no joint.
-    #[error("node {0} is the servo of no joint: name one whose output opens the hand")]
-    NoServoOfOutput(u8),
-    /// A servo that interpolates has no homing.
-    #[error(
-        "a servo in interpolated position mode takes no zero from its place: it needs encoder = \"absolute\""
-    )]
-    InterpolatesWithoutZero,
-    /// The axis of the gripper counts the shaft of its motor.
-    #[error(
-        "the axis of the gripper counts its motor and forgets its turns without power: it needs encoder = \"joint\""
-    )]
-    GripperTurns,
-    /// A gripper that does not move.
-    #[error("open and closed are the same angle")]
-    GripperStill,
-    /// Two motors share an id, for commands or answers.
-    #[error("id {id:#x} already belongs to {owner}")]
-    DuplicateMitId {
-        /// The id.
-        id: u16,
+    /// Two drives have one number on the bus.
+    #[error("{what} already belongs to {owner}")]
+    NumberTaken {
+        /// The number, with what it is called.
+        what: String,
         /// Joint that has it first, or the gripper.
         owner: String,
     },
-    /// `[bus]` of CAN FD, and no motors that know it.
-    #[error("only Damiao motors ([joint.mit]) are led over CAN FD here")]
-    FdWithoutMit,
-    /// No motor has such a setting.
-    #[error(
-        "{bit_s} bit/s is no data rate of these motors: 2000000, 2500000, 3200000, 4000000, 5000000, 8000000 or 10000000 (register 35)"
-    )]
-    DataRate {
-        /// What the file says.
-        bit_s: i64,
-    },
-    /// A limit of a joint that the frames of its motor cannot hold.
-    #[error("{value:.1} is more than the frames of a motor {motor} hold ({max:.1})")]
-    BeyondMitRange {
-        /// The limit, in the file's unit.
-        value: f64,
-        /// Largest value of the frames.
-        max: f64,
-        /// Type of the motor.
-        motor: &'static str,
-    },
+    /// What only this family of drives refuses.
+    #[error("{0}")]
+    OfFamily(Cow<'static, str>),
+    /// The gripper has a drive of this family, but the joints do not.
+    #[error("the gripper has an {0}, but the joints have none")]
+    GripperAlone(&'static str),
+    /// A gripper that does not move.
+    #[error("open and closed are the same angle")]
+    GripperStill,
     /// The frames do not have the geometry of the declared family.
     #[error("the joint frames do not fit this family: {0}")]
     FamilyMismatch(FamilyMismatch),

@@ -6,9 +6,9 @@
 //! # Map
 //! | module | holds |
 //! |---|---|
-//! | `mit` | motors with MIT frames |
 //! | `model` | the validated robot and its parts |
 //! | `load` | robot file → model, one function per table; `toml_reader` knows line and key |
+//! | `drives` | what moves the joints, a file for each family of drives |
 //! | `error` | why a file is refused |
 //! | `fingers` | how two fingers grip a ball and open |
 //! | [`release`] | how a ball leaves the fingers of a hand that moves |
@@ -44,10 +44,10 @@
 #![warn(missing_docs)]
 
 mod boxes;
-mod cia402;
 pub mod collision;
 pub mod cubic;
 mod currents;
+mod drives;
 mod dynamics;
 mod error;
 mod family;
@@ -61,19 +61,15 @@ mod kinematics;
 pub mod linalg;
 mod load;
 mod mat3;
-mod mit;
 mod model;
-mod odrive;
-mod on_bus;
 mod per_joint;
 mod pose;
 pub mod release;
 pub mod survey;
-mod travel;
 pub mod urdf;
 pub mod uses;
 
-pub use cia402::{Cia402Mode, Cia402Output, Cia402Servo};
+pub use drives::*;
 pub use dynamics::InverseDynamicsGradient;
 pub use error::{FamilyMismatch, LoadError, Problem};
 pub use family::{Family, OrthoParallel, TurntablePlanar};
@@ -85,11 +81,6 @@ pub use ik_solution::{Branch, IkSolution, IkSolutions};
 pub use jacobian::Jacobian;
 pub use kinematics::Frames;
 pub use load::{SCHEMA_VERSION, built_in_robots, built_in_text, text_of};
-pub use mit::{MitGripper, MitMotor, MitMotors};
-pub use model::{
-    Drive, DriveLoop, Gripper, Joint, JointLimits, Link, LinkInertia, RobotModel, Supply, World,
-};
-pub use odrive::{OdriveAxis, OdriveGripper};
+pub use model::{DriveLoop, Gripper, Joint, JointLimits, Link, LinkInertia, RobotModel, Supply, World};
 pub use per_joint::{JOINTS_MAX, JointVec, PerJoint};
 pub use pose::Pose;
-pub use travel::FingerTravel;

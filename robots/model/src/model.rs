@@ -3,11 +3,9 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::boxes::{BodyBox, CollisionModel};
-use crate::cia402::{Cia402Output, Cia402Servo};
+use crate::drives::{Common, Drives};
 use crate::family::Family;
 use crate::fingers::Fingers;
-use crate::mit::MitMotors;
-use crate::odrive::{OdriveAxis, OdriveGripper};
 use crate::per_joint::{JointVec, PerJoint};
 use crate::pose::Pose;
 
@@ -26,12 +24,7 @@ pub struct RobotModel {
     pub(crate) gripper: Gripper,
     pub(crate) fingers: Option<Fingers>,
     pub(crate) family: Family,
-    pub(crate) drives: Option<Vec<Drive>>,
-    pub(crate) mit_motors: Option<MitMotors>,
-    pub(crate) cia402_servos: Option<Vec<Cia402Servo>>,
-    pub(crate) cia402_output: Option<Cia402Output>,
-    pub(crate) odrive_axes: Option<Vec<OdriveAxis>>,
-    pub(crate) odrive_gripper: Option<OdriveGripper>,
+    pub(crate) drives: Option<(Drives, Common)>,
     pub(crate) supplies: Vec<Supply>,
     pub(crate) drive_loop: Option<DriveLoop>,
     pub(crate) world: World,
@@ -177,32 +170,6 @@ impl LinkInertia {
     }
 }
 
-/// The drive module behind a joint.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Drive {
-    /// Module type as printed on it.
-    pub module: String,
-    /// Address on the bus, 1 to 31.
-    pub address: u8,
-    /// Firmware version as the module reports it, for example 0x4614.
-    pub firmware: u16,
-    /// Motor turns per joint turn.
-    pub gear_ratio: f64,
-    /// Encoder slots per motor turn.
-    pub encoder_slots: u32,
-    /// Largest current of the module in A.
-    pub current_max_a: f64,
-    /// K_B of eq. (9): current per joint speed, A·s/rad.
-    pub k_b_a_s_rad: f64,
-    /// K_M of eq. (9): current per joint torque, A/(N·m).
-    pub k_m_a_nm: f64,
-}
-
-impl Drive {
-    /// Type of a module that is not described, and name of its supply.
-    pub const GENERIC: &str = "generic";
-}
-
 /// A power supply and the joints on it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Supply {
@@ -320,49 +287,6 @@ impl RobotModel {
     #[must_use]
     pub fn family(&self) -> &Family {
         &self.family
-    }
-
-    /// The drive modules, if the robot file describes them (for all joints or for no joint).
-    #[must_use]
-    pub fn drives(&self) -> Option<&[Drive]> {
-        self.drives.as_deref()
-    }
-
-    /// Damiao motors with MIT frames, if the robot file describes them (for all joints or for no joint).
-    #[must_use]
-    pub fn mit_motors(&self) -> Option<&MitMotors> {
-        self.mit_motors.as_ref()
-    }
-
-    /// CANopen servos of profile CiA 402, base first, if the robot file describes them (for all joints or for no joint).
-    #[must_use]
-    pub fn cia402_servos(&self) -> Option<&[Cia402Servo]> {
-        self.cia402_servos.as_deref()
-    }
-
-    /// The output of a CANopen servo that opens the hand, if the robot file describes one.
-    #[must_use]
-    pub fn cia402_output(&self) -> Option<Cia402Output> {
-        self.cia402_output
-    }
-
-    /// Axes of ODrives, base first, if the robot file describes them (all joints or none).
-    #[must_use]
-    pub fn odrive_axes(&self) -> Option<&[OdriveAxis]> {
-        self.odrive_axes.as_deref()
-    }
-
-    /// The ODrive that moves the fingers, if the robot file describes one.
-    #[must_use]
-    pub fn odrive_gripper(&self) -> Option<&OdriveGripper> {
-        self.odrive_gripper.as_ref()
-    }
-
-    /// True if the drives are computed from speed and torque of the joints (`[generic_drives]`): the file describes no real
-    /// drives.
-    #[must_use]
-    pub fn drives_are_assumed(&self) -> bool {
-        self.drives().is_some_and(|drives| drives.iter().all(|drive| drive.module == Drive::GENERIC))
     }
 
     /// The power supplies; together they feed every drive exactly once. Empty without drives.

@@ -42,14 +42,15 @@ fn the_arm_weighs_12_kg_stands_upright_at_zero_and_holds_itself_within_its_rated
     let (shoulder, elbow) = (along(1), along(2));
     assert!(shoulder.norm() > elbow.norm() && elbow.norm() > 0.05, "{shoulder} {elbow}");
     assert!(shoulder.x * elbow.x + shoulder.y * elbow.y < 0.0, "{shoulder} {elbow}");
-    let rated = arm.cia402_servos().expect("servos").iter().map(|servo| servo.rated_nm);
+    let rated = arm.cia402_servos().expect("servos").servos.iter().map(|servo| servo.rated_nm);
     assert!(arm.holding_torques().iter().zip(rated).all(|(held, rated)| *held <= rated));
 }
 
 #[test]
 fn each_joint_has_its_servo_and_every_mistake_in_one_is_named_with_its_key() {
     let servos = arm();
-    let nodes: Vec<u8> = servos.cia402_servos().expect("servos").iter().map(|s| s.node.get()).collect();
+    let nodes: Vec<u8> =
+        servos.cia402_servos().expect("servos").servos.iter().map(|s| s.node.get()).collect();
     assert_eq!(nodes, [3, 4, 5, 6, 7, 8]);
     for (from, to, key, message) in [
         ("node = 5", "node = 4", "joint[2].cia402.node", "node 4 already belongs to shoulder"),
@@ -92,7 +93,10 @@ fn servos_on_some_joints_only_or_beside_other_drives_are_refused() {
 
 #[test]
 fn every_mistake_in_the_output_of_the_hand_is_named_with_its_key() {
-    assert_eq!(arm().cia402_output().map(|output| (output.joint, output.bit)), Some((5, 16)));
+    assert_eq!(
+        arm().cia402_servos().expect("servos").output.map(|output| (output.joint, output.bit)),
+        Some((5, 16))
+    );
     for (from, to, key, message) in [
         ("output_of = 8", "output_of = 9", "gripper.cia402.output_of", "node 9 is the servo of no joint"),
         ("bit = 16", "bit = 15", "gripper.cia402.bit", "15"),

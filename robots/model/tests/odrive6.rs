@@ -30,7 +30,7 @@ fn the_arm_weighs_6_kg_and_holds_itself_with_half_of_its_currents() {
     let arm = arm();
     let mass_kg: f64 = arm.links().iter().map(|link| link.inertia.mass_kg()).sum();
     assert!((mass_kg - 6.0).abs() < 0.01, "{mass_kg}");
-    let axes = arm.odrive_axes().expect("axes");
+    let axes = &arm.odrive_axes().expect("axes").axes;
     for (held_nm, axis) in arm.holding_torques().iter().zip(axes) {
         assert!(*held_nm <= 0.5 * axis.torque_max_nm(), "{held_nm} {axis:?}");
     }
@@ -78,7 +78,7 @@ fn every_mistake_in_the_axis_of_the_hand_is_named_with_its_key() {
 #[test]
 fn the_hand_opens_within_the_time_that_its_current_and_its_gains_allow() {
     let arm = arm();
-    let gripper = arm.odrive_gripper().expect("a hand");
+    let gripper = arm.odrive_axes().expect("axes").gripper.expect("a hand");
     let (axis, way_rad) = (gripper.axis, 60_f64.to_radians());
     let at_constant_s = |torque_nm: f64| (2.0 * 0.1 * way_rad * axis.rotor_kg_m2 / torque_nm).sqrt();
     let opening_s = gripper.opening_s();
@@ -97,7 +97,7 @@ fn a_speed_or_a_torque_that_the_set_points_cannot_hold_is_refused_when_the_file_
             Ok(_) => assert!(fits, "{gear}"),
             Err(error) => {
                 assert!(!fits && error.key == "joint[0].velocity_max_deg_s", "{error}");
-                assert!(matches!(error.problem, Problem::BeyondOdriveRange { .. }), "{error}");
+                assert!(matches!(error.problem, Problem::BeyondDrive { .. }), "{error}");
             }
         }
     }

@@ -144,7 +144,7 @@ fn a_drive_on_some_joints_only_is_refused() {
     let error = refused(&text);
     assert_eq!(
         (error.key.as_str(), &error.problem),
-        ("joint[2].drive", &Problem::DriveMissing("joint3".to_owned()))
+        ("joint[2].drive", &Problem::FamilyMissing { what: "drive", joint: "joint3".to_owned() })
     );
 }
 

@@ -11,6 +11,7 @@
 //! | `path` | the reference as closed forms of time |
 //! | `dictionary` | objects: type, access, range, value |
 //! | `server` | service data: expedited and in segments |
+//! | `on_arm` | such motors on the joints of a robot file |
 //! | `options` | [`ServoOptions`]: the servo as delivered; [`ServoFaults`]: its faults |
 //!
 //! # Choices that the standard leaves open
@@ -26,10 +27,12 @@
 
 mod dictionary;
 mod motion;
+mod on_arm;
 mod options;
 mod path;
 mod server;
 mod servo;
 
+pub(super) use on_arm::arm;
 pub use options::{Interpolating, MissingTarget, ServoFaults, ServoOptions};
 pub use servo::CanopenServo;

@@ -7,6 +7,7 @@
 //! | file | holds |
 //! |---|---|
 //! | `motor` | [`MitMotor`]: power, frames, torque; the [`protocol::Node`] |
+//! | `on_arm` | such motors on the joints of a robot file |
 //! | `options` | [`MitOptions`]: the motor as delivered; [`MitFaults`]: its faults |
 //! | `registers` | settings in RAM and flash |
 //!
@@ -31,8 +32,10 @@
 //!   rotor alone.
 
 mod motor;
+mod on_arm;
 mod options;
 mod registers;
 
 pub use motor::MitMotor;
+pub(super) use on_arm::arm;
 pub use options::{MitFaults, MitOptions};

@@ -8,6 +8,7 @@
 //! |---|---|
 //! | `axis` | [`OdriveAxis`]: power, frames, torque; the [`protocol::Node`] |
 //! | `input` | from what a host wants to the set point of the loops |
+//! | `on_arm` | such axes on the joints of a robot file |
 //! | `options` | [`OdriveOptions`]: the axis as it is configured; [`OdriveFaults`]: what is wrong with it |
 //!
 //! # State
@@ -37,7 +38,9 @@
 
 mod axis;
 mod input;
+mod on_arm;
 mod options;
 
 pub use axis::OdriveAxis;
+pub(super) use on_arm::arm;
 pub use options::{OdriveFaults, OdriveOptions, OdriveParameter};

@@ -13,12 +13,12 @@ use protocol::ModuleId;
 use protocol::cyphal::id::NodeId;
 use robot_model::RobotModel;
 
-use super::can_drives::CanDrives;
 use super::failure::BusFailure;
 use super::live::LiveBus;
 use super::session::{Medium, Session};
 use super::sim::{OtherNodes, SimBus, SimSetup, controller_node, no_other_nodes};
 use crate::bus::period::settings_with_gains;
+use crate::drives::CanDrives;
 use crate::interrupt::interrupt;
 use crate::log::Recorder;
 use crate::machine::Machine;

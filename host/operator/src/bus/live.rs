@@ -4,11 +4,11 @@ use can_link::{BusSpec, CanLink, Clock, LinkError, LinkEvent, LinkStats, PollSet
 use firmware::settings::Settings;
 use protocol::{Duration, Frame, Instant, ModuleId, Node};
 
-use super::can_drives::CanDrives;
 use super::cycle_timing::{self, CycleTiming};
 use super::failure::BusFailure;
 use super::seen::Seen;
 use super::soft::{SoftController, SoftReport};
+use crate::drives::CanDrives;
 use crate::node::host_node::HostNode;
 use crate::tap::Way;
 

@@ -6,8 +6,7 @@
 //! | modules | hold | must not |
 //! |---|---|---|
 //! | [`entropy`], [`key_file`], [`storage`] | random bytes of the operating system; key files; what a controller on this machine keeps | be used for tokens in virtual time |
-//! | [`settings`], [`can_drives`] | settings of a controller for a robot, and the group of its drives | choose gains |
-//! | [`orders`] | which frames on a bus a controller sent | decode them |
+//! | [`settings`] | settings of a controller for a robot | choose gains |
 //! | [`failure`], `seen` | why a bus failed; its events in one step | recover |
 //! | [`cycle_timing`], [`period`] | which control period machine and bus can keep, measured; the choice of one, with gains | move anything |
 //! | [`soft`], [`sim`], [`live`] | a controller in a thread; the embedded cell in virtual time; a link in real time | know the task of a verb |
@@ -23,13 +22,11 @@
 //!   interrupted stops it before it returns.
 
 pub mod args;
-pub mod can_drives;
 pub mod cycle_timing;
 pub mod entropy;
 pub mod failure;
 pub mod key_file;
 pub mod live;
-pub mod orders;
 pub mod period;
 mod seen;
 pub mod session;

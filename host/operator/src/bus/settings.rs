@@ -8,6 +8,8 @@ use robot_model::RobotModel;
 
 use planner::store::fingerprint_of;
 
+use crate::drives::{CanDrives, group_of};
+
 /// Share of a drive's current that homing and jogging may use.
 const SLOW_CURRENT_SHARE: f64 = 0.5;
 
@@ -39,13 +41,26 @@ impl NoSettings {
     pub fn next(&self) -> Option<String> {
         Some(match self {
             Self::NoDrives { .. } => {
-                "give each [[joint]] of its file a [joint.drive] table with address and current, or a [joint.mit], [joint.cia402] or [joint.odrive] table".to_owned()
+                let others = robot_model::motor_tables();
+                format!(
+                    "give each [[joint]] of its file a [joint.drive] table with address and current, or a {others} table"
+                )
             }
             Self::NoSuchModule { .. } => "name the robot of this arm with --robot; `cubectl status` \
          shows which modules are there"
                 .to_owned(),
             _ => return None,
         })
+    }
+}
+
+impl CanDrives {
+    /// The drives of `robot`. PowerCubes are those that the settings name; an arm of motors, which has no brakes, is held as a whole.
+    ///
+    /// # Errors
+    /// [`NoSettings::Invalid`]: motors or servos that cannot form a group.
+    pub fn of(robot: &RobotModel) -> Result<Self, NoSettings> {
+        group_of(robot).map_err(|cause| NoSettings::Invalid { robot: robot.name().to_owned(), cause })
     }
 }
 

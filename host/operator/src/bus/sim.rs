@@ -19,10 +19,10 @@ use hil_sim::{Cell as SimCell, CellOptions, Observer, World};
 use protocol::{Duration, Frame, Instant, Node};
 use robot_model::RobotModel;
 
-use super::can_drives::CanDrives;
 use super::failure::BusFailure;
 use super::period::CYCLE_BITS;
 use super::seen::Seen;
+use crate::drives::CanDrives;
 use crate::node::host_node::HostNode;
 use crate::tap::Way;
 

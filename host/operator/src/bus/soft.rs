@@ -35,9 +35,9 @@ use firmware::store::RamStorage;
 use protocol::{Frame, Node};
 use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
-use super::can_drives::CanDrives;
 use super::entropy;
 use super::failure::BusFailure;
+use crate::drives::CanDrives;
 
 /// Frames that wait for the session: two seconds of a busy bus.
 const TO_SESSION_MAX: usize = 16_384;

@@ -27,7 +27,6 @@ use robot_model::RobotModel;
 
 use super::{BallSeen, Operator};
 use crate::bus::BusFailure;
-use crate::bus::can_drives::CanDrives;
 use crate::bus::sim::SimSetup;
 use crate::dialogue::following::Following;
 use crate::dialogue::operator::{
@@ -35,6 +34,7 @@ use crate::dialogue::operator::{
 };
 use crate::dialogue::presence::PRESENCE;
 use crate::dialogue::registers::{Numbers, to_controller, to_host};
+use crate::drives::CanDrives;
 use crate::node::stop_watch::StopWatch;
 use crate::samples::Samples;
 use crate::samples::drives::Drives;

@@ -22,13 +22,13 @@ use crate::cmd::values::node_id;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::BusFailure;
-use operator::bus::can_drives::CanDrives;
 use operator::bus::cycle_timing;
 use operator::bus::entropy;
 use operator::bus::period::{NoPeriod, apply, choose};
 use operator::bus::settings::settings_of;
 use operator::bus::soft::SoftReport;
 use operator::bus::storage::FileStorage;
+use operator::drives::CanDrives;
 use operator::interrupt::interrupt;
 
 /// Time between two looks at the state of the group.

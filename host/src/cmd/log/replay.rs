@@ -15,12 +15,12 @@ use crate::cmd::throw::read_gains;
 use crate::cmd::tune::InForce;
 use crate::error::ExpectedError;
 use crate::exit;
-use operator::bus::can_drives::CanDrives;
-use operator::bus::orders::is_order;
 use operator::bus::period::{PeriodRequest, apply, choose, settings_with_gains};
 use operator::bus::settings::settings_of;
 use operator::bus::sim::SimSetup;
 use operator::bus::sim::soft_controller;
+use operator::drives::CanDrives;
+use operator::drives::is_order;
 
 use operator::log::candump::{Line, Recording, read_file};
 use operator::log::text_in;

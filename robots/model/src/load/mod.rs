@@ -3,13 +3,8 @@
 //! One function per table of the file; units are in the key names and are converted only here.
 
 mod bodies;
-mod cia402;
-mod families;
 mod fingers;
 mod frames;
-mod generic;
-mod mit;
-mod odrive;
 
 pub(crate) use frames::turn_z_to;
 
@@ -20,14 +15,15 @@ use nalgebra::Matrix3;
 use toml_reader::{DESCRIPTION_MAX_BYTES, Problem as DocumentProblem, Source, Value};
 
 use crate::boxes::{CollisionModel, PairRule};
+use crate::drives::{Drives, Tables, read_generic};
 use crate::error::{LoadError, Problem};
 use crate::family::{Family, FamilyName};
-use crate::model::{Drive, DriveLoop, Gripper, Joint, JointLimits, Link, RobotModel, Supply, World};
+use crate::model::{DriveLoop, Gripper, Joint, JointLimits, Link, RobotModel, Supply, World};
 use crate::per_joint::{JOINTS_MAX, PerJoint};
 use crate::pose::Pose;
 
 /// A table of a robot file.
-type Section<'a> = toml_reader::Section<'a, Problem>;
+pub(crate) type Section<'a> = toml_reader::Section<'a, Problem>;
 
 /// Version of the robot file that this program reads.
 pub const SCHEMA_VERSION: i64 = 1;
@@ -134,19 +130,14 @@ fn read_model(root: &Section<'_>) -> Result<RobotModel, LoadError> {
     let x_ne = frames.x_jl[n - 1] * x_le;
 
     let gripper_section = root.required("gripper", Value::section)?;
-    families::require_one(&joint_sections, &joints)?;
     let bus = root.optional("bus", Value::section)?;
-    let mit_motors = mit::read(&joint_sections, &gripper_section, &joints, bus.as_ref())?;
-    let cia402_servos = cia402::read(&joint_sections, &joints)?;
-    let cia402_output = cia402::read_output(&gripper_section, cia402_servos.as_deref())?;
-    let odrive_axes = odrive::read(&joint_sections, &joints)?;
-    let odrive_gripper = odrive::read_gripper(&gripper_section, odrive_axes.as_deref(), &joints)?;
-    let mut drives = read_drives(&joint_sections)?;
-    let mut supplies = read_supplies(root, &joints, drives.is_some())?;
+    let tables =
+        Tables { joints: &joint_sections, described: &joints, gripper: &gripper_section, bus: bus.as_ref() };
+    let mut drives = Drives::read(&tables)?;
+    let mut supplies = read_supplies(root, &joints, matches!(drives, Some((Drives::PowerCubes(_), _))))?;
     if let Some(section) = root.optional("generic_drives", Value::section)? {
-        generic::require_alone(root, &joint_sections)?;
-        let (of_joints, supply) = generic::read(&section, &joints)?;
-        (drives, supplies) = (Some(of_joints), vec![supply]);
+        let (modules, supply) = read_generic(root, &section, &tables)?;
+        (drives, supplies) = (Some(modules), vec![supply]);
     }
     for section in &joint_sections {
         section.finish()?;
@@ -175,11 +166,6 @@ fn read_model(root: &Section<'_>) -> Result<RobotModel, LoadError> {
         fingers,
         family,
         drives,
-        mit_motors,
-        cia402_servos,
-        cia402_output,
-        odrive_axes,
-        odrive_gripper,
         supplies,
         drive_loop,
         world,
@@ -249,41 +235,6 @@ const BALL_MASS_MAX_KG: f64 = 5.0;
 
 /// Ten turns a second.
 const SPEED_MAX_DEG_S: f64 = 3600.0;
-
-fn read_drives(sections: &[Section<'_>]) -> Result<Option<Vec<Drive>>, LoadError> {
-    let mut drives: Vec<Drive> = Vec::new();
-    let mut bare = None;
-    for section in sections {
-        let Some(part) = section.optional("drive", Value::section)? else {
-            bare = bare.or(Some(section));
-            continue;
-        };
-        let address = part.required("address", |v| v.integer(1..=31))?;
-        if let Some(k) = drives.iter().position(|d| i64::from(d.address) == address) {
-            let owner = sections[k].required("name", Value::text)?.to_owned();
-            return Err(part.error("address", Problem::DuplicateAddress { address, owner }));
-        }
-        drives.push(Drive {
-            module: part.required("module", Value::text)?.to_owned(),
-            address: address as u8,
-            firmware: part.required("firmware", |v| v.integer(0..=0xFFFF))? as u16,
-            gear_ratio: part.required("gear_ratio", Value::positive)?,
-            encoder_slots: part.required("encoder_slots", |v| v.integer(1..=0xFF_FFFF))? as u32,
-            current_max_a: part.required("current_max_a", Value::positive)?,
-            k_b_a_s_rad: part.required("k_b_a_s_rad", Value::non_negative)?,
-            k_m_a_nm: part.required("k_m_a_nm", Value::non_negative)?,
-        });
-        part.finish()?;
-    }
-    match bare {
-        Some(section) if !drives.is_empty() => {
-            Err(section
-                .error("drive", Problem::DriveMissing(section.required("name", Value::text)?.to_owned())))
-        }
-        Some(_) => Ok(None),
-        None => Ok(Some(drives)),
-    }
-}
 
 fn read_supplies(root: &Section<'_>, joints: &[Joint], with_drives: bool) -> Result<Vec<Supply>, LoadError> {
     let mut supplies: Vec<Supply> = Vec::new();

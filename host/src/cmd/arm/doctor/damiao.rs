@@ -7,7 +7,7 @@ use std::rc::Rc;
 
 use mit_protocol::{DATA_RATES, Register, RegisterAnswer, RegisterRequest, RegisterValue, State};
 use operator::bus::Session;
-use operator::bus::orders::is_order_to_motor;
+use operator::drives::mit::is_order_to_motor;
 use operator::tap::{Tap, Way};
 use protocol::{Duration, FdFlags, Frame, Instant};
 use robot_model::{MitMotor, MitMotors};

@@ -11,10 +11,10 @@
 
 use toml_reader::Value;
 
-use super::Section;
-use super::families::FAMILIES;
+use super::{Common, Drive, Drives, PowerCubes, TABLES, Tables};
 use crate::error::{LoadError, Problem};
-use crate::model::{Drive, Joint, Supply};
+use crate::load::Section;
+use crate::model::{Joint, Supply};
 use crate::per_joint::PerJoint;
 
 /// Version of the PowerCube protocol that a generic drive answers with on the simulated bus.
@@ -22,8 +22,18 @@ const FIRMWARE: u16 = 0x4614;
 /// Least largest current of a drive: a weaker motor takes the place of a smaller one.
 const CURRENT_MIN_A: f64 = 1.0;
 
-/// Drives with the addresses 1, 2, … and their supply.
-pub(super) fn read(section: &Section<'_>, joints: &[Joint]) -> Result<(Vec<Drive>, Supply), LoadError> {
+/// Drives with the addresses 1, 2, … and their supply. Drives, motors or supplies of the file's own are refused beside them.
+pub(crate) fn read_generic(
+    root: &Section<'_>,
+    section: &Section<'_>,
+    tables: &Tables<'_>,
+) -> Result<((Drives, Common), Supply), LoadError> {
+    let mut beside = TABLES.iter().filter(|(key, _)| tables.joints.iter().any(|joint| joint.has(key)));
+    let beside = beside.next().map(|(_, table)| *table).or(root.has("supply").then_some("[[supply]]"));
+    if let Some(beside) = beside {
+        return Err(root.error("generic_drives", Problem::GenericBeside(beside)));
+    }
+    let joints = tables.described;
     let voltage_v = section.required("voltage_v", |v| v.number_in(1.0, 10_000.0))?;
     let efficiency = section.required("efficiency", |v| v.number_in(0.05, 1.0))?;
     let motor_speed_max_rad_s = section.required("motor_speed_max_rad_s", Value::positive)?;
@@ -51,15 +61,9 @@ pub(super) fn read(section: &Section<'_>, joints: &[Joint]) -> Result<(Vec<Drive
     let mut feeds = PerJoint::<bool>::default_of(joints.len());
     feeds.iter_mut().for_each(|fed| *fed = true);
     let current_max_a = drives.iter().map(|drive| drive.current_max_a).sum();
-    Ok((drives, Supply { name: Drive::GENERIC.to_owned(), voltage_v, current_max_a, feeds }))
-}
-
-/// Refuses `[generic_drives]` beside drives, motors or supplies of the file's own.
-pub(super) fn require_alone(root: &Section<'_>, joints: &[Section<'_>]) -> Result<(), LoadError> {
-    let mut beside = FAMILIES.into_iter().filter(|(key, _)| joints.iter().any(|joint| joint.has(key)));
-    let beside = beside.next().map(|(_, table)| table).or(root.has("supply").then_some("[[supply]]"));
-    match beside {
-        Some(beside) => Err(root.error("generic_drives", Problem::GenericBeside(beside))),
-        None => Ok(()),
-    }
+    let (drives, common) = PowerCubes::with_common(drives);
+    Ok((
+        (Drives::PowerCubes(drives), common),
+        Supply { name: Drive::GENERIC.to_owned(), voltage_v, current_max_a, feeds },
+    ))
 }

@@ -1,0 +1,20 @@
+//! PowerCubes: those that the settings name; the facts of a log say their positions.
+
+use protocol::Frame;
+use protocol::powercube::{Address, Channel};
+use robot_model::{PowerCubes, RobotModel};
+
+use super::{CanDrives, Family};
+
+impl Family for PowerCubes {
+    fn group(&self, _robot: &RobotModel) -> Result<CanDrives, String> {
+        Ok(CanDrives::default())
+    }
+
+    fn is_order(&self, frame: &Frame) -> bool {
+        matches!(
+            Address::of(frame.id()),
+            Some(Address::Broadcast | Address::Module(Channel::Get | Channel::Put, _))
+        )
+    }
+}
