@@ -2,10 +2,10 @@
 
     dask scheduler --port 8786
     dask worker tcp://127.0.0.1:8786 --nworkers 2 --nthreads 1
-    python sweep_on_dask.py tcp://127.0.0.1:8786 OUT SHARDS [further words of cubectl plan sweep]
+    python sweep_on_dask.py tcp://127.0.0.1:8786 OUT SHARDS KEYWORDS
 
-``OUT`` is a folder that all workers see under the same name. A shard that a lost worker was making is given to another one. The
-files have the same bytes as those of ``cubectl plan sweep --shards SHARDS``.
+``KEYWORDS`` are those of :func:`cubecell.sweep` as JSON, such as ``{"targets": "targets.csv", "fast": true}``. ``OUT`` is a folder
+that all workers see under the same name. A shard that a lost worker was making is given to another one. The files have the same bytes as those of ``cubectl plan sweep --shards SHARDS``.
 """
 
 # Dask has few types of its own.
@@ -13,21 +13,23 @@ files have the same bytes as those of ``cubectl plan sweep --shards SHARDS``.
 
 from __future__ import annotations
 
+import json
 import sys
+from typing import Any
 
 import cubecell
 from distributed import Client, as_completed
 
 
-def make(number: int, shards: int, out: str, words: list[str]) -> int:
+def make(number: int, shards: int, out: str, keywords: dict[str, Any]) -> int:
     """Makes one shard, on a worker; 1 if it was not there."""
-    return cubecell.sweep("powercube6", out, shard=(number, shards), options=words).made
+    return cubecell.sweep("powercube6", out, shard=(number, shards), **keywords).made
 
 
-def main(scheduler: str, out: str, shards: int, words: list[str]) -> None:
+def main(scheduler: str, out: str, shards: int, keywords: dict[str, Any]) -> None:
     with Client(scheduler) as client:
         # Not pure for Dask: what counts is the file, so each run looks whether it is there.
-        tasks = [client.submit(make, number, shards, out, words, pure=False) for number in range(1, shards + 1)]
+        tasks = [client.submit(make, number, shards, out, keywords, pure=False) for number in range(1, shards + 1)]
         for done, task in enumerate(as_completed(tasks), start=1):
             task.result()
             print(f"{done} of {shards} shards", flush=True)
@@ -37,4 +39,4 @@ def main(scheduler: str, out: str, shards: int, words: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2], int(sys.argv[3]), sys.argv[4:])
+    main(sys.argv[1], sys.argv[2], int(sys.argv[3]), json.loads(sys.argv[4]))

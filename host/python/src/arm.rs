@@ -18,7 +18,6 @@ use host::error::{Cause, ExpectedError};
 use host::exit;
 use nalgebra::Vector3;
 use operator::bus::BusArgs;
-use operator::bus::args::CellArgs;
 use operator::bus::key_file::KeyArgs;
 use operator::dialogue::operator::OperatorError;
 use operator::job::{Answer, Extent, OnProgress, Order, Progress, Target};
@@ -36,6 +35,7 @@ use robot_model::{JointVec, Pose, RobotModel};
 use serde_json::json;
 
 use crate::arrays::doubles;
+use crate::bus::Joined;
 use crate::errors::{bad, refused};
 
 /// Time between two looks at signals, and of one look at a bus without orders.
@@ -48,13 +48,7 @@ const BOOT_MAX: Duration = Duration::from_secs(20);
 #[derive(FromPyObject)]
 pub(crate) struct Connection {
     #[pyo3(item)]
-    bus: String,
-    #[pyo3(item)]
-    robot: Option<String>,
-    #[pyo3(item)]
-    seed: Option<u64>,
-    #[pyo3(item)]
-    scenario: Option<PathBuf>,
+    bus: Joined,
     #[pyo3(item)]
     controller: Option<u8>,
     #[pyo3(item)]
@@ -98,7 +92,7 @@ impl Arm {
     fn connect(py: Python<'_>, connection: Connection) -> PyResult<Self> {
         let (stop, step) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(String::new())));
         let (orders, asked) = channel();
-        let is_simulated = connection.bus == "sim";
+        let is_simulated = connection.bus.is_simulated();
         let (ready, opened) = sync_channel(1);
         let (stopped, shown) = (Arc::clone(&stop), Arc::clone(&step));
         let thread = thread::Builder::new().name("arm".to_owned()).stack_size(8 << 20);
@@ -487,15 +481,9 @@ fn answer(arm: &mut Connected<'_>, waits: bool, asked: &Receiver<Asked>) {
 }
 
 fn open(connection: &Connection, stop: &Arc<AtomicBool>) -> Result<(Link, Machine), ExpectedError> {
-    let cell = CellArgs {
-        robot: connection.robot.clone(),
-        seed: connection.seed,
-        scenario: connection.scenario.clone(),
-    };
-    let bus = connection.bus.parse().map_err(|error| ExpectedError::bad_input(&error))?;
     let (record, rsi) = (connection.record.clone(), connection.rsi.clone());
     let on = On {
-        bus: BusArgs { bus, cell, record, rsi, ..BusArgs::default() },
+        bus: BusArgs { record, rsi, ..connection.bus.args()? },
         key: KeyArgs { key_file: connection.key_file.clone() },
         controller: connection.controller.and_then(|node| NodeId::new(node).ok()),
     };

@@ -6,16 +6,16 @@ use pyo3::prelude::*;
 use crate::calls::interruptible;
 use crate::errors::refused;
 
-/// One trial of the cell as JSON, from words of the command line of `cubectl catch`; the table of the motion in steps of `step_s`.
+/// One trial of the cell as JSON, from a request of `cubectl catch` as JSON; the table of the motion in steps of `step_s`.
 #[pyfunction]
-pub(crate) fn catch_ball(py: Python<'_>, words: Vec<String>, step_s: f64) -> PyResult<String> {
-    let told = interruptible(py, move |_| for_programs::ball(&words, step_s))?;
+pub(crate) fn catch_ball(py: Python<'_>, request: String, step_s: f64) -> PyResult<String> {
+    let told = interruptible(py, move |_| for_programs::ball(&request, step_s))?;
     told.map(|told| told.to_string()).map_err(|error| refused(&error))
 }
 
-/// A flight of a disc and its catch as JSON, from words of the command line of `cubectl catch`; tables in steps of `step_s`.
+/// A flight of a disc and its catch as JSON, from a request of `cubectl catch` as JSON; tables in steps of `step_s`.
 #[pyfunction]
-pub(crate) fn catch_disc(py: Python<'_>, words: Vec<String>, step_s: f64) -> PyResult<String> {
-    let told = interruptible(py, move |_| for_programs::disc(&words, step_s))?;
+pub(crate) fn catch_disc(py: Python<'_>, request: String, step_s: f64) -> PyResult<String> {
+    let told = interruptible(py, move |_| for_programs::disc(&request, step_s))?;
     told.map(|told| told.to_string()).map_err(|error| refused(&error))
 }

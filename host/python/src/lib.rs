@@ -2,16 +2,20 @@
 //!
 //! Arrays are passed as bytes of little-endian doubles, structures as JSON or TOML text. The Python half
 //! (`python/cubecell/__init__.py`) makes numpy arrays and dictionaries of them and has the documentation for users. Plans and
-//! gains come from the code of `cubectl plan throw` and `cubectl tune`, from the same words.
+//! gains come from the code of `cubectl plan throw` and `cubectl tune`, from requests of the same types.
 //!
 //! ```text
 //! arrays  errors      doubles and bytes; refusals as Python exceptions
 //!    \     /
 //!     calls           long calls: without the lock of the interpreter, ended by Ctrl-C
 //!       |
-//! arm  catch  flight  logs  plans  robot  sweep
-//!  |               |     |      |
-//! servo           bus  simulate  ways
+//! catch  flight  logs  plans  robot  sweep
+//!                 |     |      |
+//!                bus  simulate  ways
+//!                 |
+//!                arm
+//!                 |
+//!               servo
 //! ```
 
 mod arm;

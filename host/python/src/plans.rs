@@ -44,17 +44,17 @@ pub(crate) fn arm_of(plan: &FollowPlan, robot: Option<&str>) -> Result<Arm, Expe
     Ok(arm)
 }
 
-/// A plan as JSON and what was given up for it, from words of the command line of `cubectl plan throw`.
+/// A plan as JSON and what was given up for it, from a request of `cubectl plan throw` as JSON.
 #[pyfunction]
-pub(crate) fn plan(py: Python<'_>, words: Vec<String>) -> PyResult<(String, Option<&'static str>)> {
-    let planned = interruptible(py, move |stop| for_programs::plan(&words, stop))?;
+pub(crate) fn plan(py: Python<'_>, request: String) -> PyResult<(String, Option<&'static str>)> {
+    let planned = interruptible(py, move |stop| for_programs::plan(&request, stop))?;
     planned.map(|planned| (planned.plan.to_json(), planned.note)).map_err(|error| refused(&error))
 }
 
-/// A plan that follows the flight as JSON, from words of the command line of `cubectl plan throw`.
+/// A plan that follows the flight as JSON, from a request of `cubectl plan throw` as JSON.
 #[pyfunction]
-pub(crate) fn plan_follow(py: Python<'_>, words: Vec<String>) -> PyResult<String> {
-    let planned = interruptible(py, move |_| for_programs::follow(&words))?;
+pub(crate) fn plan_follow(py: Python<'_>, request: String) -> PyResult<String> {
+    let planned = interruptible(py, move |_| for_programs::follow(&request))?;
     planned.map(|plan| plan.to_json()).map_err(|error| refused(&error))
 }
 
@@ -112,9 +112,9 @@ fn sampled(motion: &Motion, times: &[f64]) -> Vec<f64> {
     rows
 }
 
-/// Gains with their certificates as TOML, from words of the command line of `cubectl tune`.
+/// Gains with their certificates as TOML, for a robot and a request of `cubectl tune` as JSON.
 #[pyfunction]
-pub(crate) fn tune(py: Python<'_>, words: Vec<String>) -> PyResult<String> {
-    let gains = interruptible(py, move |_| host::cmd::tune::gains(&words))?;
+pub(crate) fn tune(py: Python<'_>, robot: String, request: String) -> PyResult<String> {
+    let gains = interruptible(py, move |_| host::cmd::tune::gains(&robot, &request))?;
     gains.map(|gains| gains.to_toml()).map_err(|error| refused(&error))
 }

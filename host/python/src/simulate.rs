@@ -84,18 +84,18 @@ fn throw(request: &Request, stop: &Arc<AtomicBool>) -> Result<String, ExpectedEr
     Ok(told.to_string())
 }
 
-/// A throw that follows the flight, with the simulated robot controller inside this program, from words of the command line of
-/// `cubectl throw`: its summary as JSON, and rows of time in s, set axes and actual axes in rad.
+/// A throw that follows the flight, with the simulated robot controller inside this program, from a request of
+/// `cubectl throw` as JSON: its summary as JSON, and rows of time in s, set axes and actual axes in rad.
 #[pyfunction]
 pub(crate) fn simulate_follow(
     py: Python<'_>,
     plan: String,
-    words: Vec<String>,
+    request: String,
 ) -> PyResult<(String, Bound<'_, PyByteArray>)> {
     let simulated = interruptible(py, move |stop| {
         let plan = FollowPlan::from_json(Path::new(NAME), &plan)
             .map_err(|error| ExpectedError::bad_input(&error))?;
-        led::simulate(&words, &plan, Arc::clone(stop))
+        led::simulate(&request, &plan, Arc::clone(stop))
     })?;
     let simulated = simulated.map_err(|error| refused(&error))?;
     let rows: Vec<f64> = simulated

@@ -8,10 +8,10 @@ use pyo3::prelude::*;
 use crate::calls::interruptible;
 use crate::errors::refused;
 
-/// Shards that were made and shards that were there, from words of the command line of `cubectl plan sweep`.
+/// Shards that were made and shards that were there, from a request of `cubectl plan sweep` as JSON.
 #[pyfunction]
-pub(crate) fn sweep(py: Python<'_>, words: Vec<String>) -> PyResult<(u32, u32)> {
-    let made = interruptible(py, move |stop| for_programs::sweep(&words, stop))?;
+pub(crate) fn sweep(py: Python<'_>, request: String) -> PyResult<(u32, u32)> {
+    let made = interruptible(py, move |stop| for_programs::sweep(&request, stop))?;
     made.map(|made| (made.made, made.there)).map_err(|error| refused(&error))
 }
 

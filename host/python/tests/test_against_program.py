@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import cubecell
 import numpy as np
@@ -44,13 +45,37 @@ def test_a_hundred_plans_are_those_of_the_program_byte_for_byte() -> None:
 
 
 def test_refusals_are_those_of_the_program() -> None:
-    for words in (["--no-such-option"], ["--weights", "1,2"], ["--jitter-s", "1"]):
+    cases: list[tuple[list[str], dict[str, Any]]] = [
+        (["--jitter-s", "1"], {"jitter_s": 1}),
+        (["--opening-normal", "1,0,0"], {"opening_normal": [1, 0, 0]}),
+        (["--lag-ms", "5"], {"lag_ms": 5}),
+    ]
+    for words, options in cases:
         told = cubectl("plan", "throw", "--target=1,1,-1", *words)
         with pytest.raises(cubecell.CubecellError) as refused:
-            cubecell.plan("powercube6", [1.0, 1.0, -1.0], options=words)
+            cubecell.plan("powercube6", [1.0, 1.0, -1.0], **options)
         assert refused.value.exit_code == told.returncode != 0
         first = str(refused.value).splitlines()[0].removeprefix("error: ")
         assert first in told.stderr, (first, told.stderr)
+
+
+def test_a_wrong_field_is_refused_by_its_name() -> None:
+    cases: list[tuple[dict[str, Any], str]] = [
+        ({"no_such_option": 1}, "there is no field `no_such_option`"),
+        ({"weights": [1, 2]}, "weights: invalid length 2, expected an array of length 3"),
+        ({"starts": "many"}, 'starts: invalid type: string "many", expected usize'),
+        ({"form": "round"}, "form: unknown variant `round`, expected `paper` or `best`"),
+        ({"target_course": [[1, 2]]}, "target_course: expected 3 numbers separated by commas, got 2"),
+        ({"hit_radius_m": 0.1, "hit_box": [0.1, 0.1]}, "`hit_box` and `hit_radius_m` exclude each other"),
+        ({"out": "plan.json"}, "there is no field `out`"),
+    ]
+    for options, text in cases:
+        with pytest.raises(cubecell.CubecellError) as refused:
+            cubecell.plan("powercube6", [1.0, 1.0, -1.0], **options)
+        lines = str(refused.value).splitlines()
+        assert refused.value.exit_code == 2 and text in lines[0] and lines[1].startswith("  next: "), lines
+    with pytest.raises(ValueError, match="clearance_m: nan is not finite"):
+        cubecell.plan("powercube6", [1.0, 1.0, -1.0], clearance_m=float("nan"))
 
 
 def test_plans_are_read_by_the_program(tmp_path: Path) -> None:

@@ -31,10 +31,10 @@ def same(mine: Any, told: Any) -> bool:
     return mine == told or (told is None and isinstance(mine, float) and math.isnan(mine))
 
 
-@pytest.mark.parametrize("options", [{}, {"hand": "hold", "seed": 7}, {"jerk": True}, {"faults": ["tracker-dead:0.1"]}])
+@pytest.mark.parametrize("options", [{}, {"hand": "hold", "seed": 7}, {"jerk": True}, {"fault": ["tracker-dead:0.1"]}])
 def test_a_trial_is_that_of_the_program(options: dict[str, Any]) -> None:
     words = ["--jerk"] if options.get("jerk") else []
-    words += [f"--fault={fault}" for fault in options.get("faults", [])]
+    words += [f"--fault={fault}" for fault in options.get("fault", [])]
     words += [f"--{name}={options[name]}" for name in ("hand", "seed") if name in options]
     told = cubectl(*ball_words(BALL, *words))
     mine = cubecell.catch_ball(BALL[:3], BALL[3:], **options)
@@ -101,16 +101,16 @@ def test_a_disc_is_caught_as_the_program_does() -> None:
 def test_a_disc_that_cannot_be_caught_is_a_result_and_wrong_input_is_refused() -> None:
     fast = cubecell.catch_disc([0.5, -2.6, 0.7], [0.0, 12.0, 1.0])
     assert fast.plan is None and fast.declined is not None and fast.exit_code == 3 and "next:" in fast.text
-    alone = cubecell.catch_disc([0.5, -1.0, 1.05], [-2.0, 4.0, 1.0], limits=False)
+    alone = cubecell.catch_disc([0.5, -1.0, 1.05], [-2.0, 4.0, 1.0], no_limits=True)
     assert alone.plan is None and alone.declined is None and alone.rule is not None and alone.rule.captured_step == 42
-    air = cubecell.catch_disc([0.5, -2.2, 0.7], [0.0, 3.8, 1.5], air=True, wind_m_s=[0.5, 0.0, 0.0], spin_rad_s=40.0)
+    air = cubecell.catch_disc([0.5, -2.2, 0.7], [0.0, 3.8, 1.5], air=True, wind=[0.5, 0.0, 0.0], spin_rad_s=40.0)
     assert air.rule is None
     for call, code in (
         (lambda: cubecell.catch_disc([0.5, -1.0, -1.0], [0.0, 4.0, 0.0]), 4),
         (lambda: cubecell.catch_disc([0.5, -1.0, 1.0], [0.0, 4.0, 0.0], robot="powercube6"), 4),
-        (lambda: cubecell.catch_disc([0.5, -1.0, 1.0], [0.0, 4.0, 0.0], wind_m_s=[1, 0, 0]), 2),
+        (lambda: cubecell.catch_disc([0.5, -1.0, 1.0], [0.0, 4.0, 0.0], wind=[1, 0, 0]), 4),
         (lambda: cubecell.catch_ball([50.0, 0.0, 0.0], [0.0, 0.0, 0.0]), 4),
-        (lambda: cubecell.catch_ball(BALL[:3], BALL[3:], faults=["rain"]), 2),
+        (lambda: cubecell.catch_ball(BALL[:3], BALL[3:], fault=["rain"]), 2),
         (lambda: cubecell.catch_ball(BALL[:3], BALL[3:], robot="pincher4"), 4),
         (lambda: cubecell.catch_ball(BALL[:3], BALL[3:], step_s=0.0), 4),
         (lambda: cubecell.catch_ball(BALL[:3], BALL[3:], cell="no/such/cell.toml"), 4),

@@ -52,19 +52,19 @@ def test_a_sweep_has_the_bytes_of_the_program(tmp_path: Path) -> None:
     x, y, z = [0.7, 1.9, 0.3], [-0.4, 0.4, 0.4], [-1.0, 0.0, 0.5]
     for number in (5, 3, 1, 2, 4):
         made = cubecell.sweep(
-            "powercube6", tmp_path / "mine", x_m=x, y_m=y, z_m=z, shard=(number, 5), fast=True, starts=2, options=FAST[:2]
+            "powercube6", tmp_path / "mine", x_m=x, y_m=y, z_m=z, shard=(number, 5), fast=True, starts=2, form="paper"
         )
         assert made == cubecell.Swept(made=1, there=0)
     assert files(tmp_path / "mine") == files(tmp_path / "program")
     again = cubecell.sweep(
-        "powercube6", tmp_path / "mine", x_m=x, y_m=y, z_m=z, shards=5, fast=True, starts=2, options=FAST[:2]
+        "powercube6", tmp_path / "mine", x_m=x, y_m=y, z_m=z, shards=5, fast=True, starts=2, form="paper"
     )
     assert again == cubecell.Swept(made=0, there=5)
     summary = cubectl("plan", "sweep", "--summary", str(tmp_path / "program"), "--json")
     assert cubecell.sweep_summary(tmp_path / "mine") == json.loads(summary.stdout)
     with pytest.raises(cubecell.CubecellError, match="seed: 1 there, 2 asked for") as refused:
         cubecell.sweep(
-            "powercube6", tmp_path / "mine", x_m=x, y_m=y, z_m=z, shards=5, fast=True, starts=2, seed=2, options=FAST[:2]
+            "powercube6", tmp_path / "mine", x_m=x, y_m=y, z_m=z, shards=5, fast=True, starts=2, seed=2, form="paper"
         )
     assert refused.value.exit_code == 4
 
@@ -115,6 +115,7 @@ def wait_for(what: str, holds: Iterator[bool]) -> None:
 def test_a_worker_of_dask_is_killed_in_mid_run_and_the_bytes_are_the_same(tmp_path: Path) -> None:
     # All in reach: two milliseconds each.
     grid = ["--x=1.0,1.4,0.01", "--y=-0.1,0.1,0.1", "--z=-1,-0.5,0.05"]
+    keywords = {"x_m": [1.0, 1.4, 0.01], "y_m": [-0.1, 0.1, 0.1], "z_m": [-1, -0.5, 0.05], "form": "paper", "fast": True, "starts": 2}
     shards = 24
     whole = cubectl("plan", "sweep", *grid, *FAST, "--shards", str(shards), "--out", str(tmp_path / "whole"))
     assert whole.returncode == 0, whole.stderr
@@ -138,7 +139,7 @@ def test_a_worker_of_dask_is_killed_in_mid_run_and_the_bytes_are_the_same(tmp_pa
         start(*words, "--no-dashboard")
         address = json.loads(address_file.read_text())["address"]
         out = tmp_path / "out"
-        run = start(str(EXAMPLE), address, str(out), str(shards), *grid, *FAST)
+        run = start(str(EXAMPLE), address, str(out), str(shards), json.dumps(keywords))
         # In mid-run: a part is whole, and at least half are not.
         wait_for("a part", (len(list(out.glob("*.csv"))) > 0 for _ in iter(int, 1)))
         first.send_signal(signal.SIGKILL)

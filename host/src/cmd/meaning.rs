@@ -1,6 +1,8 @@
 //! Which options mean nothing in what a verb is asked to do: one table, for every verb, robot and bus. What is given and means
 //! nothing is refused by name.
 
+use std::collections::BTreeSet;
+
 use can_link::BusSpec;
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Command, FromArgMatches};
@@ -9,8 +11,8 @@ use crate::error::ExpectedError;
 
 /// The ids of the options that stand on the command line. It is the first field of the arguments of a verb: the fields behind it
 /// take their values away.
-#[derive(Debug, Clone, Default)]
-pub struct Given(Vec<String>);
+#[derive(Debug, Clone, Default, serde::Deserialize)]
+pub struct Given(BTreeSet<String>);
 
 /// What is asked of a verb.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -40,6 +42,11 @@ pub(super) enum Deed {
     /// Plan a throw with the release at one instant.
     Ordinary,
     NoOpening,
+    NoNormal,
+    NoRadius,
+    /// Fly a disc on a parabola.
+    NoAir,
+    NoBall,
     /// Read what a sweep has made.
     Summary,
 }
@@ -92,6 +99,10 @@ const TABLE: &[(Deed, &[&str], &str)] = &[
         "is for throws that follow the flight: add --follow",
     ),
     (Deed::NoOpening, &["incidence_max_deg"], "is for an opening: add --opening-normal"),
+    (Deed::NoNormal, &["opening_radius_m"], "needs the direction of the opening: add --opening-normal"),
+    (Deed::NoRadius, &["opening_normal"], "needs the size of the opening: add --opening-radius-m"),
+    (Deed::NoAir, &["wind spin_rad_s"], "is for a flight in air: add --air"),
+    (Deed::NoBall, &["cooperative"], "is for a ball: add --ball"),
     (Deed::Summary, &["! summary json picture"], "is for making a sweep; --summary reads one"),
 ];
 

@@ -40,6 +40,7 @@ pub mod program_file;
 mod program_record;
 pub mod program_run;
 pub mod progress;
+mod request;
 mod results;
 mod rows;
 pub mod rsi;
@@ -47,7 +48,6 @@ mod survey;
 pub mod target;
 mod values;
 pub mod web;
-mod words;
 
 use robot_model::RobotModel;
 

@@ -30,9 +30,10 @@ const INTERFACE_NAME_MAX: usize = 15;
 /// of a real serial line; USB adapters ignore it), joined with `&`.
 ///
 /// Printing a spec gives a text that parses to the same spec.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum BusSpec {
     /// The simulated cell, embedded.
+    #[default]
     Sim,
     /// A SocketCAN interface by name.
     SocketCan {

@@ -35,6 +35,7 @@ from ._log import Log, Table
 from ._motion import Motion
 from ._native import CubecellError
 from ._plan import Finding, Gains, Plan, Report, check, plan, tune
+from ._request import BallOptions, DiscOptions, FollowOptions, GainsOptions, LedOptions, PlanOptions, SearchOptions
 from ._robot import Robot
 from ._simulate import Run, simulate
 from ._sweep import Swept, sweep, sweep_summary
@@ -45,30 +46,37 @@ __all__ = [
     "ArmState",
     "BallCatch",
     "BallChoice",
+    "BallOptions",
     "Bus",
     "Crossing",
     "CubecellError",
     "Decisions",
     "DiscCatch",
     "DiscFlight",
+    "DiscOptions",
     "DiscPlan",
     "DiscRule",
     "DiscWitness",
     "Finding",
     "Flight",
+    "FollowOptions",
     "FollowPlan",
     "FollowReport",
     "FollowRun",
     "Gains",
+    "GainsOptions",
     "Gripper",
+    "LedOptions",
     "Log",
     "Modules",
     "Motion",
     "Moved",
     "Plan",
+    "PlanOptions",
     "Report",
     "Robot",
     "Run",
+    "SearchOptions",
     "Servo",
     "ServoState",
     "SetPoints",

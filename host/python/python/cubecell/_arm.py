@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _native
 from ._arrays import Doubles, to_bytes
+from ._bus import Bus
 from ._robot import Robot, source_of
 
 
@@ -306,10 +307,7 @@ def connect(
     if bus != "sim" and not may_move:
         raise ValueError("this arm may be real: connect with may_move=True once nobody is near")
     connection: dict[str, Any] = {
-        "bus": bus,
-        "robot": None if robot is None else source_of(robot),
-        "seed": seed,
-        "scenario": None if scenario is None else os.fspath(scenario),
+        "bus": Bus(bus, robot, seed, scenario)._joined(),
         "controller": controller,
         "key_file": None if key_file is None else os.fspath(key_file),
         "record": None if record is None else os.fspath(record),

@@ -61,20 +61,17 @@ class Bus:
     #: Faults of the simulated cell, as ``cubectl arm status --scenario`` takes them.
     scenario: str | os.PathLike[str] | None = None
 
-    def _words(self, modules: Iterable[int] | None = None) -> list[str]:
-        words = ["--bus", self.spec]
-        words += ["--robot", source_of(self.robot)] if self.robot is not None else []
-        words += [f"--seed={self.seed}"] if self.seed is not None else []
-        words += ["--scenario", os.fspath(self.scenario)] if self.scenario is not None else []
-        words += ["--modules=" + ",".join(str(int(module)) for module in modules)] if modules is not None else []
-        return words
+    def _joined(self) -> dict[str, Any]:
+        robot = None if self.robot is None else source_of(self.robot)
+        scenario = None if self.scenario is None else os.fspath(self.scenario)
+        return {"bus": self.spec, "robot": robot, "seed": self.seed, "scenario": scenario}
 
     def scan(self, modules: Iterable[int] | None = None) -> Modules:
         """State and position of the modules that answer; ``modules`` are the addresses that are looked for, by default all.
 
         Modules that must be there and do not answer are in ``missing``.
         """
-        return _modules(_native.bus_modules(self._words(modules), False))
+        return self._modules(modules, False)
 
     def status(self, modules: Iterable[int] | None = None) -> Modules:
         """The same, as ``cubectl arm status`` prints it.
@@ -82,15 +79,18 @@ class Bus:
         Raises :class:`CubecellError` (exit code 8) if one of ``modules`` does not answer, or one of the robot: that of the simulated
         cell, or ``robot`` of this bus.
         """
-        return _modules(_native.bus_modules(self._words(modules), True))
+        return self._modules(modules, True)
 
     def record(self, seconds: float, *, controller: bool = False) -> Log:
         """The frames that pass in so many seconds, as tables. Nothing is sent.
 
         In a simulated cell ``controller`` lets a controller start up, so that there is something to hear.
         """
-        words = [*self._words(), f"--for-s={float(seconds)!r}", *(["--controller"] if controller else [])]
-        return Log.of_columns(_native.bus_record(words))
+        return Log.of_columns(_native.bus_record(self._joined(), float(seconds), controller))
+
+    def _modules(self, modules: Iterable[int] | None, all_must_answer: bool) -> Modules:
+        ids = None if modules is None else [int(module) for module in modules]
+        return _modules(_native.bus_modules(self._joined(), ids, all_must_answer))
 
 
 def _modules(text: str) -> Modules:

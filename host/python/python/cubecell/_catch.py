@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _native
 from ._arrays import Doubles, to_point
 from ._motion import Motion
+from ._request import BallOptions, DiscOptions, request
 from ._robot import Robot, source_of
 
 
@@ -122,30 +122,19 @@ def catch_ball(
     velocity_m_s: ArrayLike,
     *,
     robot: Robot | str | os.PathLike[str] = "powercube6",
-    hand: Literal["either", "matched", "hold"] = "either",
-    cooperative: bool = False,
-    jerk: bool = False,
-    faults: Sequence[str] = (),
-    cell: str | os.PathLike[str] | None = None,
-    seed: int = 1,
     step_s: float = 0.005,
+    **options: Unpack[BallOptions],
 ) -> BallCatch:
     """Lets an arm with a cup catch a ball, as ``cubectl catch --ball`` does: one trial in the simulated cell, in virtual time.
 
     The ball starts at ``position_m`` with ``velocity_m_s`` in the base frame of the arm. A simulated tracker sees it; each forecast
     may change the motion under way. Whether it is caught is decided by the simulated contact of ball and cup. The same seed gives the
-    same trial. ``faults`` are such as ``frames-lost:0.1`` or ``tracker-dead:0.2``; ``cooperative`` tells the catcher beforehand
-    how the ball flies; ``step_s`` is the step of the table of the motion.
+    same trial. ``step_s`` is the step of the table of the motion.
 
     A ball that is missed or declined is a result, not an exception; :class:`CubecellError` is raised if something is refused.
     """
     numbers = [*to_point(position_m, "a position"), *to_point(velocity_m_s, "a velocity")]
-    words = ["--robot", source_of(robot), "--ball=" + ",".join(map(repr, numbers)), "--hand", hand, f"--seed={seed}"]
-    words += ["--cooperative"] if cooperative else []
-    words += ["--jerk"] if jerk else []
-    words += ["--cell", os.fspath(cell)] if cell is not None else []
-    words += [f"--fault={fault}" for fault in faults]
-    told = json.loads(_native.catch_ball(words, float(step_s)))
+    told = json.loads(_native.catch_ball(request(options, robot=source_of(robot), ball=numbers), float(step_s)))
     choice, motion, crossing = told["choice"], _motion(told["motion"]), told["crossing"]
     if choice is not None:
         for name in ("p_m", "axis", "q_rad", "qd_rad_s"):
@@ -274,33 +263,19 @@ def catch_disc(
     velocity_m_s: ArrayLike,
     *,
     robot: Robot | str | os.PathLike[str] = "pincher4",
-    air: bool = False,
-    wind_m_s: ArrayLike | None = None,
-    spin_rad_s: float | None = None,
-    jerk: bool = False,
-    limits: bool = True,
     step_s: float = 0.005,
+    **options: Unpack[DiscOptions],
 ) -> DiscCatch:
     """Plans the catch of a disc in flight with an arm of four joints, as ``cubectl catch --start --velocity`` does.
 
     The disc starts at ``position_m`` with ``velocity_m_s`` in the base frame of the arm, on a parabola or, with ``air``, with lift and
-    drag of a disc that spins. ``jerk`` keeps the jerk limits as well; without ``limits`` there is only the rule of the paper.
-    ``step_s`` is the step of the tables. The geometry of disc and gripper is the witness of both.
+    drag of a disc that spins. ``step_s`` is the step of the tables. The geometry of disc and gripper judges rule and plan.
 
     A disc that cannot be caught is a result, not an exception; :class:`CubecellError` is raised if something is refused.
     """
-
-    def numbers(values: ArrayLike, what: str) -> str:
-        return ",".join(map(repr, to_point(values, what)))
-
-    words = ["--robot", source_of(robot), "--start=" + numbers(position_m, "a position")]
-    words += ["--velocity=" + numbers(velocity_m_s, "a velocity")]
-    words += ["--air"] if air else []
-    words += ["--wind=" + numbers(wind_m_s, "a wind")] if wind_m_s is not None else []
-    words += [f"--spin-rad-s={float(spin_rad_s)!r}"] if spin_rad_s is not None else []
-    words += ["--jerk"] if jerk else []
-    words += [] if limits else ["--no-limits"]
-    told = json.loads(_native.catch_disc(words, float(step_s)))
+    start, velocity = to_point(position_m, "a position"), to_point(velocity_m_s, "a velocity")
+    fields = request(options, robot=source_of(robot), start=start, velocity=velocity)
+    told = json.loads(_native.catch_disc(fields, float(step_s)))
     rule, plan, motion = told["rule"], told["plan"], _motion(told["motion"])
     if rule is not None:
         rule["speed_demanded_rad_s"] = _rows(rule["speed_demanded_rad_s"])

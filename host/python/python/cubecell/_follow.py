@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _native
 from ._arrays import Doubles, to_point
 from ._motion import Motion, sampled
+from ._request import FollowOptions, LedOptions, request
 from ._robot import Robot, source_of
 
 
@@ -120,33 +120,18 @@ class FollowReport:
 def plan_follow(
     robot: Robot | str | os.PathLike[str],
     target_m: ArrayLike,
-    *,
-    form: Literal["best", "paper"] = "best",
-    seed: int = 1,
-    starts: int | None = None,
-    lag_ms: float = 0.0,
-    period_ms: float = 12.0,
-    tilt_max_deg: float | None = None,
-    ramps_deg_s2: float | None = None,
-    options: Sequence[str] = (),
+    **options: Unpack[FollowOptions],
 ) -> FollowPlan:
     """Plans a throw to a target (m, world) whose hand follows the flight while the gripper opens.
 
-    As ``cubectl plan throw`` does for industrial robots (``kr16_2``), and with ``options=["--follow"]`` for any arm of six joints: the
-    same options and seed give the same plan, but for the time of the search in it. ``lag_ms`` is the first-order lag of the
-    robot, by which its commands lead; ``period_ms`` the time between two set points. Other arguments are the options of that name,
-    ``options`` further ones.
+    As ``cubectl plan throw`` does for industrial robots (``kr16_2``), and with ``follow=True`` for any arm of six joints: the
+    same options and seed give the same plan, but for the time of the search in it.
 
     Raises :class:`CubecellError` if something is refused or no throw reaches the target (exit code 3). Ctrl-C ends the call.
     """
-    x, y, z = to_point(target_m, "a target")
     source = source_of(robot)
-    words = ["--robot", source, f"--target={x!r},{y!r},{z!r}", "--form", form, "--seed", str(seed)]
-    words += [f"--lag-ms={float(lag_ms)!r}", f"--period-ms={float(period_ms)!r}"]
-    words += [f"--starts={starts}"] if starts is not None else []
-    words += [f"--tilt-max-deg={float(tilt_max_deg)!r}"] if tilt_max_deg is not None else []
-    words += [f"--ramps-deg-s2={float(ramps_deg_s2)!r}"] if ramps_deg_s2 is not None else []
-    return FollowPlan(_native.plan_follow([*words, *options]), source)
+    target = to_point(target_m, "a target")
+    return FollowPlan(_native.plan_follow(request(options, robot=source, target=target)), source)
 
 
 @dataclass(frozen=True)
@@ -173,22 +158,14 @@ class FollowRun:
     summary: dict[str, Any] = field(repr=False)
 
 
-def simulate_follow(
-    plan: FollowPlan,
-    *,
-    seed: int = 1,
-    scenario: str | os.PathLike[str] | None = None,
-    options: Sequence[str] = (),
-) -> FollowRun:
+def simulate_follow(plan: FollowPlan, **options: Unpack[LedOptions]) -> FollowRun:
     """Throws with the simulated industrial robot (KR C2 over RSI), in virtual time, as ``cubectl throw --robot kr16_2 --plan`` does.
 
-    The plan is opened, and turned about the first axis, where the ball lands nearest for the lag of the robot. ``scenario`` says what
-    is true of the robot, as ``cubectl throw --scenario`` takes it; ``options`` are further options, such as ``["--rsi", "kr-c4-12ms"]``.
-    A throw that fails is a result, not an exception; :class:`CubecellError` is raised if something is refused.
+    The plan is opened, and turned about the first axis, where the ball lands nearest for the lag of the robot. A throw that fails is a
+    result, not an exception; :class:`CubecellError` is raised if something is refused.
     """
-    words = ["--robot", plan.robot or str(plan.data["robot"]["source"]), f"--seed={seed}"]
-    words += ["--scenario", os.fspath(scenario)] if scenario is not None else []
-    text, rows = _native.simulate_follow(plan.json, [*words, *options])
+    robot = plan.robot or str(plan.data["robot"]["source"])
+    text, rows = _native.simulate_follow(plan.json, request(options, robot=robot))
     summary = json.loads(text)
     cycles = np.frombuffer(rows, dtype=np.dtype("<f8")).reshape(-1, 13).astype(np.float64, copy=False)
     landing = summary["landing"]

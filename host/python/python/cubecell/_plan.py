@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 import os
 import tomllib
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, overload
+from typing import Any, Unpack, overload
 
 from numpy.typing import ArrayLike
 
@@ -16,6 +15,7 @@ from . import _native
 from ._arrays import to_point
 from ._follow import FollowPlan, FollowReport
 from ._motion import Motion, sampled
+from ._request import GainsOptions, PlanOptions, request
 from ._robot import Robot, source_of
 
 
@@ -67,37 +67,15 @@ class Plan:
 def plan(
     robot: Robot | str | os.PathLike[str],
     target_m: ArrayLike,
-    *,
-    form: Literal["best", "paper"] = "best",
-    objective: Literal["effort", "time", "energy", "spread", "hit"] = "effort",
-    seed: int = 1,
-    starts: int | None = None,
-    time_budget_s: float | None = None,
-    fast: bool = False,
-    hit_radius_m: float | None = None,
-    drag_per_m: float = 0.0,
-    obstacles: Sequence[Sequence[float]] = (),
-    options: Sequence[str] = (),
+    **options: Unpack[PlanOptions],
 ) -> Plan:
     """Plans the best throw to a target (m, world), as ``cubectl plan throw`` does: same options, same seed, same plan.
-
-    Each argument is the option of that name. ``obstacles`` are boxes: centre and half edges in m, six numbers each. ``options``
-    are further options of the command line, such as ``["--opening-normal=-1,0,0", "--opening-radius-m", "0.08"]``.
 
     Raises :class:`CubecellError` if something is refused or no throw reaches the target (exit code 3). Ctrl-C ends the search. Throws
     of industrial robots follow the flight of the ball: :func:`plan_follow`.
     """
-    x, y, z = to_point(target_m, "a target")
     source = source_of(robot)
-    words = ["--robot", source, f"--target={x!r},{y!r},{z!r}", "--form", form, "--objective", objective]
-    words += ["--seed", str(seed), f"--drag-per-m={drag_per_m!r}"]
-    words += [f"--starts={starts}"] if starts is not None else []
-    words += [f"--time-budget-s={time_budget_s!r}"] if time_budget_s is not None else []
-    words += ["--fast"] if fast else []
-    words += [f"--hit-radius-m={hit_radius_m!r}"] if hit_radius_m is not None else []
-    for box in obstacles:
-        words.append("--obstacle=" + ",".join(repr(float(value)) for value in box))
-    text, note = _native.plan([*words, *options])
+    text, note = _native.plan(request(options, robot=source, target=to_point(target_m, "a target")))
     return Plan(text, source, note)
 
 
@@ -169,17 +147,9 @@ class Gains:
         Path(path).write_text(self.toml, encoding="utf-8")
 
 
-def tune(
-    robot: Robot | str | os.PathLike[str],
-    *,
-    period_ms: float = 3.0,
-    design: Literal["saturated", "paper"] = "saturated",
-    options: Sequence[str] = (),
-) -> Gains:
-    """Designs gains with certificates for a control period in ms (1 to 40), as ``cubectl tune`` does.
+def tune(robot: Robot | str | os.PathLike[str], **options: Unpack[GainsOptions]) -> Gains:
+    """Designs gains with certificates for a control period, as ``cubectl tune`` does.
 
-    ``options`` are further options of the command line, such as ``["--plan", "plan.json"]``. Raises :class:`CubecellError`, with
-    the condition that binds, if a joint cannot be tuned.
+    Raises :class:`CubecellError`, with the condition that binds, if a joint cannot be tuned.
     """
-    words = ["--robot", source_of(robot), f"--period-ms={float(period_ms)!r}", "--design", design]
-    return Gains(_native.tune([*words, *options]))
+    return Gains(_native.tune(source_of(robot), request(options)))

@@ -6,9 +6,10 @@ import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 from . import _native
+from ._request import SearchOptions, request
 from ._robot import Robot, source_of
 
 
@@ -32,31 +33,32 @@ def sweep(
     z_m: Sequence[float] | None = None,
     shard: tuple[int, int] | None = None,
     shards: int | None = None,
-    fast: bool = False,
-    starts: int | None = None,
-    seed: int = 1,
     draws: int = 0,
-    options: Sequence[str] = (),
+    **options: Unpack[SearchOptions],
 ) -> Swept:
-    """Plans throws to many targets, as ``cubectl plan sweep`` does: the same words make files of the same bytes.
+    """Plans throws to many targets, as ``cubectl plan sweep`` does: the same options make files of the same bytes.
 
     Targets are a CSV file with the columns ``x_m, y_m, z_m``, or a grid: each of ``x_m``, ``y_m`` and ``z_m`` is from, to
     and step. ``shard`` is the number of a shard, from 1, and how many there are: one file of the folder ``out``. ``shards`` makes all
-    of so many, neither a shard for 100 targets. Shards that are there are not made again. A call uses all cores, or as many as ``RAYON_NUM_THREADS`` says.
+    of so many, neither a shard for 100 targets. ``draws`` are disturbed throws to each target. Shards that are there are not made again. A call uses all cores, or as many as ``RAYON_NUM_THREADS`` says.
 
     Raises :class:`CubecellError` if something is refused; the folder of another sweep is, and is left as it is. Ctrl-C ends the call;
     files that are there are whole.
     """
-    words = ["--robot", source_of(robot), "--out", os.fspath(out), f"--seed={seed}"]
-    words += ["--targets", os.fspath(targets)] if targets is not None else []
-    for name, axis in (("x", x_m), ("y", y_m), ("z", z_m)):
-        words += [f"--{name}=" + ",".join(repr(float(value)) for value in axis)] if axis is not None else []
-    words += [f"--shard={shard[0]}/{shard[1]}"] if shard is not None else []
-    words += [f"--shards={shards}"] if shards is not None else []
-    words += ["--fast"] if fast else []
-    words += [f"--starts={starts}"] if starts is not None else []
-    words += [f"--draws={draws}"] if draws else []
-    made, there = _native.sweep([*words, *options])
+    made, there = _native.sweep(
+        request(
+            options,
+            robot=source_of(robot),
+            out=out,
+            targets=targets,
+            x=x_m,
+            y=y_m,
+            z=z_m,
+            shard=None if shard is None else f"{shard[0]}/{shard[1]}",
+            shards=shards,
+            draws=draws or None,
+        )
+    )
     return Swept(made, there)
 
 

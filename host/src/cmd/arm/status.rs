@@ -4,7 +4,8 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use crate::advice::Place;
-use crate::cmd::survey::{Beside, Modules, Seen, look};
+pub use crate::cmd::survey::Modules;
+use crate::cmd::survey::{Beside, Seen, look};
 use crate::cmd::{counted, fixed, print_json};
 use crate::error::ExpectedError;
 use operator::bus::BusArgs;
@@ -55,18 +56,18 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     Ok(())
 }
 
-/// What `cubectl arm status --json` prints, from words of its command line; nothing is printed. `stop`, once set, ends it. With
+/// What `cubectl arm status --json` prints; nothing is printed. `stop`, once set, ends it. With
 /// `all_must_answer` a module that must be there and does not answer is an error, as for the verb.
 ///
 /// # Errors
-/// A word is refused (exit code 2 of the program), the bus cannot be reached, nobody answers, or a module that must be there does not.
+/// The bus cannot be reached, nobody answers, or a module that must be there does not.
 pub fn for_programs(
-    words: &[String],
+    bus: &BusArgs,
+    modules: Option<&Modules>,
     all_must_answer: bool,
     stop: &Arc<AtomicBool>,
 ) -> Result<serde_json::Value, ExpectedError> {
-    let args: Args = crate::cmd::words::parse("arm status", words)?;
-    let look = look(&args.bus, args.modules.as_ref(), false, Arc::clone(stop))?;
+    let look = look(bus, modules, false, Arc::clone(stop))?;
     match look.told_missing().filter(|_| all_must_answer && !look.is_guess()) {
         Some(missing) => Err(missing),
         None => Ok(look.json()),

@@ -8,10 +8,11 @@ use operator::ball_catch::trial::{TrialFault, TrialOptions, WAIT_HOLD_DEG, WAIT_
 use planner::catch::Joints;
 use planner::catch::task::{Allowed, Settings};
 
+use crate::cmd::request::readers;
 use crate::error::ExpectedError;
 
 /// The options.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, clap::Args, serde::Deserialize)]
 pub struct Catching {
     /// A cell file: places of the arms, ball, cup, tracker; the built-in one otherwise.
     #[arg(long, value_name = "FILE", alias = "court")]
@@ -24,10 +25,12 @@ pub struct Catching {
     pub jerk: bool,
     /// Restitution of ball and cup that the catcher counts on; otherwise that of the cell, with which the ball bounces.
     #[arg(long, value_name = "SHARE", value_parser = share)]
+    #[serde(default, deserialize_with = "share_of")]
     pub restitution: Option<f64>,
     /// Something that goes wrong; may be given several times.
     #[arg(long = "fault", alias = "trouble", value_name = "KIND[:VALUE]", value_parser = fault,
         help = "Something that goes wrong; may be given several times: tracker-dead:S, frames-lost:SHARE, bias:MM, false-markers:N, drive-lost:S, thrower-stops:S, not-released (times in s after the release, thrower-stops before it)")]
+    #[serde(rename = "fault", deserialize_with = "faults_of")]
     pub faults: Vec<TrialFault>,
     /// Seed of all chance.
     #[arg(long, default_value_t = 1)]
@@ -35,7 +38,8 @@ pub struct Catching {
 }
 
 /// Kinds of catches.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Hand {
     /// The hand moves with the ball: at most 2 m/s between them.
     Matched,
@@ -43,6 +47,15 @@ pub enum Hand {
     Hold,
     /// Both; matched is preferred.
     Either,
+}
+
+readers! {
+    share_of: share => f64;
+}
+
+fn faults_of<'de, D: serde::Deserializer<'de>>(data: D) -> Result<Vec<TrialFault>, D::Error> {
+    let texts: Vec<String> = serde::Deserialize::deserialize(data)?;
+    texts.iter().map(|text| fault(text)).collect::<Result<_, _>>().map_err(serde::de::Error::custom)
 }
 
 fn share(text: &str) -> Result<f64, String> {

@@ -23,7 +23,8 @@ use crate::report::catch::{self as report, Caught};
 const HORIZON_S: f64 = 3.0;
 
 /// Throws of the paper.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum DiscName {
     /// (0.5, -1, 1.2) m with (0, 4, 0) m/s.
     Flat,
@@ -105,7 +106,7 @@ pub(super) fn look(args: &Args) -> Result<Looked, ExpectedError> {
     let air = if args.air { Air::still() } else { Air::vacuum() };
     let air = Air { wind_m_s: args.wind.map_or_else(Vector3::zeros, Vector3::from), ..air };
     let body = Body::of_paper();
-    let spin_rad_s = if args.air { args.spin } else { 0.0 };
+    let spin_rad_s = if args.air { args.spin_rad_s } else { 0.0 };
     let path =
         Path::flown(&body, &air, &DiscState::released(&throw, Vector3::z(), spin_rad_s, &body), HORIZON_S);
     let rule = (!args.air).then(|| by_rule(&arm, &throw));
@@ -177,7 +178,7 @@ fn throw(args: &Args) -> Result<Throw, ExpectedError> {
         ("start", start_m.norm(), 20.0),
         ("velocity", velocity_m_s.norm(), 30.0),
         ("wind", wind, 30.0),
-        ("spin", args.spin.abs(), 300.0),
+        ("spin", args.spin_rad_s.abs(), 300.0),
     ] {
         if value.is_nan() || value > most {
             return Err(ExpectedError::bad_input(&format!("--{what}: {value} is beyond {most}"))

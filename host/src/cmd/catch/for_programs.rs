@@ -1,4 +1,4 @@
-//! `cubectl catch` for programs: words of the command line in, the result with its motions out; nothing is printed.
+//! `cubectl catch` for programs: a request as JSON in, the result with its motions out; nothing is printed.
 
 use nalgebra::Matrix4;
 use operator::ball_catch::trial::Moment;
@@ -6,7 +6,7 @@ use planner::catch::Joints;
 use serde_json::{Value, json};
 
 use super::{Args, ball, disc, outcome};
-use crate::cmd::words;
+use crate::cmd::request;
 use crate::error::ExpectedError;
 use crate::exit;
 
@@ -17,9 +17,9 @@ const ROWS_MAX: f64 = 100_000.0;
 /// of the last motion, in steps of `step_s` from its start to its end. Times count from the release.
 ///
 /// # Errors
-/// A word is refused (exit code 2 of the program), or input is refused. A ball that is not caught is no error.
-pub fn ball(words: &[String], step_s: f64) -> Result<Value, ExpectedError> {
-    let args = args(words, step_s)?;
+/// A field is refused (exit code 2 of the program), or input is refused. A ball that is not caught is no error.
+pub fn ball(request: &str, step_s: f64) -> Result<Value, ExpectedError> {
+    let args = args(request, step_s)?;
     let Some(thrown) = args.ball else {
         return Err(ExpectedError::new(exit::USAGE, "no ball").next("name it with --ball"));
     };
@@ -52,8 +52,8 @@ pub fn ball(words: &[String], step_s: f64) -> Result<Value, ExpectedError> {
 ///
 /// # Errors
 /// As [`ball`].
-pub fn disc(words: &[String], step_s: f64) -> Result<Value, ExpectedError> {
-    let args = args(words, step_s)?;
+pub fn disc(request: &str, step_s: f64) -> Result<Value, ExpectedError> {
+    let args = args(request, step_s)?;
     if args.ball.is_some() {
         return Err(ExpectedError::new(exit::USAGE, "--ball is no disc").next("leave --ball out"));
     }
@@ -82,13 +82,9 @@ pub fn disc(words: &[String], step_s: f64) -> Result<Value, ExpectedError> {
     Ok(result)
 }
 
-fn args(words: &[String], step_s: f64) -> Result<Args, ExpectedError> {
-    let args: Args = words::parse("catch", words)?;
-    if args.report.is_some() || args.json || args.over_bus.record.is_some() {
-        return Err(ExpectedError::bad_input(
-            &"--report, --record and --json are for the program: run `cubectl catch`",
-        ));
-    }
+fn args(request: &str, step_s: f64) -> Result<Args, ExpectedError> {
+    let args: Args = request::read("catch", request)?;
+    args.require_meaning()?;
     if !(1e-4..=1.0).contains(&step_s) {
         return Err(ExpectedError::bad_input(&format!("a step of {step_s} s is outside 0.0001 to 1")));
     }

@@ -22,33 +22,40 @@ use crate::error::ExpectedError;
 use crate::report::ball_catch as report;
 
 /// Where arm and tracker are.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, clap::Args, serde::Deserialize)]
 #[command(next_help_heading = "Over the wire")]
 pub struct OverBus {
     /// Bus of an arm that catches a ball which somebody throws, with a controller in this program; instead of a simulated ball.
     #[arg(long, value_parser = can_link::bus_of_option, value_name = "SPEC", requires = "tracker",
         conflicts_with_all = ["disc", "start", "velocity", "air", "no_limits", "on_controller", "ball", "cooperative", "faults", "seed"])]
+    #[serde(skip)]
     pub bus: Option<BusSpec>,
     /// Address of this machine to which the tracker (DTrack) sends its data. With lockstep://: where `hil-sim serve-two-arms`
     /// has them (its --data).
     #[arg(long, value_name = "HOST:PORT", requires = "bus")]
+    #[serde(skip)]
     pub tracker: Option<String>,
     /// Where the tracker's room is, seen from the arm: a file of `cubectl tracker calibrate` [default: the arm stands in the
     /// room as the cell says].
     #[arg(long, value_name = "FILE", requires = "bus")]
+    #[serde(skip)]
     pub calibration: Option<PathBuf>,
     /// Wait for a ball at most so many seconds.
     #[arg(long = "for-s", value_name = "SECONDS", default_value_t = 60, requires = "bus", value_parser = clap::value_parser!(u32).range(1..=600))]
+    #[serde(rename = "-for_s")]
     pub wait_s: u32,
     /// Do not ask before the arm moves.
     #[arg(long, requires = "bus")]
+    #[serde(skip)]
     pub yes: bool,
     /// Control period of the controller, ms: 3, 5, 10 or 17.
     #[arg(long, value_name = "MS", default_value_t = 5, requires = "bus", value_parser = clap::value_parser!(u32).range(1..=40))]
+    #[serde(rename = "-period")]
     pub period: u32,
     /// Record for viewers: of a simulated catch joints and ball to PATH.mcap (of a disc with --on-controller); with --bus every
     /// frame to PATH.log and PATH.mcap, and what the tracker shows to PATH-ball.mcap.
     #[arg(long, value_name = "PATH", conflicts_with = "no_limits")]
+    #[serde(skip)]
     pub record: Option<PathBuf>,
 }
 

@@ -67,36 +67,28 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     Ok(())
 }
 
-/// Options of a recording in memory.
-#[derive(Debug, clap::Args)]
-struct InMemory {
-    #[command(flatten)]
-    bus: BusArgs,
-    #[arg(long = "for-s", alias = "for", value_name = "SECONDS", value_parser = crate::cmd::values::positive)]
-    time: f64,
-    #[arg(long)]
-    controller: bool,
-}
-
-/// The frames that `cubectl log record` would write with these words (without a path, with `--for-s`); nothing is written or printed.
-/// `stop`, once set, ends it.
+/// The frames that `cubectl log record` would write; nothing is written or printed. `stop`, once set, ends it.
 ///
 /// # Errors
-/// A word is refused (exit code 2 of the program), the bus cannot be reached or is lost, or it was stopped.
-pub fn for_programs(words: &[String], stop: &Arc<AtomicBool>) -> Result<Vec<Line>, ExpectedError> {
-    let args: InMemory = crate::cmd::words::parse("record", words)?;
-    if args.bus.record.is_some() {
-        return Err(ExpectedError::bad_input(&"--record is for the program: run `cubectl log record`"));
+/// The time is not above zero, the bus cannot be reached or is lost, or it was stopped.
+pub fn for_programs(
+    bus: &BusArgs,
+    for_s: f64,
+    controller: bool,
+    stop: &Arc<AtomicBool>,
+) -> Result<Vec<Line>, ExpectedError> {
+    if !(for_s > 0.0 && for_s.is_finite()) {
+        return Err(ExpectedError::bad_input(&format!("{for_s} s: the time of a recording is above 0")));
     }
-    let cell = args.bus.cell.load()?;
-    let with_controller = args.controller && args.bus.bus == BusSpec::Sim;
+    let cell = bus.cell.load()?;
+    let with_controller = controller && bus.bus == BusSpec::Sim;
     let settings = with_controller.then(|| settings_with_gains(&cell.robot, &cell.setup)).transpose();
     let settings = settings.map_err(BusFailure::from)?;
-    let mut session = args.bus.open_cell_until(&cell, settings.as_ref(), Arc::clone(stop))?;
+    let mut session = bus.open_cell_until(&cell, settings.as_ref(), Arc::clone(stop))?;
     let keeper = Keeper::default();
     session.add_tap(Box::new(keeper.clone()));
     keeper.start();
-    let until = session.now() + Duration::from_secs_f64(args.time);
+    let until = session.now() + Duration::from_secs_f64(for_s);
     let ended = session.run(until, &mut |_| false)?;
     session.finish()?;
     match ended {

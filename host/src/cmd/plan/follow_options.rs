@@ -7,7 +7,7 @@ use crate::cmd::values::numbers;
 use crate::error::ExpectedError;
 
 /// Options of throws that follow the flight of the ball.
-#[derive(Debug, Clone, clap::Args)]
+#[derive(Debug, Clone, clap::Args, serde::Deserialize)]
 #[command(next_help_heading = "Following the flight (industrial robots, or --follow)")]
 pub struct FollowOptions {
     /// Follow the flight of the ball while the gripper opens, with any six-joint arm [industrial robots: always].
@@ -20,13 +20,7 @@ pub struct FollowOptions {
     #[arg(long, value_name = "MS", help_heading = "Throws that follow the flight")]
     pub lag_ms: Option<f64>,
     /// Time between two set points in ms: the cycle of the robot's controller [default: 12].
-    #[arg(
-        long = "period-ms",
-        alias = "period",
-        id = "period_ms",
-        value_name = "MS",
-        help_heading = "Throws that follow the flight"
-    )]
+    #[arg(long, alias = "period", value_name = "MS", help_heading = "Throws that follow the flight")]
     pub period_ms: Option<f64>,
     /// How far the hand may turn away from being across the flight, in degrees [best: 0].
     #[arg(long, value_name = "DEG", help_heading = "Throws that follow the flight")]
@@ -58,7 +52,8 @@ pub struct FollowOptions {
 }
 
 /// Name of a source of limits.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum LimitsName {
     /// Following acceleration of the robot file, at most 2000 deg/s2; jerk of the simulated controller, 150 000 deg/s3.
     Controller,
@@ -67,7 +62,8 @@ pub enum LimitsName {
 }
 
 /// Name of the timing of ramps.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum RampsName {
     /// All axes start and stop together.
     Synchronised,
@@ -76,7 +72,8 @@ pub enum RampsName {
 }
 
 /// Name of a criterion.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum CriterionName {
     /// The smallest j2.
     J2,

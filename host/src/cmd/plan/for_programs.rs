@@ -1,4 +1,4 @@
-//! `cubectl plan throw` and `plan sweep` for programs: words of the command line in, plans and part files out; nothing is printed.
+//! `cubectl plan throw` and `plan sweep` for programs: a request as JSON in, plans and part files out; nothing is printed.
 
 use std::sync::atomic::AtomicBool;
 
@@ -6,66 +6,55 @@ use super::args::Args;
 use super::search::{Planned, Watcher};
 use super::shards::{self, Made};
 use super::sweep;
-use crate::cmd::words;
+use crate::cmd::request;
 use crate::error::ExpectedError;
 use planner::follow::limits::AXES;
 use planner::follow::plan::FollowPlan;
 use planner::plan::file::PlanFile;
 
-/// The plan that `cubectl plan throw` makes of these words, as [`Planned`] has it. `stop`, once set, ends the search after the
+/// The plan that `cubectl plan throw` makes of this request, as [`Planned`] has it. `stop`, once set, ends the search after the
 /// start under way, with what was found by then.
 ///
 /// # Errors
-/// A word is refused (exit code 2 of the program), input is refused, or no throw reaches the target. Throws that follow the flight
+/// A field is refused (exit code 2 of the program), input is refused, or no throw reaches the target. Throws that follow the flight
 /// of the ball are made by [`follow`].
-pub fn plan(words: &[String], stop: &AtomicBool) -> Result<Planned<PlanFile>, ExpectedError> {
-    let args = one_target(words)?;
+pub fn plan(request: &str, stop: &AtomicBool) -> Result<Planned<PlanFile>, ExpectedError> {
+    let args: Args = request::read("plan throw", request)?;
     let robot = crate::cmd::robot(&args.search.options.robot)?;
     if robot.n() == AXES && args.follow.apply_to(&robot) {
         return Err(ExpectedError::bad_input(
             &"this throw would follow the flight of the ball, which is another kind of plan",
         )
-        .next("call `plan_follow`, or add the option --no-follow"));
+        .next("call `plan_follow`, or ask for `no_follow`"));
     }
     args.require_ordinary()?;
     let starts = args.search.options.starts(&robot);
     args.search.plan_from(&robot, &starts, args.target, (args.seed, args.fast), Watcher::Program(stop))
 }
 
-/// The plan that `cubectl plan throw` makes of these words for a throw that follows the flight of the ball.
+/// The plan that `cubectl plan throw` makes of this request for a throw that follows the flight of the ball.
 ///
 /// # Errors
-/// As [`plan`]; and the robot has not six joints, or throws in the ordinary way and `--follow` is not among the words.
-pub fn follow(words: &[String]) -> Result<FollowPlan, ExpectedError> {
-    let args = one_target(words)?;
+/// As [`plan`]; and the robot has not six joints, or throws in the ordinary way and `follow` is not asked for.
+pub fn follow(request: &str) -> Result<FollowPlan, ExpectedError> {
+    let args: Args = request::read("plan throw", request)?;
     let arm = crate::cmd::six_axes(&args.search.options.robot)?;
     if !args.follow.apply_to(&arm) {
         return Err(ExpectedError::bad_input(&format!(
             "robot \"{}\" throws in the ordinary way by default",
             arm.name()
         ))
-        .next("add the option --follow"));
+        .next("ask for `follow`"));
     }
     Ok(super::follow::plan(&args, &arm)?.plan)
 }
 
-/// Arguments of one plan.
-fn one_target(words: &[String]) -> Result<Args, ExpectedError> {
-    let args: Args = words::parse("plan throw", words)?;
-    if args.out.is_some() || args.report.is_some() || args.json {
-        return Err(ExpectedError::bad_input(
-            &"--out, --report and --json are for the program: run `cubectl plan throw`",
-        ));
-    }
-    Ok(args)
-}
-
-/// Makes the shards that these words of `cubectl plan sweep` ask for. `stop`, once set, ends it; shards that are whole stay.
+/// Makes the shards that this request of `cubectl plan sweep` asks for. `stop`, once set, ends it; shards that are whole stay.
 ///
 /// # Errors
-/// A word is refused (exit code 2 of the program), input is refused, a file cannot be read or written, or it was stopped.
-pub fn sweep(words: &[String], stop: &AtomicBool) -> Result<Made, ExpectedError> {
-    let args: sweep::Args = words::parse("plan sweep", words)?;
+/// A field is refused (exit code 2 of the program), input is refused, a file cannot be read or written, or it was stopped.
+pub fn sweep(request: &str, stop: &AtomicBool) -> Result<Made, ExpectedError> {
+    let args: sweep::Args = request::read("plan sweep", request)?;
     sweep::make_shards(&args, Watcher::Program(stop))
 }
 

@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 use robot_model::{Pose, RobotModel};
 
 use super::super::meaning::Deed;
+use crate::cmd::request::readers;
 use crate::cmd::values::numbers;
 use crate::error::ExpectedError;
 use planner::flight::{COURSE_MAX, Course};
@@ -13,7 +14,7 @@ use planner::plan::{AskedBounds, GivenUp, Kept, seeds};
 use planner::store::Index;
 
 /// What is thrown how.
-#[derive(Debug, Clone, Default, clap::Args)]
+#[derive(Debug, Clone, Default, clap::Args, serde::Deserialize)]
 pub struct PlanOptions {
     /// Robot, by name or file.
     #[arg(long, default_value = "powercube6")]
@@ -63,24 +64,26 @@ pub struct PlanOptions {
     #[arg(long, value_name = "X,Y,Z,HX,HY,HZ", allow_hyphen_values = true, value_parser = numbers::<6>, help_heading = "Throws that are allowed")]
     pub obstacle: Vec<[f64; 6]>,
     /// The target is an opening: direction out of it, to the side from which the ball comes; the ball passes its centre.
-    #[arg(long, value_name = "NX,NY,NZ", allow_hyphen_values = true, value_parser = crate::cmd::values::numbers::<3>, requires = "opening_radius_m", help_heading = "Target")]
+    #[arg(long, value_name = "NX,NY,NZ", allow_hyphen_values = true, value_parser = crate::cmd::values::numbers::<3>, help_heading = "Target")]
     pub opening_normal: Option<[f64; 3]>,
     /// Radius of the opening in m; the ball keeps the clearance from its rim.
-    #[arg(long, value_name = "M", requires = "opening_normal", help_heading = "Target")]
+    #[arg(long, value_name = "M", help_heading = "Target")]
     pub opening_radius_m: Option<f64>,
     /// Largest angle between the path of the ball and the axis of the opening, in degrees.
     #[arg(long, value_name = "DEG", default_value_t = 60.0, help_heading = "Target")]
     pub incidence_max_deg: f64,
     /// Velocity of a target that moves, in m/s; --target is where it is at the release.
     #[arg(long, value_name = "VX,VY,VZ", allow_hyphen_values = true, value_parser = velocity, conflicts_with = "target_course", help_heading = "Target")]
+    #[serde(default, deserialize_with = "velocity_of")]
     pub target_velocity: Option<Course>,
     /// Way of a target that moves, as a polynomial of the time since the release: coefficients of t, t², … in m/s, m/s²,
     /// …, at most five.
     #[arg(long, value_name = "X,Y,Z;X,Y,Z;...", allow_hyphen_values = true, value_parser = course, help_heading = "Target")]
+    #[serde(default, deserialize_with = "course_of")]
     pub target_course: Option<Course>,
     /// Range of the speed at the target in m/s.
-    #[arg(long = "arrival-speed-m-s", alias = "arrival-speed", id = "arrival_speed_m_s", value_name = "MIN,MAX", value_parser = numbers::<2>, help_heading = "Throws that are allowed")]
-    pub arrival_speed: Option<[f64; 2]>,
+    #[arg(long, alias = "arrival-speed", value_name = "MIN,MAX", value_parser = numbers::<2>, help_heading = "Throws that are allowed")]
+    pub arrival_speed_m_s: Option<[f64; 2]>,
     /// Range of the steepness at the target in degrees below the horizontal.
     #[arg(long, value_name = "MIN,MAX", allow_hyphen_values = true, value_parser = numbers::<2>, help_heading = "Throws that are allowed")]
     pub arrival_descent_deg: Option<[f64; 2]>,
@@ -116,7 +119,8 @@ pub fn note(given_up: GivenUp) -> Option<&'static str> {
 }
 
 /// Name of a form.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum FormName {
     /// The paper's eight parameters and constraints.
     Paper,
@@ -133,6 +137,11 @@ impl FormName {
             Self::Best => Deed::Starts,
         }
     }
+}
+
+readers! {
+    velocity_of: velocity => Course;
+    course_of: course => Course;
 }
 
 fn velocity(text: &str) -> Result<Course, String> {
@@ -152,7 +161,11 @@ fn course(text: &str) -> Result<Course, String> {
 impl PlanOptions {
     /// What is asked, where some options mean nothing; the rows of a list say more than the command line.
     pub(in crate::cmd) fn deeds(&self, is_list: bool) -> Vec<Deed> {
-        let asked = [(!is_list && self.opening_normal.is_none(), Deed::NoOpening)];
+        let asked = [
+            (!is_list && self.opening_normal.is_none(), Deed::NoOpening),
+            (self.opening_normal.is_none(), Deed::NoNormal),
+            (self.opening_radius_m.is_none(), Deed::NoRadius),
+        ];
         asked.into_iter().filter(|(asked, _)| *asked).map(|(_, deed)| deed).collect()
     }
 
@@ -213,7 +226,7 @@ impl PlanOptions {
         });
         o.course = self.target_velocity.or(self.target_course).unwrap_or_default();
         o.arrival = Arrival {
-            speed_m_s: self.arrival_speed.map(|[a, b]| a..=b),
+            speed_m_s: self.arrival_speed_m_s.map(|[a, b]| a..=b),
             descent_rad: self.arrival_descent_deg.map(|[a, b]| a.to_radians()..=b.to_radians()),
         };
         o

@@ -8,6 +8,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::{Vector2, Vector3};
 
 use super::options::{PlanOptions, Starts, note, require_metres};
+use crate::cmd::request::readers;
 use crate::cmd::values::numbers;
 use crate::error::ExpectedError;
 use crate::exit;
@@ -24,10 +25,11 @@ use planner::store::Index;
 use robot_model::RobotModel;
 
 /// How to look for a throw.
-#[derive(Debug, Clone, Default, clap::Args)]
+#[derive(Debug, Clone, Default, clap::Args, serde::Deserialize)]
 pub struct SearchOptions {
     /// What may be thrown how.
     #[command(flatten)]
+    #[serde(rename = "+options")]
     pub options: PlanOptions,
     /// Random starts after the stored ones; all of them are made [default: up to 192, or up to 768 where none of this robot are stored; fewer
     /// if more are unlikely to find a better throw].
@@ -35,8 +37,8 @@ pub struct SearchOptions {
     #[arg(long, help_heading = "Search")]
     pub starts: Option<usize>,
     /// Stop starting after this many seconds.
-    #[arg(long = "time-budget-s", alias = "time-budget", id = "time_budget_s", help_heading = "Search")]
-    pub time_budget: Option<f64>,
+    #[arg(long, alias = "time-budget", help_heading = "Search")]
+    pub time_budget_s: Option<f64>,
     /// Radius of the disc about the target that counts as a hit, in m.
     #[arg(long, conflicts_with = "hit_box", help_heading = "Throws that are allowed")]
     pub hit_radius_m: Option<f64>,
@@ -49,6 +51,7 @@ pub struct SearchOptions {
     /// Measured delays of the gripper instead: a text file with one number per line, in ms from the order to the free ball. Their
     /// mean is what the controller allows for; the landing is predicted for their distribution about it.
     #[arg(long, value_name = "FILE", conflicts_with = "jitter_s", value_parser = release_nodes, help_heading = "Flight")]
+    #[serde(default, deserialize_with = "release_nodes_of")]
     pub release_delays: Option<ReleaseNodes>,
     /// What to make small, under all limits; `hit` needs a region (--hit-radius-m or --hit-box).
     #[arg(long, value_enum, default_value = "effort", help_heading = "Search")]
@@ -98,7 +101,8 @@ pub(super) struct Draws {
 }
 
 /// Name of an objective.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum ObjectiveName {
     /// The paper's: time, braking and jerk, with --weights.
     #[default]
@@ -285,7 +289,7 @@ impl SearchOptions {
         require_metres(target)?;
         let (region, noise) = (self.region()?, self.noise()?);
         let goal = self.goal(noise, region)?;
-        let time = match self.time_budget {
+        let time = match self.time_budget_s {
             None => None,
             Some(t) => Some(Duration::try_from_secs_f64(t).map_err(|_| {
                 ExpectedError::bad_input(&format!("time budget of {} s is not a duration", short(t)))
@@ -356,6 +360,10 @@ impl SearchOptions {
 
 /// Largest file of release delays.
 const DELAYS_MAX_BYTES: u64 = 32 << 20;
+
+readers! {
+    release_nodes_of: release_nodes => ReleaseNodes;
+}
 
 /// Measured release delays of a file: one number of ms per line; empty lines and what follows a `#` are left out.
 fn release_nodes(path: &str) -> Result<ReleaseNodes, String> {

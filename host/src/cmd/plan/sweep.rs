@@ -7,29 +7,35 @@ use super::require_writable;
 use super::search::{SearchOptions, Watcher};
 use super::shards::{self, DRAWS_MAX, Made, Sweep, Targets};
 use crate::cmd::meaning::{Deed, Given};
+use crate::cmd::request::readers;
 use crate::error::ExpectedError;
 use crate::tables::shard::{SHARDS_MAX, Shard};
 use crate::tables::targets::TargetList;
 
 /// Arguments.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, clap::Args, serde::Deserialize)]
 #[command(
     after_help = "Examples:\n  cubectl plan sweep --x 0.5,2.2,0.1 --z=-1,0.4,0.1 --out reach\n  cubectl plan sweep --summary reach --picture reach.html\n  cubectl plan sweep --fast --targets targets.csv --shard 3/100 --out sweep"
 )]
 pub struct Args {
     /// What stands on the command line.
     #[command(flatten)]
+    #[serde(rename = "+given")]
     pub given: Given,
     #[command(flatten)]
+    #[serde(rename = "+search")]
     search: SearchOptions,
     /// Range of x: from, to, step in m.
     #[arg(long, value_name = "FROM,TO,STEP", allow_hyphen_values = true, value_parser = Axis::read, required_unless_present_any = ["targets", "summary"], help_heading = "Targets and results")]
+    #[serde(default, deserialize_with = "axis_of")]
     x: Option<Axis>,
     /// Range of y.
     #[arg(long, value_name = "FROM,TO,STEP", allow_hyphen_values = true, value_parser = Axis::read, default_value = "0,0,1", help_heading = "Targets and results")]
+    #[serde(deserialize_with = "axis_of")]
     y: Axis,
     /// Range of z.
     #[arg(long, value_name = "FROM,TO,STEP", allow_hyphen_values = true, value_parser = Axis::read, required_unless_present_any = ["targets", "summary"], help_heading = "Targets and results")]
+    #[serde(default, deserialize_with = "axis_of")]
     z: Option<Axis>,
     /// A list of targets instead of a grid: a CSV file with the columns x_m, y_m, z_m, for openings also nx, ny, nz, radius_m and, if
     /// wanted, incidence_max_deg, for moving targets vx_m_s, vy_m_s, vz_m_s.
@@ -45,9 +51,11 @@ pub struct Args {
     out: Option<PathBuf>,
     /// Make shard I of N, from 1, and leave the others to other processes: one part file with the rows of its share of the targets.
     #[arg(long, value_name = "I/N", conflicts_with = "shards", help_heading = "Shards")]
+    #[serde(default, deserialize_with = "shard_of")]
     shard: Option<Shard>,
     /// Make all of N shards, one after the other; the files are those of --shard [default: a shard for 100 targets].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(SHARDS_MAX)), help_heading = "Shards")]
+    #[arg(long, value_name = "N", value_parser = shards, help_heading = "Shards")]
+    #[serde(default, deserialize_with = "shards_of")]
     shards: Option<u32>,
     /// Draw so many disturbed throws to each target (Monte Carlo): columns with how many landed and hit, and the miss. The
     /// draws follow from the seed and the row.
@@ -55,12 +63,15 @@ pub struct Args {
     draws: usize,
     /// Report what the parts in this folder say together, and which are missing.
     #[arg(long, value_name = "FOLDER", conflicts_with_all = ["x", "z", "targets", "out", "shard", "shards"], help_heading = "Shards")]
+    #[serde(skip)]
     summary: Option<PathBuf>,
     /// Page (HTML) with the reach to draw with --summary.
     #[arg(long, value_name = "FILE", requires = "summary", help_heading = "Shards")]
+    #[serde(skip)]
     picture: Option<PathBuf>,
     /// Print the summary as JSON.
     #[arg(long, requires = "summary", help_heading = "Shards")]
+    #[serde(skip)]
     json: bool,
     /// Take the first stored throw that leads there, in about a millisecond; it may cost 8 % more than the best one. If none does, a
     /// search follows, and the answer says so.
@@ -73,6 +84,17 @@ pub struct Args {
 
 /// Targets of a shard if nobody says how many shards there are: an interruption loses one shard at most.
 const SHARD_TARGETS: u64 = 100;
+
+readers! {
+    axis_of: Axis::read => Axis;
+    shard_of: str::parse => Shard;
+    shards_of: shards => u32;
+}
+
+fn shards(text: &str) -> Result<u32, String> {
+    let count = text.parse().ok().filter(|count| (1..=SHARDS_MAX).contains(count));
+    count.ok_or_else(|| format!("must be a whole number from 1 to {SHARDS_MAX}"))
+}
 
 /// Runs the verb.
 ///

@@ -165,22 +165,15 @@ pub struct Simulated {
     pub seen: Seen,
 }
 
-/// The throw of `plan` that `cubectl throw --plan` makes with these words with the robot inside this program; nothing is written
-/// or printed. `stop`, once set, ends it.
+/// The throw of `plan` that `cubectl throw --plan` makes for this request, as JSON, with the robot inside this program; nothing is
+/// written or printed. `stop`, once set, ends it.
 ///
 /// # Errors
-/// A word is refused (exit code 2 of the program), input is refused, or the plan does not fit the robot. A throw that fails is no
+/// A field is refused (exit code 2 of the program), input is refused, or the plan does not fit the robot. A throw that fails is no
 /// error.
-pub fn simulate(
-    words: &[String],
-    plan: &FollowPlan,
-    stop: Arc<AtomicBool>,
-) -> Result<Simulated, ExpectedError> {
-    let words: Vec<String> = words.iter().cloned().chain([format!("--plan={IN_MEMORY}")]).collect();
-    let args: Args = crate::cmd::words::parse("throw", &words)?;
-    if args.bus != BusSpec::Sim {
-        return Err(ExpectedError::bad_input(&"--bus is for the program: run `cubectl throw`"));
-    }
+pub fn simulate(request: &str, plan: &FollowPlan, stop: Arc<AtomicBool>) -> Result<Simulated, ExpectedError> {
+    let args: Args = crate::cmd::request::read("throw", request)?;
+    let args = Args { plan: Some(IN_MEMORY.into()), ..args };
     require_meaning(&args)?;
     let arm = crate::cmd::six_axes(&args.robot)?;
     let believed = believed(&args)?;

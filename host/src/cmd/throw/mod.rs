@@ -22,6 +22,7 @@ use super::meaning::{Deed, Given};
 use super::plan::follow::is_industrial;
 use super::print_json;
 use super::progress::{ProgressView, Ui};
+use super::request::{self, readers};
 use super::rsi::write_description;
 use super::tracker::{Measured, TargetArg, TrackerArgs};
 use super::tune::InForce;
@@ -41,39 +42,47 @@ use tuner::gains::choose::GainsFrom;
 use tuner::gains::gains_file::GainsFile;
 
 /// Arguments.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, clap::Args, serde::Deserialize)]
 #[command(
     after_help = "Examples:\n  cubectl throw --target 1.0,1.0,-1.0                      # in the simulated cell\n  cubectl throw --target 1.0,1.0,-1.0 --bus can0            # a controller that is heard there, else one in this program\n  cubectl throw --plan plan.json --bus can0 --controller 10\n  cubectl throw --robot kr16_2 --target 2.5,0,0.6           # an industrial robot, inside this program, over RSI\n  cubectl throw --robot kr16_2 --target tracker --bus rsi:udp://0.0.0.0:49152\n\nWrites plan.json, gains.toml, bus.log, bus.mcap, summary.json and report.html into a new folder. Ctrl-C, SIGTERM and\nSIGHUP stop the arm along its path, then end the program with code 6. On every bus but `sim` it asks before the arm moves and\nonce more before the ball is thrown; without a terminal it needs --yes.\n\nOutcomes and exit codes: landed 0, missed 11, not released 12, stopped 13. Only the bus `sim` sees the ball. On every\nother bus the outcome is \"thrown, not observed\" (0): the program then says when the release was ordered and where the\nmeasured motion sends the ball. A drive that has lost encoder counts reports a wrong position; nothing\nin its answers shows that.\n\n`cubectl plan throw` has all options of the search (form, limits, moving targets, openings, drag, regions);\n`--plan` throws its plan."
 )]
 pub struct Args {
     /// What stands on the command line.
     #[command(flatten)]
+    #[serde(rename = "+given")]
     pub given: Given,
     /// Target in m, world frame (arm base, z up), or `tracker`: where an optical tracker sees it.
     #[arg(long, value_name = "X,Y,Z|tracker", allow_hyphen_values = true, required_unless_present = "plan")]
+    #[serde(skip)]
     pub target: Option<TargetArg>,
     /// Throw this plan instead of making one.
     #[arg(long, value_name = "FILE", conflicts_with = "target")]
+    #[serde(skip)]
     pub plan: Option<PathBuf>,
     /// Bus: sim (the cell inside this program, in virtual time), can0, socketcand://host:port/bus,
     /// slcan:/dev/ttyACM0 or slcan://host:port.
-    #[arg(long, value_parser = can_link::bus_of_option, default_value = "sim", value_name = "SPEC", help_heading = "Bus")]
+    #[arg(long, value_parser = can_link::bus_of_option, default_value_t, value_name = "SPEC", help_heading = "Bus")]
+    #[serde(skip)]
     pub bus: BusSpec,
     /// Key of the controller.
     #[command(flatten)]
+    #[serde(skip)]
     pub key: KeyArgs,
     /// `soft`: a controller in this program. A number: the one with this Cyphal node-ID. Default: the one that is
     /// heard, else a soft one.
     #[arg(long, value_name = "soft|NODE-ID", help_heading = "Controller")]
+    #[serde(skip)]
     pub controller: Option<Controller>,
     /// Gains with their certificate, from `cubectl tune`; a controller in this program runs at their period. Default: for
     /// a controller in this program those that come with it for powercube6, and a design made on the way for any other
     /// robot; else those that the controller on the bus has.
     #[arg(long, value_name = "FILE", help_heading = "Controller")]
+    #[serde(skip)]
     pub gains: Option<PathBuf>,
     /// Control period of a controller in this program, ms: 3, 5, 10, 17 or 30. Default: the shortest one that this machine
     /// and this bus hold, which is measured first.
     #[arg(long = "period-ms", alias = "period", id = "period_ms", value_name = "MS", conflicts_with = "gains", value_parser = period_us, help_heading = "Controller")]
+    #[serde(skip)]
     pub period: Option<u32>,
     /// Seed of the planner and of the simulated cell [default: the scenario's, or 1].
     #[arg(long, help_heading = "Simulated cell")]
@@ -86,32 +95,41 @@ pub struct Args {
     pub robot: String,
     /// A box in the way: centre and half edges in m; may be given several times.
     #[arg(long, value_name = "X,Y,Z,HX,HY,HZ", allow_hyphen_values = true, value_parser = numbers::<6>)]
+    #[serde(skip)]
     pub obstacle: Vec<[f64; 6]>,
     /// Random starts of the search after the stored ones [default: as many as are likely to find a better throw]. With a seed the
     /// result is always the same.
     #[arg(long)]
+    #[serde(skip)]
     pub starts: Option<usize>,
     /// Folder for the results [default: throw-DATE-TIME].
     #[arg(long, value_name = "DIR")]
+    #[serde(skip)]
     pub out: Option<PathBuf>,
     /// Print the summary as JSON.
     #[arg(long)]
+    #[serde(skip)]
     pub json: bool,
     /// Look for the cheapest throw with random starts too, for some seconds.
     #[arg(long)]
+    #[serde(skip)]
     pub thorough: bool,
     /// Share of the robot's speeds and accelerations on the way to the start.
     #[arg(long = "speed-share", alias = "approach-share", id = "speed_share", default_value_t = 0.3, value_name = "SHARE", value_parser = share)]
+    #[serde(rename = "speed_share", deserialize_with = "share_of")]
     pub approach_share: f64,
     /// A landing farther from the target than this is a miss, m [default: the distance within which 99 % of the landings
     /// of the plan lie, computed again, from 0.010 to 0.100].
     #[arg(long = "tolerance-m", alias = "tolerance", id = "tolerance_m", value_name = "M", value_parser = super::values::positive)]
+    #[serde(rename = "tolerance_m", default, deserialize_with = "metres_of")]
     pub tolerance: Option<f64>,
     /// Afterwards go back to where the arm stood. Default: stay where the throw ends.
     #[arg(long)]
+    #[serde(skip)]
     pub back: bool,
     /// Do not ask before the arm moves and before the ball is thrown.
     #[arg(long)]
+    #[serde(skip)]
     pub yes: bool,
     /// Description of an industrial robot and its program: kr-c2, kr-c2-tcp, kr-c4, kr-c4-12ms, or a file as in robots/kr16_2
     /// [default: kr-c2; with --scenario its program].
@@ -119,10 +137,17 @@ pub struct Args {
     pub rsi: Option<String>,
     /// Live view in a browser.
     #[command(flatten)]
+    #[serde(skip)]
     pub web: WebArgs,
     /// Where the target is measured with `--target tracker`.
     #[command(flatten)]
+    #[serde(skip, default = "request::usual")]
     pub tracker: TrackerArgs,
+}
+
+readers! {
+    share_of: share => f64;
+    metres_of: super::values::positive => f64;
 }
 
 /// A throw that is ready to begin.

@@ -138,17 +138,13 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     short.map_or(Ok(()), Err)
 }
 
-/// The gains file of `cubectl tune` with these words of its command line, for programs: nothing is printed, written or tried.
+/// The gains file of `cubectl tune` for a robot and a request as JSON, for programs: nothing is printed, written or tried.
 ///
 /// # Errors
-/// A word is refused (exit code 2 of the program), bad input, or a joint that cannot be tuned, with the binding condition.
-pub fn gains(words: &[String]) -> Result<GainsFile, ExpectedError> {
-    let args: Args = super::words::parse("tune", words)?;
-    if args.apply || args.rollback.is_some() || args.out.is_some() || args.report.is_some() {
-        return Err(ExpectedError::bad_input(
-            &"--apply, --rollback, --out and --report are for the program: run `cubectl tune`",
-        ));
-    }
+/// A field is refused (exit code 2 of the program), bad input, or a joint that cannot be tuned, with the binding condition.
+pub fn gains(robot: &str, request: &str) -> Result<GainsFile, ExpectedError> {
+    let mut args: Args = super::request::read("tune", request)?;
+    args.on.bus.cell.robot = Some(robot.to_owned());
     let work = Work::new(&args)?;
     let file = work.file(&work.design(&args, &ProgressBar::hidden())?);
     // As what is written to a file: what the text says must prove.
