@@ -52,7 +52,7 @@ pub(crate) trait ArmMotor: ShaftMotor + Any {
 pub(crate) struct Start<'a> {
     pub(crate) robot: &'a RobotModel,
     pub(crate) mechanics: &'a MechanicsOptions,
-    /// What the drives of the joints read, rad.
+    /// Positions that the drives of the joints report at the start, rad.
     pub(crate) q_rad: Vec<f64>,
 }
 
@@ -111,7 +111,7 @@ impl Arm {
         }
     }
 
-    /// Begins a fault of the motor of a joint; false: such a motor has no such fault.
+    /// Begins a fault at the motor of a joint. Returns false if such a motor cannot have this fault.
     pub(crate) fn begin(&mut self, joint: usize, now: Instant, fault: &PhysicalFault) -> bool {
         let motor = &mut self.motors[joint];
         match fault {

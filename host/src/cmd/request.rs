@@ -1,7 +1,7 @@
 //! The request of a verb from data: its arguments are the type, the fields have the names of the options with `_` for `-`.
 //!
-//! Defaults, exclusions and readers of values are those of the command line, from its one definition. A field whose name begins with
-//! `+` stands for the fields of a group; one with `-` has its default, and data cannot set it.
+//! Defaults, exclusions and parsers of values come from the definition of the command line. The name of a field for serde may begin with `+`
+//! or `-`: `+` marks a group of fields, `-` a field that keeps its default and that data cannot set.
 
 use std::cell::RefCell;
 
@@ -85,7 +85,7 @@ pub(crate) fn text_of<'de, D: Deserializer<'de>>(data: D) -> Result<String, D::E
         .ok_or_else(|| D::Error::custom(format!("{value} is not a text, a number or a list of numbers")))
 }
 
-/// Functions for `deserialize_with` that read a value as the command line does, where it must be there and where it may be.
+/// Makes functions for `deserialize_with` of serde. Each reads a value as the command line does; the field may be optional.
 macro_rules! readers {
     ($($name:ident: $read:expr => $kind:ty;)*) => { $(
         fn $name<'de, D: serde::Deserializer<'de>, T: From<$kind>>(data: D) -> Result<T, D::Error> {

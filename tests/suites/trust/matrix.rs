@@ -240,7 +240,7 @@ fn a_sample_of_the_matrix_of_drives_that_follow_positions_is_told_as_it_is_seen(
     }
 }
 
-/// The part of a matrix that `KIND`, `PHASE` and `STEP` in the environment choose, and whether it is all of it.
+/// The entries that `KIND`, `PHASE` and `STEP` of the environment choose. The flag is true if these are all entries.
 fn chosen(matrix: &Matrix) -> (Vec<Entry>, bool) {
     let mut entries = matrix.entries();
     let number = entries.len();

@@ -530,7 +530,7 @@ impl DriveGroup for Cia402 {
     }
 
     fn is_keeping_time(&self) -> bool {
-        // Also at rest and while others are looked for: a servo that is held takes a set point in each period.
+        // A servo that is held takes a set point in each period: at rest, and while others are looked for.
         self.options.joints().any(|joint| self.drives.at(joint).is_held())
     }
 

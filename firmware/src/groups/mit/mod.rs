@@ -435,7 +435,7 @@ impl DriveGroup for Mit {
     }
 
     fn is_keeping_time(&self) -> bool {
-        // Also at rest and while others are looked for: a motor that is held takes a command in each period.
+        // A motor that is held takes a command in each period: at rest, and while others are looked for.
         self.options.places().any(|place| self.drives.at(place).is_held())
     }
 

@@ -433,7 +433,7 @@ impl DriveGroup for Odrive {
     }
 
     fn is_keeping_time(&self) -> bool {
-        // Also at rest and while others are looked for: an axis that is held takes a set point in each period.
+        // An axis that is held takes a set point in each period: at rest, and while others are looked for.
         self.options.places().any(|place| self.drives.at(place).is_held())
     }
 

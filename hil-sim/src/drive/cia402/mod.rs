@@ -11,7 +11,7 @@
 //! | `path` | the reference as closed forms of time |
 //! | `dictionary` | objects: type, access, range, value |
 //! | `server` | service data: expedited and in segments |
-//! | `on_arm` | such motors on the joints of a robot file |
+//! | `on_arm` | the motors of an arm, made from its robot file |
 //! | `options` | [`ServoOptions`]: the servo as delivered; [`ServoFaults`]: its faults |
 //!
 //! # Choices that the standard leaves open

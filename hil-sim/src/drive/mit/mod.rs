@@ -7,7 +7,7 @@
 //! | file | holds |
 //! |---|---|
 //! | `motor` | [`MitMotor`]: power, frames, torque; the [`protocol::Node`] |
-//! | `on_arm` | such motors on the joints of a robot file |
+//! | `on_arm` | the motors of an arm, made from its robot file |
 //! | `options` | [`MitOptions`]: the motor as delivered; [`MitFaults`]: its faults |
 //! | `registers` | settings in RAM and flash |
 //!

@@ -8,7 +8,7 @@
 //! |---|---|
 //! | `axis` | [`OdriveAxis`]: power, frames, torque; the [`protocol::Node`] |
 //! | `input` | from what a host wants to the set point of the loops |
-//! | `on_arm` | such axes on the joints of a robot file |
+//! | `on_arm` | the axes of an arm, made from its robot file |
 //! | `options` | [`OdriveOptions`]: the axis as it is configured; [`OdriveFaults`]: what is wrong with it |
 //!
 //! # State

@@ -159,15 +159,21 @@ fn advice(timing: &CycleTiming) -> String {
     }
 }
 
-/// Settings for `robot` with gains for it, and the usual period on the bus of `setup`. If its file has too little data to design them, there are no gains and a
-/// controller cannot be armed.
+/// The shortest period that has gains and in which a cycle of `robot` fits on the bus of `setup`, µs; at least that of `settings`. For
+/// virtual time, where nothing is measured.
+#[must_use]
+pub fn usual_us(robot: &RobotModel, setup: &SimSetup, settings: &Settings) -> u32 {
+    period_for(setup.cycle(robot.n()), settings.cycle_period_us)
+}
+
+/// Settings for `robot` with gains for it and the usual period on the bus of `setup`. If its file has too little data to design gains, there
+/// are none, and a controller cannot be armed.
 ///
 /// # Errors
 /// [`NoSettings`].
 pub fn settings_with_gains(robot: &RobotModel, setup: &SimSetup) -> Result<Settings, NoSettings> {
     let mut settings = settings_of(robot)?;
-    let usual_us = period_for(setup.cycle(robot.n()), settings.cycle_period_us);
-    if let Ok(choice) = choose(PeriodRequest::Any, None, robot, usual_us) {
+    if let Ok(choice) = choose(PeriodRequest::Any, None, robot, usual_us(robot, setup, &settings)) {
         apply(&choice, &mut settings);
     }
     Ok(settings)

@@ -88,8 +88,8 @@ impl super::Reader for Reader<'_> {
         None
     }
 
-    /// Takes the zero of an axis from what the controller reports. A joint moves by less than a quarter of a turn that is counted until its
-    /// report is on the bus.
+    /// Finds the whole turns of an axis from the position that the controller reports. Until the report is on the bus, the joint moves by less
+    /// than a quarter of such a turn.
     fn align(&mut self, joint: usize, reported_rad: f64) {
         let (Some(axis), Some(read)) = (self.axes.get(joint), self.read.get_mut(joint)) else { return };
         let turn_rad = TAU / axis.counted();

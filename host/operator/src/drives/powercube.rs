@@ -1,4 +1,4 @@
-//! PowerCubes: those that the settings name; the facts of a log say their positions.
+//! PowerCubes. The settings name the modules; the positions come from the facts of a log.
 
 use protocol::Frame;
 use protocol::powercube::{Address, Channel};

@@ -1,6 +1,6 @@
 //! `cubectl robot check ROBOT`
 
-use operator::bus::period::{PeriodRequest, choose, period_for};
+use operator::bus::period::{PeriodRequest, choose, usual_us};
 use operator::bus::settings::settings_of;
 use operator::bus::sim::SimSetup;
 use robot_model::survey::{Weight, survey};
@@ -86,7 +86,7 @@ fn uses(file: &str, text: &str) -> Result<(Vec<Missing>, String), ExpectedError>
     if robot.drives().is_some() && robot.drive_loop().is_some() {
         // What a throw does before anything moves.
         let refused = settings_of(&robot).map_err(|e| ExpectedError::bad_input(&e)).and_then(|settings| {
-            let usual_us = period_for(SimSetup::default().cycle(robot.n()), settings.cycle_period_us);
+            let usual_us = usual_us(&robot, &SimSetup::default(), &settings);
             choose(PeriodRequest::Any, None, &robot, usual_us)
                 .map(drop)
                 .map_err(|e| ExpectedError::bad_input(&e))

@@ -21,7 +21,7 @@ use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::args::{Cell, CellArgs, Controller};
 use operator::bus::cycle_timing::CycleTiming;
-use operator::bus::period::{Choice, NoPeriod, PeriodRequest, apply, choose, period_for};
+use operator::bus::period::{Choice, NoPeriod, PeriodRequest, apply, choose, usual_us};
 use operator::bus::settings::settings_of;
 use operator::bus::{BusArgs, Session};
 use operator::interrupt::interrupt;
@@ -80,7 +80,7 @@ pub(super) fn prepare(args: &Args) -> Result<Drives, ExpectedError> {
     let given = args.gains.as_ref().map(|path| read_gains(path, arm.name())).transpose()?;
     let choice = if soft {
         let request = period_request(given.clone(), args.period);
-        let usual_us = period_for(cell.setup.cycle(cell.robot.n()), settings.cycle_period_us);
+        let usual_us = usual_us(&cell.robot, &cell.setup, &settings);
         let choice = choose(request, timing.as_ref(), &cell.robot, usual_us)
             .map_err(|refused| without_period(refused, args, &arm))?;
         apply(&choice, &mut settings);

@@ -11,7 +11,7 @@ use crate::error::{LoadError, Problem};
 use crate::load::Section;
 use crate::model::RobotModel;
 
-/// Highest node of a servo: the one above is the controller's.
+/// Highest node of a servo. The next number is the node of the controller.
 const NODE_MAX: i64 = 0x7E;
 
 /// Outputs for what hangs on the servo; the lower bits are the brake and others of the profile.
