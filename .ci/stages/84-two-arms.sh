@@ -124,14 +124,18 @@ if "what" in reported:
         sys.exit(1)
     print("held up", file=open(name + ".caught", "w"))
     sys.exit(0)
+broken = reported["broken"]
 [reported] = reported["exchanges"]
 word = reported["reported"]
 print(f"{name}: reported {word} ({status}); caught: {caught}; released: {released}; "
-      f"{(throw['crossing'] or {}).get('miss_m')} m off the axis; clocks {reported['clocks']}; lag {cell['worst_lag_ms']} ms")
+      f"{(throw['crossing'] or {}).get('miss_m')} m off the axis; thrown: {reported['thrown']}; broken off: {broken}; "
+      f"clocks {reported['clocks']}; lag {cell['worst_lag_ms']} ms, pause {pause_ms} ms")
 if word == "caught" and not caught or word.startswith(("missed", "declined", "nothing")) and caught:
     wrong("what was reported is not what happened")
-if (word == "caught" and reported["thrown"] == "ended") != (status == 0):
+if (word == "caught" and reported["thrown"] == "ended" and broken is None) != (status == 0):
     wrong("the exit code is not what was reported")
+if (reported["thrown"] != "ended" or broken is not None) and not held_up:
+    wrong("an arm stopped by itself, and the machine was on time")
 if reported["thrown"] == "ended" and not released:
     wrong("the thrower reported the end of a throw, and the ball was not released")
 print("caught" if caught else "held up" if held_up else "missed", file=open(name + ".caught", "w"))

@@ -18,7 +18,7 @@ use operator::interrupt::interrupt;
 use serde_json::{Value, json};
 
 use crate::rally::exchange::{Partners, Rally, RallyEnd};
-use crate::rally::on_wire::{WireExchange, WireOptions, WireRally, play};
+use crate::rally::on_wire::{Broken, WireExchange, WireOptions, WireRally, play};
 use crate::report;
 
 /// Where arms and tracker are.
@@ -119,13 +119,7 @@ impl Wire {
         )?;
         let ball_radius_m = cell.ball.radius_m;
         let partners = Partners::new(cell).map_err(|why| ExpectedError::bad_input(&why))?;
-        let rally = play(&partners, throws, options, &wire, seed, observe).map_err(|broken| {
-            let error = failed(*broken.why);
-            match broken.arm {
-                Some(arm) if error.code != exit::INTERRUPTED => error.at(format!("arm {}", arm + 1)),
-                _ => error,
-            }
-        })?;
+        let rally = play(&partners, throws, options, &wire, seed, observe);
         if let Some(folder) = &self.record {
             let file = folder.join("ball.mcap");
             record::markers(&file, ball_radius_m, rally.exchanges.iter().map(|exchange| &exchange.caught))?;
@@ -133,7 +127,7 @@ impl Wire {
         if let (Some(file), Some(last)) = (report, rally.exchanges.last()) {
             let shown = Rally {
                 exchanges: rally.exchanges.iter().map(WireExchange::as_shown).collect(),
-                end: rally.end.clone(),
+                end: rally.end.as_ref().map_or_else(Broken::as_end, RallyEnd::clone),
             };
             if let Some(exchange) = shown.exchanges.last() {
                 let page = report::rally(&shown, &last.planned.pair, exchange, options.jerk);
@@ -146,10 +140,20 @@ impl Wire {
 
 /// How the rally ended, with its exit code.
 pub(super) fn ended(rally: WireRally) -> Result<(), ExpectedError> {
-    if let Some([why, next]) = rally.end.not_thrown() {
+    let end = match rally.end {
+        Ok(end) => end,
+        Err(Broken { arm, why }) => {
+            let error = failed(*why);
+            return Err(match arm {
+                Some(arm) if error.code != exit::INTERRUPTED => error.at(format!("arm {}", arm + 1)),
+                _ => error,
+            });
+        }
+    };
+    if let Some([why, next]) = end.not_thrown() {
         return Err(ExpectedError::new(exit::NO_THROW, why).next(next));
     }
-    let Some(last) = rally.exchanges.into_iter().last().filter(|_| rally.end == RallyEnd::NotCaught) else {
+    let Some(last) = rally.exchanges.into_iter().last().filter(|_| end == RallyEnd::NotCaught) else {
         return Ok(());
     };
     match last.thrown.ended {
@@ -181,11 +185,12 @@ pub(super) fn exchange_text(k: usize, exchange: &WireExchange) -> String {
     out
 }
 
-/// The rally as JSON; times of an exchange count from its planned release.
+/// The rally as JSON; times of an exchange count from its planned release. `broken`: why an arm broke off.
 pub(super) fn as_json(rally: &WireRally) -> Value {
     json!({
         "length": rally.length(),
-        "complete": rally.end == RallyEnd::Complete,
+        "complete": matches!(rally.end, Ok(RallyEnd::Complete)),
+        "broken": rally.end.as_ref().err().map(ToString::to_string),
         "exchanges": rally.exchanges.iter().map(exchange_json).collect::<Vec<_>>(),
     })
 }

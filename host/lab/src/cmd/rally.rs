@@ -119,6 +119,10 @@ fn on_wire(args: &Args, cell: TwoArmOptions, options: &TrialOptions) -> Result<(
             console::text!("{}", on_wire::exchange_text(k, exchange));
         }
     })?;
+    if rally.end.is_err() && rally.exchanges.is_empty() {
+        // Nothing was thrown: with --json the failure is the one object.
+        return on_wire::ended(rally);
+    }
     if args.json {
         print_json(&on_wire::as_json(&rally));
     } else {

@@ -61,6 +61,11 @@ pub enum RallyEnd {
         arm: usize,
         why: WayError,
     },
+    /// Over the wire: an arm or the tracker failed.
+    Broken {
+        what: String,
+        next: String,
+    },
 }
 
 /// What both arms do for one throw.
@@ -101,6 +106,7 @@ impl RallyEnd {
                 format!("arm {} found no way to its next pose without contact: {why}", arm + 1),
                 "bring it to a pose that is free, on its own side of the cell; or another --seed".to_owned(),
             ]),
+            Self::Broken { what, next } => Some([what.clone(), next.clone()]),
         }
     }
 }

@@ -20,6 +20,7 @@
 //! In lock step both buses and the tracker's data have one virtual time ([`hil_sim::two_arms::in_step`]). The cell gives turns to the
 //! clients of one bus and then to those of the other, so the two threads of this side never have a turn at once.
 
+use std::fmt;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{self, Receiver, Sender};
 use std::sync::{Mutex, PoisonError};
@@ -106,9 +107,9 @@ impl WireExchange {
 
 #[derive(Debug)]
 pub struct WireRally {
-    /// The exchanges, the last one caught or not.
+    /// The exchanges, the last one caught or not. Those before an arm broke off are there, too.
     pub exchanges: Vec<WireExchange>,
-    pub end: RallyEnd,
+    pub end: Result<RallyEnd, Broken>,
 }
 
 impl WireRally {
@@ -126,10 +127,24 @@ pub struct Broken {
     pub why: Box<WireError>,
 }
 
+impl Broken {
+    /// As the report shows it.
+    #[must_use]
+    pub fn as_end(&self) -> RallyEnd {
+        RallyEnd::Broken { what: self.to_string(), next: self.why.next().unwrap_or_default() }
+    }
+}
+
+impl fmt::Display for Broken {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { arm, why } = self;
+        arm.map_or(Ok(()), |arm| write!(f, "arm {}: ", arm + 1))?;
+        write!(f, "{why}")
+    }
+}
+
 /// Up to `throws` throws; arm 1 begins with the ball in its hand. `observe` gets the number of each throw, from 0, and what became of it.
-///
-/// # Errors
-/// [`Broken`]: the session that ends halts what moves. A ball that is not caught is no error.
+/// If an arm breaks off, its session halts what moves.
 pub fn play(
     partners: &Partners,
     throws: usize,
@@ -137,10 +152,13 @@ pub fn play(
     wire: &WireOptions,
     seed: u64,
     mut observe: impl FnMut(usize, &WireExchange),
-) -> Result<WireRally, Broken> {
+) -> WireRally {
     let in_step = wire.arms[1].is_in_step();
-    let eyes = Eyes::open(&wire.tracker, in_step).map_err(|why| Broken { arm: None, why: Box::new(why) })?;
-    let eyes = &Mutex::new(eyes);
+    let broken = |arm, why| Err(Broken { arm, why: Box::new(why) });
+    let eyes = match Eyes::open(&wire.tracker, in_step) {
+        Ok(eyes) => &Mutex::new(eyes),
+        Err(why) => return WireRally { exchanges: Vec::new(), end: broken(None, why) },
+    };
     let (done, exchanged) = mpsc::channel();
     let (to_second, from_first) = mpsc::channel();
     let (to_first, from_second) = mpsc::channel();
@@ -164,15 +182,14 @@ pub fn play(
             exchanges.push(exchange);
         }
         let ended = [first, second].map(|thread| thread.join().unwrap_or(Err(WireError::NotReady)));
-        let broken = |arm, why| Err(Broken { arm: Some(arm), why: Box::new(why) });
         let end = match ended {
             // An arm that waited for the other one, or was stopped because of it, has less to say.
-            [Err(waited), Err(why)] if is_consequence(&waited) => return broken(1, why),
-            [Err(why), _] => return broken(0, why),
-            [_, Err(why)] => return broken(1, why),
-            [Ok(end), Ok(_)] => end,
+            [Err(waited), Err(why)] if is_consequence(&waited) => broken(Some(1), why),
+            [Err(why), _] => broken(Some(0), why),
+            [_, Err(why)] => broken(Some(1), why),
+            [Ok(end), Ok(_)] => Ok(end),
         };
-        Ok(WireRally { exchanges, end })
+        WireRally { exchanges, end }
     })
 }
 
@@ -201,6 +218,16 @@ enum BeginAt {
     Clock(WallTime),
     /// In the time of all sessions in lock step.
     InStep(Instant),
+}
+
+/// The cup comes to rest, and its jaws grip the ball.
+fn grip(arm: &mut ControllerArm) -> Result<(), WireError> {
+    arm.end()?;
+    Ok(arm.set_hand(false)?)
+}
+
+fn halt(arm: &mut ControllerArm) -> Result<(), WireError> {
+    Ok(arm.parts().0.halt_if_moving()?)
 }
 
 /// What one arm's thread lets the other one know.
@@ -312,17 +339,15 @@ impl Side<'_> {
             }
         };
         let (start, off) = clock.controller_time(ours).ok_or(OperatorError::NoAnswer { node })?;
-        let ended =
-            session.run_trajectory_at(node, &name, Some(start), RUN_MAX, &[], &mut |_, _| {}).map(drop);
-        session.halt_if_moving()?;
-        if let Err(why) = &ended
-            && (why.is_stop_by_other() || matches!(why, OperatorError::Interrupted))
-        {
-            return Err(ended.map_or_else(WireError::from, |()| WireError::NotReady));
-        }
-        if ended.is_ok() {
-            arm.set_hand(false)?;
-        }
+        let ran = session.run_trajectory_at(node, &name, Some(start), RUN_MAX, &[], &mut |_, _| {}).map(drop);
+        let halted = session.halt_if_moving().map_err(OperatorError::from);
+        // A fault from here on ends the rally, and the ball is in the air: the catcher goes on, and the exchange is reported.
+        let ended = match ran.and(halted) {
+            Err(why) if why.is_stop_by_other() || matches!(why, OperatorError::Interrupted) => {
+                return Err(why.into());
+            }
+            ended => ended.and_then(|()| arm.set_hand(false)),
+        };
         let since_s = begin.start_s - arm.at_s(ours);
         let joints =
             arm.kept_joints(&self.on_bus.robot).into_iter().map(|(t_s, q)| (t_s + since_s, q)).collect();
@@ -375,19 +400,15 @@ impl Side<'_> {
         let caught = catch(arm, &mut eyes, run, expected)?;
         drop(eyes);
         let gripped = caught.lies_e_m.filter(|_| caught.reported == CatchOutcome::Caught);
-        if gripped.is_some() {
-            arm.end()?;
-            arm.set_hand(false)?;
-        } else {
-            arm.parts().0.halt_if_moving()?;
-        }
+        // A fault from here on ends the rally, and the exchange is reported.
+        let held = if gripped.is_some() { grip(arm) } else { halt(arm) };
         let thrown =
             self.wait(arm, |note| if let Note::Thrown(thrown) = note { Some(thrown) } else { None })?;
         let exchange = WireExchange { thrower: 1 - self.me, planned, gripped_e_m, release_s, thrown, caught };
         let gripped = gripped.filter(|_| exchange.known_caught());
         self.send(Note::Gripped(gripped));
         let _ = self.links.done.send(exchange);
-        Ok(Ok(gripped))
+        held.map(|()| Ok(gripped))
     }
 
     /// The other arm may have ended; then the next wait says so.
