@@ -227,6 +227,22 @@ fn the_shaft_follows_targets_on_lines_and_a_missing_one_holds_or_goes_on_for_a_p
 }
 
 #[test]
+fn behind_lost_targets_a_servo_with_a_limit_of_speed_runs_no_faster_than_it() {
+    // 100 counts in 2 ms are 732 turns of the motor in a minute.
+    for (turns_per_minute, low, high) in [(3_000_u32, 150, 400), (800, 100, 115)] {
+        let mut rig = Rig::enabled(8, ServoOptions::of(node()));
+        rig.write(0x6080, 0, &turns_per_minute.to_le_bytes()).unwrap();
+        let (mut places, step) = (Vec::new(), 100);
+        for k in 1..=60 {
+            let target = (!(20..24).contains(&k)).then_some(step * k);
+            places.push(rig.period(Control::ENABLE, target).1);
+        }
+        let fastest = places.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap();
+        assert!((low..=high).contains(&fastest), "{turns_per_minute}: {fastest} counts in a period");
+    }
+}
+
+#[test]
 fn a_target_that_leaps_trips_the_following_window_and_a_reset_clears_it() {
     let mut rig = Rig::enabled(8, ServoOptions::of(node()));
     rig.write(0x6065, 0, &1_000_u32.to_le_bytes()).unwrap();

@@ -168,6 +168,15 @@ fn run<'a>(matrix: &Matrix, entries: &'a [Entry]) -> (Vec<String>, BTreeMap<&'a 
     let by_kind = rows(entries.iter().map(|entry| entry.variant).zip(&results));
     println!("{}", table(&by_kind));
     println!("{}", table(&rows(entries.iter().map(|entry| entry.phase.name()).zip(&results))));
+    let mut failures: BTreeMap<&str, usize> = BTreeMap::new();
+    for (_, reported) in &results {
+        if let ReportedOutcome::Failed(why) = reported {
+            *failures.entry(why).or_default() += 1;
+        }
+    }
+    for (why, number) in failures {
+        println!("failed {number} times: {why}");
+    }
     let mut wrong = Vec::new();
     for (entry, (verdict, _)) in entries.iter().zip(&results) {
         if verdict.ok() {

@@ -125,7 +125,10 @@ impl Cia402 {
         let servo = self.options.servo(joint)?;
         match self.drives.at(joint).step {
             Step::Look => Some(row(Kind::Is, 0x1000, 0, 4, PROFILE)),
-            Step::Row(number) => rows::all(&self.options, servo, settings, joint).nth(number.into()),
+            Step::Row(number) => {
+                let row = rows::all(&self.options, servo, settings, joint).nth(number.into())?;
+                Some(row.with_units(self.drives.at(joint).units))
+            }
             Step::Homing(number) => homing_rows().get(usize::from(number)).copied(),
             _ => None,
         }
@@ -157,7 +160,7 @@ impl Cia402 {
         if drive.transfer.is_some() {
             return;
         }
-        let writes = matches!(row.kind, Kind::Set | Kind::Off | Kind::Write) && !drive.is_written;
+        let writes = (row.is_set() || row.kind == Kind::Write) && !drive.is_written;
         let bytes = row.value.to_le_bytes();
         let value = bytes.get(..usize::from(row.bytes)).unwrap_or_default();
         let begun = if writes {
@@ -194,7 +197,7 @@ impl Cia402 {
                     Mismatch { object: row.object, found: Found::Refused(code), expected: row.value };
                 self.mismatched(now, joint, mismatch);
             }
-            Ok(_) if matches!(row.kind, Kind::Set | Kind::Off) && !written => {
+            Ok(_) if row.is_set() && !written => {
                 self.drives.at_mut(joint).is_written = true;
             }
             Ok(value) => self.take_row(now, settings, joint, row, value),
@@ -271,7 +274,7 @@ impl Cia402 {
             }
             Kind::Write => {}
             Kind::Shows if !row.holds(value) && now.saturating_since(drive.since) < STEP_MAX => return,
-            Kind::Is | Kind::IsIfThere | Kind::Has | Kind::Set | Kind::Off | Kind::Shows => {
+            _ => {
                 if !row.holds(value) {
                     let mismatch =
                         Mismatch { object: row.object, found: Found::Value(value), expected: row.value };

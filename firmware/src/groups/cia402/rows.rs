@@ -11,6 +11,10 @@ use super::finding::HEARTBEAT;
 use super::options::{Follow, HOST_NODE, Home, Options, Servo};
 use crate::settings::Settings;
 
+/// Turns per minute, the unit of object 6080 as drives are delivered (object 60A9).
+const TURNS_PER_MINUTE: u32 = 0x00B4_4700;
+/// Limit of the speed in a servo above the top speed of its joint: room for its position loop.
+const SPEED_ROOM: f32 = 1.03;
 /// Time beyond the following window, ms.
 const AWAY_MS: u32 = 10;
 const NOT_VALID: u32 = 1 << 31;
@@ -37,6 +41,8 @@ pub(super) enum Kind {
     Set,
     /// As `Set`; a servo without this object is fine.
     Off,
+    /// As `Off`, for a speed of the motor, turns per minute. The value of the row is that of the joint, 1e-3 turns per minute.
+    OfMotor,
     /// Read until it holds this.
     Shows,
 }
@@ -69,9 +75,10 @@ pub(super) fn all(
     settings: &Settings,
     joint: JointIndex,
 ) -> impl Iterator<Item = Row> {
-    use Kind::{Error, Has, Is, IsIfThere, Off, Set, Shows, Unit, Write};
+    use Kind::{Error, Has, Is, IsIfThere, OfMotor, Off, Set, Shows, Unit, Write};
     let limits = settings.joint.at(joint);
     let counts = |rad: f32| (rad * servo.counts_per_turn as f32 / TAU) as u32;
+    let turns_per_minute = SPEED_ROOM * limits.v_max_rad_s * 60.0 / TAU;
     let homing = if servo.home == Home::Here { 1 << (mode_number(DriveMode::Homing) - 1) } else { 0 };
     let mode = mode_number(servo.follow.mode());
     let modes = 1 << (mode - 1) | homing;
@@ -136,8 +143,21 @@ pub(super) fn all(
         row(IsIfThere, cia402::INTERPOLATION_BUFFER, 2, 4, 1),
     ];
     let interpolated = interpolated.into_iter().filter(move |_| servo.follow == Follow::Interpolated);
+    // Behind lost set points the next one is far away. A servo with this limit does not run there faster than its joint may.
+    let limited = [
+        row(IsIfThere, 0x60A9, 0, 4, TURNS_PER_MINUTE),
+        row(OfMotor, 0x6080, 0, 4, libm::roundf(turns_per_minute * 1e3) as u32),
+    ];
+    let limited = limited.into_iter().filter(move |_| servo.follow == Follow::Cyclic);
     let last = [row(Set, cia402::MODE, 0, 1, mode), row(Shows, cia402::MODE_DISPLAY, 0, 1, mode)];
-    compared.into_iter().chain(interpolated).chain(others).chain(maps).chain(output).chain(last)
+    compared
+        .into_iter()
+        .chain(limited)
+        .chain(interpolated)
+        .chain(others)
+        .chain(maps)
+        .chain(output)
+        .chain(last)
 }
 
 /// What the group does with an object.
@@ -174,6 +194,7 @@ impl Options {
                 bytes: row.bytes,
                 purpose: match row.kind {
                     Kind::Write | Kind::Set | Kind::Off => Use::Written(row.value),
+                    // What is written depends on the gear, which the servo reports.
                     _ => Use::Read,
                 },
                 may_be_absent: row.may_be_absent(servo),
@@ -221,10 +242,26 @@ impl Row {
     /// A servo without the object is fine. Modules that interpolate may have a fixed unit: then they have no object of the units.
     pub(super) fn may_be_absent(&self, servo: Servo) -> bool {
         match self.kind {
-            Kind::Off | Kind::IsIfThere => true,
+            Kind::Off | Kind::IsIfThere | Kind::OfMotor => true,
             Kind::Unit(_) => servo.follow == Follow::Interpolated,
             _ => false,
         }
+    }
+
+    /// The row for a servo with these [`Kind::Unit`]s.
+    pub(super) fn with_units(self, [_, _, motor, shaft]: [u32; 4]) -> Self {
+        if self.kind != Kind::OfMotor {
+            return self;
+        }
+        let of_motor = u64::from(self.value) * u64::from(motor);
+        // Rounded up: set points at the limit of the joint pass.
+        let value = of_motor.div_ceil(u64::from(shaft.max(1)) * 1_000);
+        Self { value: u32::try_from(value).unwrap_or(u32::MAX), ..self }
+    }
+
+    /// Written before it is read.
+    pub(super) const fn is_set(&self) -> bool {
+        matches!(self.kind, Kind::Set | Kind::Off | Kind::OfMotor)
     }
 
     /// Whether a value that was read is as it should be.
@@ -248,6 +285,14 @@ mod tests {
         assert!(own.holds(0x4000_0183) && !own.holds(0x8000_0183) && !own.holds(0x184));
         let to_servo = row(Kind::Set, 0x1400, 1, 4, 0x203);
         assert!(!to_servo.holds(0x4000_0203));
+    }
+
+    #[test]
+    fn the_limit_of_speed_is_that_of_the_joint_behind_its_gear() {
+        // 72 degrees in a second.
+        let limit = row(Kind::OfMotor, 0x6080, 0, 4, 12_000);
+        assert_eq!(limit.with_units([4_096, 1, 160, 1]).value, 1_920);
+        assert_eq!(limit.with_units([4_096, 1, 501, 5]).value, 1_203, "1 202.4 is rounded up");
     }
 
     #[test]

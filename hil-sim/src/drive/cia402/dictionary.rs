@@ -18,6 +18,8 @@ const ERRORS_MAX: usize = 8;
 /// Device type: profile 402, servo drive.
 const DEVICE_TYPE: i64 = 0x0002_0192;
 const NOT_VALID: i64 = 1 << 31;
+/// Limit of the speed of the motor, turns per minute: the velocity loop gets no higher demand. Not in a module that interpolates.
+pub(super) const SPEED_MAX: u16 = 0x6080;
 /// SYNCs without a position until the module brakes.
 pub(super) const CYCLES_WITHOUT_DATA: u16 = 0x200E;
 /// Bit 0: the commutation is found; bit 1: the absolute position is verified.
@@ -115,6 +117,7 @@ fn common(options: &ServoOptions) -> Vec<(u16, u8, Row)> {
 fn of_drive(options: &ServoOptions) -> Vec<(u16, u8, Row)> {
     use Mapped::{Receive, Transmit};
     let counts = f64::from(options.encoder_counts) * f64::from(options.gear);
+    let turns_per_minute = options.no_load_rad_s * f64::from(options.gear) * 60.0 / std::f64::consts::TAU;
     vec![
         (0x6007, 0, row(2, true, 1).writable().within(0, 3)),
         (0x603F, 0, row(2, false, 0).mapped(Transmit)),
@@ -132,6 +135,7 @@ fn of_drive(options: &ServoOptions) -> Vec<(u16, u8, Row)> {
         (0x6077, 0, row(2, true, 0).mapped(Transmit)),
         (drive::TARGET_POSITION, 0, row(4, true, 0).writable().mapped(Receive)),
         (0x607C, 0, row(4, true, 0).writable()),
+        (SPEED_MAX, 0, row(4, false, turns_per_minute.round() as i64).writable()),
         (0x6085, 0, row(4, false, counts as i64).writable().within(1, u32::MAX.into())),
         (0x608F, 0, row(1, false, 2)),
         (0x608F, 1, row(4, false, options.encoder_counts.into())),
@@ -209,8 +213,9 @@ impl Dictionary {
     pub(super) fn of(options: &ServoOptions) -> Self {
         let rows = common(options).into_iter().chain(of_drive(options)).chain(process_data(options));
         let own = options.interpolating.map(of_interpolation).unwrap_or_default();
-        let has_units = options.interpolating.is_none();
-        let rows = rows.chain(own).filter(|(index, ..)| has_units || !matches!(index, 0x608F | 0x6091));
+        let is_cyclic = options.interpolating.is_none();
+        let rows =
+            rows.chain(own).filter(|(index, ..)| is_cyclic || !matches!(*index, 0x608F | 0x6091 | SPEED_MAX));
         let rows = rows.map(|(index, sub, row)| (Object::new(index, sub), row)).collect();
         Self { rows, name: options.name, errors: Vec::new() }
     }

@@ -3,8 +3,8 @@
 use canopen_protocol::cia402::{self, Control, Mode, State, Status};
 use protocol::{Duration, Instant};
 
-use super::dictionary::{COMMUTATION, CYCLES_WITHOUT_DATA};
-use super::options::MissingTarget;
+use super::dictionary::{COMMUTATION, CYCLES_WITHOUT_DATA, SPEED_MAX};
+use super::options::{MissingTarget, ServoOptions};
 use super::path::Path;
 use super::servo::CanopenServo;
 use crate::mechanics::AxisInput;
@@ -46,6 +46,15 @@ impl CanopenServo {
         self.axis.q_rad + self.axis.v_rad_s * since_s
     }
 
+    /// Limit of the speed of the shaft.
+    fn speed_max_rad_s(&self) -> f64 {
+        if self.options.interpolating.is_some() {
+            return f64::INFINITY;
+        }
+        let turns_per_minute = self.dictionary.get(SPEED_MAX, 0) as f64;
+        turns_per_minute / f64::from(self.options.gear) * std::f64::consts::TAU / 60.0
+    }
+
     /// What the power stage does around `middle`, the middle of a step.
     pub fn input_at(&self, middle: Instant) -> AxisInput {
         if !self.has_torque() {
@@ -54,11 +63,19 @@ impl CanopenServo {
         let (reference_rad, v_rad_s) = self.path.at(middle);
         let offset = self.dictionary.get(cia402::TORQUE_OFFSET, 0) as f64 * 1e-3 * self.options.rated_nm;
         let speed_share = self.axis.v_rad_s.abs() / self.options.no_load_rad_s;
+        let ServoOptions { stiffness_nm_rad, damping_nms_rad, .. } = self.options;
+        // The position loop demands a speed of the velocity loop. Beyond the limit the limit is demanded.
+        let away_rad = reference_rad - self.now_rad(middle);
+        let demand_rad_s = v_rad_s + stiffness_nm_rad / damping_nms_rad * away_rad;
+        let most_rad_s = self.speed_max_rad_s();
+        let is_limited = demand_rad_s.abs() > most_rad_s;
+        let (stiffness_nm_rad, v_rad_s) =
+            if is_limited { (0.0, most_rad_s.copysign(demand_rad_s)) } else { (stiffness_nm_rad, v_rad_s) };
         AxisInput {
             reference_rad,
-            stiffness_nm_rad: self.options.stiffness_nm_rad,
-            damping_nms_rad: self.options.damping_nms_rad,
-            torque_nm: offset + self.options.damping_nms_rad * v_rad_s,
+            stiffness_nm_rad,
+            damping_nms_rad,
+            torque_nm: offset + damping_nms_rad * v_rad_s,
             torque_max_nm: self.options.peak_nm * (1.0 - speed_share).clamp(0.0, 1.0),
             brake: false,
         }
@@ -276,6 +293,9 @@ impl CanopenServo {
         let exponent = self.dictionary.get(cia402::INTERPOLATION_TIME, 2) as i32;
         let period_s = self.dictionary.get(cia402::INTERPOLATION_TIME, 1) as f64 * 10_f64.powi(exponent);
         let period = Duration::from_secs_f64(period_s);
+        // The line is no faster than the limit either: the shaft would fall behind it, and a quick stop ends where the line is.
+        let way_max_rad = self.speed_max_rad_s() * period_s;
+        let to_rad = from_rad + (to_rad - from_rad).clamp(-way_max_rad, way_max_rad);
         self.path = Path::Line { from_rad, to_rad, since: now, period };
     }
 

@@ -139,9 +139,15 @@ impl Judge<'_> {
             return EXCURSION_MAX_RAD;
         }
         let trace = &self.nominal.trace;
+        // A servo that missed set points runs to the next one, not faster than its limit, which is the top speed of the joint.
+        let runs_after = self.arm.cia402_servos().is_some();
         let brake_rad = |(joint, limits): (usize, &robot_model::JointLimits)| {
             let speeds = (0..trace.len()).map(|index| trace.sample(index)[joint][1].abs());
-            let v_rad_s = speeds.fold(0.0, f64::max);
+            let v_rad_s = if runs_after {
+                (1.0 + SPEED_SHARE) * limits.v_max_rad_s
+            } else {
+                speeds.fold(0.0, f64::max)
+            };
             v_rad_s * v_rad_s / (2.0 * limits.a_control_max_rad_s2)
         };
         let limits = self.arm.joints().iter().map(|joint| &joint.limits).enumerate();
