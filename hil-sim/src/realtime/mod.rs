@@ -147,10 +147,6 @@ impl std::fmt::Display for Lag {
 impl<A: Participants> Realtime<A> {
     /// Connects `participants` to a bus whose time 0 is that of `clock`, with a gateway behind each of `endpoints`.
     /// `seed` feeds the faults' random streams.
-    ///
-    /// # Errors
-    ///
-    /// As [`World::new`].
     pub fn new(
         participants: A,
         config: BusConfig,

@@ -125,9 +125,6 @@ impl Default for Scenario {
 
 impl Scenario {
     /// Reads a file.
-    ///
-    /// # Errors
-    /// The file cannot be read, or its content is not a possible scenario.
     pub fn load(path: &Path) -> Result<Self, ScenarioError> {
         let file = path.display().to_string();
         match toml_reader::read_text(path, toml_reader::DESCRIPTION_MAX_BYTES) {
@@ -137,9 +134,6 @@ impl Scenario {
     }
 
     /// Reads a text; `file` is its name in errors.
-    ///
-    /// # Errors
-    /// The content is not a possible scenario.
     pub fn from_toml(file: &str, text: &str) -> Result<Self, ScenarioError> {
         let source = Source { file, text };
         let document = source.parse()?;

@@ -50,9 +50,6 @@ pub struct Sockets {
 
 impl Sockets {
     /// Listens for commands at `command`; data leave from any port.
-    ///
-    /// # Errors
-    /// The address is not available.
     pub fn bind(command: SocketAddr) -> Result<Self, ServeError> {
         let bind = || {
             let listener = TcpListener::bind(command)?;
@@ -67,9 +64,6 @@ impl Sockets {
     }
 
     /// Address at which it listens for commands.
-    ///
-    /// # Errors
-    /// The system does not report the address.
     pub fn command_address(&self) -> io::Result<SocketAddr> {
         self.listener.local_addr()
     }

@@ -30,9 +30,6 @@ fault numbers and files."
 }
 
 /// Writes the script of `program`, which is asked through the environment variable `variable`.
-///
-/// # Errors
-/// The terminal cannot be written to.
 pub fn run(args: &Args, program: &str, variable: &str) -> Result<(), ExpectedError> {
     let shell = args.shell.to_possible_value();
     let shells = Shells::builtins();

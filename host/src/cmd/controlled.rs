@@ -205,9 +205,6 @@ impl Controlled {
 
     /// Ends in order. A controller in this program switches the watchdogs of its drives off first, so that they do not
     /// stop for want of it. After a stop or a fault the drives are halted and stay so: nothing is written to them.
-    ///
-    /// # Errors
-    /// The bus, or a recording that cannot be written.
     pub(super) fn finish(mut self) -> Result<(), ExpectedError> {
         let state = self.session.group().map(|group| group.state);
         if self.soft && matches!(state, Some(State::Idle | State::Ready)) {

@@ -103,9 +103,6 @@ fn history(frozen: Option<&Frozen>, trace: &[TraceEntry], whose: &str) -> String
 }
 
 /// The text for `words`.
-///
-/// # Errors
-/// No such number or name.
 pub fn explain(words: &[&str]) -> Result<String, ExpectedError> {
     match words {
         ["exit"] => Ok(exit::TABLE.iter().map(exit_line).collect()),

@@ -98,9 +98,6 @@ impl Asked {
 }
 
 /// Reads a line: its time, if it has one, and its command.
-///
-/// # Errors
-/// What is wrong with it.
 pub fn parse(line: &str) -> Result<(Option<f64>, Command), String> {
     let Line { t_s, command } = serde_json::from_str(line).map_err(|error| error.to_string())?;
     Ok((t_s, command.command()?))

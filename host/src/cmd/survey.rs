@@ -143,9 +143,6 @@ pub(super) enum Seen {
 
 /// Looks for the modules on a bus, or listens if another node speaks to them. `named` are those that must be there; without names
 /// those of the robot. With `shows` a progress bar appears on a terminal.
-///
-/// # Errors
-/// The bus cannot be reached, or nobody answers.
 pub(super) fn look(
     bus: &BusArgs,
     named: Option<&Modules>,

@@ -166,9 +166,6 @@ impl TrackerArgs {
     }
 
     /// Measures again: how far the target is from where it was, m.
-    ///
-    /// # Errors
-    /// As [`TrackerArgs::measure`].
     pub fn moved(&self, before: &Measured) -> Result<f64, ExpectedError> {
         let now = self.measure()?;
         let squares: f64 = now.robot_m.iter().zip(before.robot_m).map(|(a, b)| (a - b) * (a - b)).sum();
@@ -194,9 +191,6 @@ impl TrackerArgs {
 
 /// Two names of one robot are the same: its file, and the name in it.
 /// The frame of the room in that of the robot, by a calibration that was made for this robot.
-///
-/// # Errors
-/// The file is refused, or is of another robot.
 pub(super) fn room_to_robot(path: &Path, robot: &str) -> Result<Pose, ExpectedError> {
     let calibration = Calibration::load(path).map_err(|error| ExpectedError::bad_input(&error))?;
     require_robot(&calibration, path, robot)?;
@@ -285,9 +279,6 @@ impl Measured {
 }
 
 /// Runs a verb.
-///
-/// # Errors
-/// As each verb.
 pub fn run(verb: &TrackerVerb) -> Result<(), ExpectedError> {
     match verb {
         TrackerVerb::Show(args) => show(args),

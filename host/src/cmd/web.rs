@@ -40,9 +40,6 @@ pub struct WebArgs {
 impl WebArgs {
     /// Serves what passes in `session` until the answer is dropped; a page that stops sets `stop`. A simulated cell inside this
     /// program then runs in real time.
-    ///
-    /// # Errors
-    /// The port cannot be had.
     pub(super) fn serve(
         &self,
         session: &mut Session,

@@ -208,9 +208,6 @@ impl Folder {
 
     /// Goes through the rows of a part that is there, one in memory at a time; each gives the text of a column by its name, nothing for
     /// a column that is not there.
-    ///
-    /// # Errors
-    /// The part cannot be read.
     pub(crate) fn read(
         &self,
         shard: Shard,
@@ -233,9 +230,6 @@ impl Folder {
 
     /// Makes a shard from its rows, in order; they are taken [`BATCH_ROWS`] at a time. Returns `false` if `rows` ends early with
     /// `None`: nothing is kept then.
-    ///
-    /// # Errors
-    /// Writing fails, or making the rows does.
     pub(crate) fn make(
         &self,
         shard: Shard,

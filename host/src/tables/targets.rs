@@ -141,9 +141,6 @@ impl TargetList {
     }
 
     /// The rows from number `from` (from 0) to the end, one after the other.
-    ///
-    /// # Errors
-    /// The file cannot be opened.
     pub(crate) fn rows_from(&self, from: u64) -> Result<Rows, ExpectedError> {
         let (path, places, header) = (self.path.clone(), self.places.clone(), self.header.clone());
         let records = (1_u64..).zip(open_csv(&self.path)?.into_records());

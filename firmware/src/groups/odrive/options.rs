@@ -181,9 +181,6 @@ impl Options {
     }
 
     /// With an axis for the fingers.
-    ///
-    /// # Errors
-    /// See [`OptionsError`].
     pub fn with_gripper(self, gripper: GripperAxis) -> Result<Self, OptionsError> {
         if self.axes.is_full() {
             return Err(OptionsError::Count);

@@ -195,9 +195,6 @@ impl PlanClock {
 }
 
 /// Analyses a run in a log.
-///
-/// # Errors
-/// [`AnalysisError`].
 pub fn analyse(run: &Run<'_>) -> Result<RunAnalysis, AnalysisError> {
     let Run { motion, samples, .. } = *run;
     let end_s = motion.duration_s();

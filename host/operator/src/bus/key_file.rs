@@ -66,9 +66,6 @@ pub struct KeyArgs {
 
 impl KeyArgs {
     /// The key, if one is named.
-    ///
-    /// # Errors
-    /// [`KeyFileError`].
     pub fn load(&self) -> Result<Option<Key>, KeyFileError> {
         let named = self.key_file.clone().or_else(|| std::env::var_os(ENVIRONMENT).map(PathBuf::from));
         named.map(|path| read(&path)).transpose()
@@ -93,9 +90,6 @@ pub fn read_bytes(path: &Path) -> Result<[u8; KEY_LEN], KeyFileError> {
 }
 
 /// As [`read_bytes`].
-///
-/// # Errors
-/// [`KeyFileError`].
 pub fn read(path: &Path) -> Result<Key, KeyFileError> {
     read_bytes(path).map(Key::new)
 }

@@ -87,9 +87,6 @@ pub fn period_for(cycle: Duration, least_us: u32) -> u32 {
 }
 
 /// Decides. `usual_us` is the least period of the settings, used in virtual time.
-///
-/// # Errors
-/// [`NoPeriod`].
 pub fn choose(
     wish: PeriodRequest,
     timing: Option<&CycleTiming>,
@@ -168,9 +165,6 @@ pub fn usual_us(robot: &RobotModel, setup: &SimSetup, settings: &Settings) -> u3
 
 /// Settings for `robot` with gains for it and the usual period on the bus of `setup`. If its file has too little data to design gains, there
 /// are none, and a controller cannot be armed.
-///
-/// # Errors
-/// [`NoSettings`].
 pub fn settings_with_gains(robot: &RobotModel, setup: &SimSetup) -> Result<Settings, NoSettings> {
     let mut settings = settings_of(robot)?;
     if let Ok(choice) = choose(PeriodRequest::Any, None, robot, usual_us(robot, setup, &settings)) {

@@ -84,9 +84,6 @@ const _: () = assert!(robot_model::JOINTS_MAX <= protocol::JOINTS_MAX);
 ///
 /// Gains belong to a robot. The built-in ones are kept for the robot that they were designed for, identified by its
 /// fingerprint. Any other robot gets no gains and no certificate, so that it cannot be armed before it was tuned.
-///
-/// # Errors
-/// [`NoSettings`].
 pub fn settings_of(model: &RobotModel) -> Result<Settings, NoSettings> {
     let robot = || model.name().to_owned();
     let mut settings = Settings::powercube6();

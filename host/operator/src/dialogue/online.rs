@@ -57,9 +57,6 @@ pub struct Answered {
 impl Session {
     /// Begins the armed trajectory and returns as soon as it runs; the arm is halted if the session ends before
     /// [`Session::release_motion`].
-    ///
-    /// # Errors
-    /// [`OperatorError`].
     pub fn start_run(&mut self, node: NodeId, name: &Trajectory) -> Result<(), OperatorError> {
         self.guard_motion();
         let Trajectory { trajectory_crc64, length_bytes } = *name;

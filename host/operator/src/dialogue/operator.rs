@@ -79,9 +79,6 @@ impl Session {
     }
 
     /// Waits until the controller has found its drives.
-    ///
-    /// # Errors
-    /// As [`Session::wait_for`].
     pub fn find_drives(&mut self) -> Result<(), OperatorError> {
         self.wait_for(FINDING_MAX, &|state| state != State::Boot)
     }
@@ -116,9 +113,6 @@ impl Session {
     }
 
     /// One request, with all its attempts.
-    ///
-    /// # Errors
-    /// [`OperatorError`].
     pub fn request(
         &mut self,
         node: NodeId,
@@ -210,9 +204,6 @@ impl Session {
     }
 
     /// Lets the joints of `mask` (bit 0 = first joint) find their zeros, and waits for the end.
-    ///
-    /// # Errors
-    /// [`OperatorError`].
     pub fn home_group(&mut self, node: NodeId, joint_mask: u8, limit: Duration) -> Result<(), OperatorError> {
         self.guard_motion();
         self.order(node, "homing", command::HOME, &Home { joint_mask })?;
@@ -224,9 +215,6 @@ impl Session {
     }
 
     /// Stores a trajectory file in the controller and commits it: checked there, and named by its hash.
-    ///
-    /// # Errors
-    /// [`OperatorError`].
     pub fn upload(
         &mut self,
         node: NodeId,
@@ -300,9 +288,6 @@ impl Session {
     }
 
     /// Back to Ready.
-    ///
-    /// # Errors
-    /// [`OperatorError`].
     pub fn disarm(&mut self, node: NodeId) -> Result<(), OperatorError> {
         self.order(node, "to disarm", command::DISARM, &()).map(drop)
     }

@@ -80,9 +80,6 @@ impl Session {
 
     /// As [`Session::listen`]. If modules get requests and no controller was found, this session becomes a node, so
     /// that a `cubectl arm monitor` gives way, and listens once more.
-    ///
-    /// # Errors
-    /// As [`Session::listen`].
     pub fn claim(&mut self) -> Result<Presence, AskError> {
         let present = self.listen()?;
         if present.controller.is_some() || present.tool || !present.drives_are_asked {
@@ -94,9 +91,6 @@ impl Session {
 
     /// Listens for `span`, at least [`OTHERS_LISTEN`], or with `until_told` until a controller was found and had
     /// time to show its host. Nothing is sent; before it returns the session may send again.
-    ///
-    /// # Errors
-    /// As [`Session::listen`].
     pub fn listen_for(&mut self, span: Duration, until_told: bool) -> Result<Presence, AskError> {
         let (begun, before) = (self.now(), self.host_node().tally());
         let heard_since = |at: Instant| at > begun;

@@ -91,9 +91,6 @@ pub fn condition(state: Option<CubeState>) -> String {
 pub type OnSurveyProgress<'a> = &'a mut dyn FnMut(&'static str, usize, usize);
 
 /// Finds the modules among `candidates` by requests for their version, then requests the other data from each one found.
-///
-/// # Errors
-/// The bus failed, or Ctrl-C.
 pub fn survey(
     session: &mut Session,
     candidates: impl IntoIterator<Item = ModuleId>,

@@ -134,9 +134,6 @@ struct Wanted {
 }
 
 /// Compares. `read` asks the node for an object.
-///
-/// # Errors
-/// Those of `read`.
 pub fn compare<E>(
     eds: &Eds,
     node: NodeId,

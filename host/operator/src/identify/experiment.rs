@@ -183,9 +183,6 @@ impl<'a> Experiment<'a> {
     }
 
     /// Angles of all joints, rad.
-    ///
-    /// # Errors
-    /// [`ExperimentError`].
     pub fn positions(&mut self) -> Result<JointVec, ExperimentError> {
         let questions: Vec<_> =
             self.drives.iter().map(|drive| (drive.module(), Request::Get(Parameter::ActPos))).collect();
@@ -203,9 +200,6 @@ impl<'a> Experiment<'a> {
     }
 
     /// Goes to a pose, one joint after the other.
-    ///
-    /// # Errors
-    /// [`ExperimentError`].
     pub fn go(&mut self, pose: &JointVec, order: &[usize]) -> Result<(), ExperimentError> {
         for &i in order {
             (self.progress)(&format!("joint {} to {:.2} rad", i + 1, pose[i]));

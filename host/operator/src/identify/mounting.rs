@@ -63,9 +63,6 @@ impl Mounting {
     }
 
     /// From a controller on the bus.
-    ///
-    /// # Errors
-    /// [`OperatorError`].
     pub fn of_controller(session: &mut Session, node: NodeId) -> Result<Self, OperatorError> {
         Self::of(Source::Controller(node), &mut |name| session.register(node, name))
     }

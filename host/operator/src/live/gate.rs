@@ -69,9 +69,6 @@ pub struct Asked<'a> {
 }
 
 /// Judges a request at the port `own`; pages of `allowed` origins may read too.
-///
-/// # Errors
-/// [`Refused`].
 pub fn judge(asked: &Asked<'_>, own: SocketAddr, allowed: &[String]) -> Result<Wanted, Refused> {
     let names = names(own);
     if !asked.host.is_some_and(|host| names.iter().any(|name| name.eq_ignore_ascii_case(host))) {

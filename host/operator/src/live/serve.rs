@@ -102,9 +102,6 @@ pub struct LiveServer {
 impl LiveServer {
     /// Serves `page` and what `state` holds at `address`, which must be of the loopback; port 0 is any that is free. A page that
     /// stops sets `stop`. Pages of `origins` (`https://viewer.example`) may read too.
-    ///
-    /// # Errors
-    /// [`ServeError`].
     pub fn start(
         address: SocketAddr,
         state: Arc<Mutex<LiveState>>,

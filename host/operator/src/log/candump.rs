@@ -31,9 +31,6 @@ impl<W: Write> Log<W> {
     }
 
     /// Writes a frame.
-    ///
-    /// # Errors
-    /// The medium's.
     pub fn frame(&mut self, at: Instant, way: Way, frame: &Frame) -> io::Result<()> {
         let Ok(bus) = BusName::new(&self.bus) else { return Ok(()) };
         let direction = Some(match way {
@@ -46,9 +43,6 @@ impl<W: Write> Log<W> {
     }
 
     /// Writes an error of the bus as candump does: an error frame.
-    ///
-    /// # Errors
-    /// The medium's.
     pub fn bus_error(&mut self, at: Instant, error: &BusError) -> io::Result<()> {
         let id = 0x2000_0000 | error.class & 0x1FFF_FFFF;
         let details: String = error.details.iter().map(|byte| format!("{byte:02X}")).collect();
@@ -58,9 +52,6 @@ impl<W: Write> Log<W> {
     }
 
     /// Hands everything to the operating system.
-    ///
-    /// # Errors
-    /// The medium's.
     pub fn flush(&mut self) -> io::Result<()> {
         self.out.flush()
     }

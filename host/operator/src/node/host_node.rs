@@ -181,9 +181,6 @@ impl HostNode {
     }
 
     /// Sends a new end state to the controller.
-    ///
-    /// # Errors
-    /// No room in the queue.
     pub(crate) fn publish_target(&mut self, message: &TargetState) -> Result<(), SendError> {
         self.link();
         let now = self.now;

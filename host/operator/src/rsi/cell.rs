@@ -46,9 +46,6 @@ pub fn run(scenario: &KrcScenario, station: &mut Station) -> Result<Seen, KrcErr
 }
 
 /// As [`run`]; `each` is called at every step, and the run ends some time after it returns false.
-///
-/// # Errors
-/// The scenario makes no robot.
 pub fn run_with(
     scenario: &KrcScenario,
     station: &mut Station,
@@ -80,9 +77,6 @@ pub struct SimulatedRobot {
 
 impl SimulatedRobot {
     /// The robot, whose program has just begun.
-    ///
-    /// # Errors
-    /// The scenario makes no robot.
     pub fn new(scenario: &KrcScenario) -> Result<Self, KrcError> {
         let mut krc = scenario.controller()?;
         krc.start()?;

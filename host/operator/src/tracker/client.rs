@@ -144,9 +144,6 @@ impl TrackerError {
 }
 
 /// Measures a target.
-///
-/// # Errors
-/// [`TrackerError`].
 pub fn measure(
     place: &Place,
     wish: &TargetRequest,

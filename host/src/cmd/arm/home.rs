@@ -145,9 +145,6 @@ findings.join("\n")).next("what was thrown or taught since that zero is off by a
 }
 
 /// Homes what is not homed, as `cubectl home` does, before a verb that speaks to the drives itself.
-///
-/// # Errors
-/// As [`run`].
 pub(in crate::cmd) fn home_first(bus: &BusArgs) -> Result<(), ExpectedError> {
     let args = Args {
         bus: BusArgs { record: None, ..bus.clone() },

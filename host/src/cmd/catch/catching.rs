@@ -103,9 +103,6 @@ impl Catching {
     }
 
     /// The cell of the file, or the built-in one.
-    ///
-    /// # Errors
-    /// The file is refused.
     pub fn cell(&self) -> Result<TwoArmOptions, ExpectedError> {
         let cell = self.cell.as_ref().map_or_else(TwoArmOptions::two_arms, |file| TwoArmOptions::load(file));
         cell.map_err(|why| ExpectedError::bad_input(&why))

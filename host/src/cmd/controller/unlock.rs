@@ -49,9 +49,6 @@ fn setting(text: &str) -> Result<(&'static str, Vec<f32>), String> {
 }
 
 /// Runs the verb.
-///
-/// # Errors
-/// The robot, the key file, the bus, or a controller that refuses.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let robot = RobotModel::load(&args.robot).map_err(|error| ExpectedError::bad_input(&error))?;
     let robot_crc32 = crc32_of(&robot);

@@ -26,9 +26,6 @@ pub struct Args {
 }
 
 /// Runs the verb.
-///
-/// # Errors
-/// If the plan cannot be read, the step is not positive, or the table cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let fine = args.step_s >= 1e-5 && args.step_s <= 10.0;
     if !fine {

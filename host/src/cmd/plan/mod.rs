@@ -46,9 +46,6 @@ fn require_writable(path: &Path) -> Result<(), ExpectedError> {
 }
 
 /// Runs the verb.
-///
-/// # Errors
-/// As the verbs.
 pub fn run(verb: PlanVerb) -> Result<(), ExpectedError> {
     match verb {
         PlanVerb::Throw(args) => throw::run(&args),

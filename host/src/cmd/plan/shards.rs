@@ -311,9 +311,6 @@ fn watched<T: Send>(rows: u64, watcher: Watcher<'_>, work: impl FnOnce(&Watch, &
 }
 
 /// The summary of a folder, as JSON.
-///
-/// # Errors
-/// There is no sweep, or a part cannot be read.
 pub(super) fn summary(folder: &Path) -> Result<(Summary, serde_json::Value), ExpectedError> {
     let folder = Folder::open(folder)?;
     let s = Summary::of(&folder)?;

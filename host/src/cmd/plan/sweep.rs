@@ -97,9 +97,6 @@ fn shards(text: &str) -> Result<u32, String> {
 }
 
 /// Runs the verb.
-///
-/// # Errors
-/// If input is refused or a file cannot be read or written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if let Some(folder) = &args.summary {
         return summary(args, folder);
@@ -128,9 +125,6 @@ fn summary(args: &Args, folder: &Path) -> Result<(), ExpectedError> {
 }
 
 /// Makes the shards that are asked for.
-///
-/// # Errors
-/// Input is refused, a file cannot be read or written, or it was stopped.
 pub(super) fn make_shards(args: &Args, watcher: Watcher<'_>) -> Result<Made, ExpectedError> {
     let Some(out) = &args.out else {
         return Err(ExpectedError::bad_input(&"name the folder of the parts with --out FOLDER"));

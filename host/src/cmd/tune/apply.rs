@@ -43,24 +43,12 @@ pub(super) trait Registers {
     /// What goes wrong on the way.
     type Error: Cause;
     /// Numbers of a register; empty for an unknown one.
-    ///
-    /// # Errors
-    /// Of the transport.
     fn floats(&mut self, name: &str) -> Result<Vec<f32>, Self::Error>;
     /// Writes numbers; returns what the register holds then.
-    ///
-    /// # Errors
-    /// Of the transport.
     fn set_floats(&mut self, name: &str, values: &[f32]) -> Result<Vec<f32>, Self::Error>;
     /// A whole number; `None` for an unknown register.
-    ///
-    /// # Errors
-    /// Of the transport.
     fn natural(&mut self, name: &str) -> Result<Option<u32>, Self::Error>;
     /// Writes a whole number; returns what the register holds then.
-    ///
-    /// # Errors
-    /// Of the transport.
     fn set_natural(&mut self, name: &str, value: u32) -> Result<Option<u32>, Self::Error>;
 }
 
@@ -377,9 +365,6 @@ impl InForce {
     }
 
     /// Reads the file of [`InForce::to_toml`].
-    ///
-    /// # Errors
-    /// What is wrong with it.
     pub(in crate::cmd) fn from_toml(text: &str) -> Result<Self, String> {
         let read: Self = toml::from_str(text).map_err(|e| e.to_string())?;
         let n = read.k_pos_1_s2.len();

@@ -86,9 +86,6 @@ impl From<ApplyError> for ExpectedError {
 }
 
 /// Runs the verb.
-///
-/// # Errors
-/// Bad input, a joint that cannot be tuned with the binding condition, files, or the controller.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if let Some(path) = &args.rollback {
         return roll_back(args, path);

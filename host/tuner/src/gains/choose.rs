@@ -114,9 +114,6 @@ impl NoGains {
 
 /// Certified gains for `robot` at a period: the built-in ones if they were designed for exactly the data of its
 /// file, otherwise a new design.
-///
-/// # Errors
-/// [`NoGains`].
 pub fn gains_for(robot: &RobotModel, period_us: u32) -> Result<(GainsFile, GainsFrom), NoGains> {
     let (_, text) = BUILT_IN
         .iter()

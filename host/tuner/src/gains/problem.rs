@@ -92,9 +92,6 @@ pub struct Problem {
 
 impl Problem {
     /// Checks `input`.
-    ///
-    /// # Errors
-    /// [`ProblemError`].
     pub fn new(input: &JointInput) -> Result<Self, ProblemError> {
         let joint = input.joint;
         let refused = |what: String| ProblemError { joint, what };

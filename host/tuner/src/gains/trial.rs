@@ -208,9 +208,6 @@ impl Lab {
 const HOST: Peer = Peer::new(42);
 
 /// Runs `motion` with every joint displaced by `offset_rad` from its start.
-///
-/// # Errors
-/// [`TrialError`].
 pub fn run(
     robot: &RobotModel,
     settings: &Settings,

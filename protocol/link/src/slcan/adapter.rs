@@ -54,10 +54,6 @@ enum Channel {
 
 impl Adapter {
     /// Waits for hosts at `host:port` (port 0: any free one, see [`Hub`]'s name).
-    ///
-    /// # Errors
-    ///
-    /// The host has no address, or the port is not available.
     pub fn listen(
         host: &str,
         port: u16,
@@ -71,10 +67,6 @@ impl Adapter {
     }
 
     /// Connects to a host that listens, such as the UART of an emulated board.
-    ///
-    /// # Errors
-    ///
-    /// Nothing listens there.
     pub fn connect(host: &str, port: u16, bitrate: Bitrate, clock: Clock) -> Result<Self, OpenError> {
         let address = host_port(host, port);
         let name = format!("slcan://{address}");
@@ -87,10 +79,6 @@ impl Adapter {
     }
 
     /// Serves the host at the other end of a serial device; `baud` is the speed of the line.
-    ///
-    /// # Errors
-    ///
-    /// The device cannot be opened.
     pub fn at_device(
         path: &Path,
         baud: Option<u32>,

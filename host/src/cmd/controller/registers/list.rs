@@ -50,9 +50,6 @@ fn known(name: &str) -> Option<(&'static RegisterInfo, &'static str)> {
 }
 
 /// Runs the verb.
-///
-/// # Errors
-/// The bus, or a controller that does not answer.
 pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
     let (mut session, node) = args.target.open()?;
     let mut found = Vec::new();
