@@ -145,7 +145,6 @@ pub fn full_names(mut words: Vec<OsString>) -> Vec<OsString> {
     words
 }
 
-/// Runs the verb.
 pub fn run(cli: Cli) -> Result<(), ExpectedError> {
     match cli.verb {
         Verb::Throw(args) => cmd::throw::run(&args),

@@ -85,7 +85,6 @@ struct ArmNow {
     closed_at: Option<Instant>,
 }
 
-/// The bus of an arm in its thread.
 struct ArmBus {
     samples: Receiver<ArmNow>,
     waiting: VecDeque<ArmNow>,
@@ -352,7 +351,6 @@ impl Live {
         Ok(())
     }
 
-    /// A step of the arms that are there.
     fn step(&mut self, arms: impl Iterator<Item = ArmNow>) {
         let mut to = self.cell.now();
         for (k, arm) in (self.first..).zip(arms) {

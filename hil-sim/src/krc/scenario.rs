@@ -56,7 +56,6 @@ pub type KrcScenarioError = DocumentError<Problem>;
 /// Everything that a run depends on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KrcScenario {
-    /// File it came from.
     pub file: String,
     /// Built-in name or path of the robot file.
     pub robot: String,

@@ -48,7 +48,6 @@ pub enum RealtimeError {
     /// The link of a joined bus has failed.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// Waiting failed.
     #[error("cannot wait for the link: {0}")]
     Wait(#[from] io::Error),
 }
@@ -203,7 +202,6 @@ impl<A: Participants> Realtime<A> {
         &mut self.world
     }
 
-    /// The endpoints, as given.
     pub fn endpoints(&self) -> impl Iterator<Item = &Endpoint> {
         self.ports.iter().map(|port| &port.endpoint)
     }

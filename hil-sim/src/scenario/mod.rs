@@ -86,7 +86,6 @@ pub struct Action {
 /// Everything that a run depends on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scenario {
-    /// File it came from.
     pub file: String,
     /// What people call it.
     pub name: String,
@@ -96,7 +95,6 @@ pub struct Scenario {
     pub seed: u64,
     /// Length of the run.
     pub duration: Duration,
-    /// Options of the bus.
     pub bus: BusConfig,
     /// Options of drives, mechanics, supplies and gripper.
     pub cell: CellOptions,

@@ -19,7 +19,6 @@ const LONGEST_SLEEP: Duration = Duration::from_millis(50);
 pub struct ServeError {
     /// The address that cannot be used.
     pub address: SocketAddr,
-    /// Error of the system.
     pub error: io::Error,
 }
 
@@ -39,7 +38,6 @@ pub struct Served {
     pub connections: u64,
 }
 
-/// The sockets of a tracker.
 #[derive(Debug)]
 pub struct Sockets {
     listener: TcpListener,
@@ -63,7 +61,6 @@ impl Sockets {
         bind().map_err(|error| ServeError { address: command, error })
     }
 
-    /// Address at which it listens for commands.
     pub fn command_address(&self) -> io::Result<SocketAddr> {
         self.listener.local_addr()
     }

@@ -19,7 +19,6 @@ pub trait Tap {
     /// A frame. An error ends the session after the arm was stopped.
     fn frame(&mut self, at: Instant, way: Way, frame: &Frame) -> io::Result<()>;
 
-    /// An error of the bus.
     fn bus_error(&mut self, at: Instant, error: &BusError) -> io::Result<()> {
         let _ = (at, error);
         Ok(())

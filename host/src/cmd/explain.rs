@@ -102,7 +102,6 @@ fn history(frozen: Option<&Frozen>, trace: &[TraceEntry], whose: &str) -> String
     text
 }
 
-/// The text for `words`.
 pub fn explain(words: &[&str]) -> Result<String, ExpectedError> {
     match words {
         ["exit"] => Ok(exit::TABLE.iter().map(exit_line).collect()),

@@ -108,7 +108,6 @@ pub enum Link {
     Led(Box<RobotLink>),
 }
 
-/// A link that has ended.
 pub struct Ended {
     pub(super) seen: Seen,
     /// Whether what was recorded is whole.

@@ -14,7 +14,6 @@ use crate::exit;
 use operator::bus::{BusArgs, Session};
 use operator::dialogue::survey::ModuleReport;
 
-/// Version of the file.
 const SCHEMA_VERSION: u32 = 1;
 
 /// Parameters that are no settings although they can be written: motions, lines, commands in disguise; and tick forms
@@ -102,13 +101,10 @@ pub struct ConfigFile {
     pub module: Vec<ModuleConfig>,
 }
 
-/// One module.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModuleConfig {
-    /// Address.
     pub address: u8,
-    /// Serial number.
     pub serial: u32,
     /// Firmware, four hexadecimal digits.
     pub firmware: String,

@@ -21,7 +21,6 @@ use super::rsi::address_of;
 use crate::error::ExpectedError;
 use crate::exit;
 
-/// Radius of the bottle, m.
 const BOTTLE_M: f64 = 0.035;
 /// Where the bottle stands by default, m.
 const BOTTLE: [f64; 3] = [2.5, 0.0, 0.6];
@@ -116,7 +115,6 @@ pub fn run(args: &RobotRun<'_>, spec: &RsiSpec) -> Result<(), ExpectedError> {
     })
 }
 
-/// The tracker and its sockets.
 fn tracker(args: &RobotRun<'_>, bottle_m: [f64; 3]) -> Result<Option<(Sockets, Tracker)>, ExpectedError> {
     let Some(data) = &args.industrial.tracker else { return Ok(None) };
     let resolve = |text: &str| -> Result<SocketAddr, ExpectedError> {

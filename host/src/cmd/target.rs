@@ -31,7 +31,6 @@ pub struct Target {
 }
 
 impl Target {
-    /// The session with the key.
     pub(super) fn session(&self) -> Result<Session, ExpectedError> {
         self.session_until(interrupt())
     }

@@ -241,7 +241,6 @@ struct Lesson<'a> {
     here: Joints,
     /// Why the steps are not in the file, if they are not.
     unwritten: Option<ExpectedError>,
-    /// The gripper was closed.
     closed: bool,
     view: View<'a>,
 }

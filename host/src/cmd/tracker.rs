@@ -117,7 +117,6 @@ impl From<TrackerError> for ExpectedError {
     }
 }
 
-/// A target as it was measured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measured {
     /// In the robot's frame, m.
@@ -262,7 +261,6 @@ impl Measured {
         )
     }
 
-    /// In numbers.
     #[must_use]
     pub fn json(&self) -> serde_json::Value {
         serde_json::json!({
@@ -278,7 +276,6 @@ impl Measured {
     }
 }
 
-/// Runs a verb.
 pub fn run(verb: &TrackerVerb) -> Result<(), ExpectedError> {
     match verb {
         TrackerVerb::Show(args) => show(args),

@@ -112,7 +112,6 @@ fn excerpts(a: &str, b: &str) -> (String, String) {
     (excerpt(&a), excerpt(&b))
 }
 
-/// The folder of a sweep.
 #[derive(Debug, Clone)]
 pub(crate) struct Folder {
     path: PathBuf,
@@ -184,7 +183,6 @@ impl Folder {
         &self.study
     }
 
-    /// The file of a shard.
     pub(crate) fn part(&self, shard: Shard) -> PathBuf {
         self.path.join(shard.file_name())
     }

@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 use std::process::{Command, Output};
 
-/// Runs `cubectl` with these words.
 pub(crate) fn cubectl(words: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_cubectl")).args(words).output().expect("runs")
 }
@@ -19,7 +18,6 @@ pub(crate) fn folder(name: &str) -> PathBuf {
     path
 }
 
-/// Path of an empty folder.
 pub(crate) fn empty_folder(name: &str) -> PathBuf {
     let path = folder(name);
     std::fs::create_dir_all(&path).expect("writable");

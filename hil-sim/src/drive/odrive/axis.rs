@@ -52,7 +52,6 @@ impl Error {
     }
 }
 
-/// One axis.
 #[derive(Clone, Debug)]
 pub struct OdriveAxis {
     options: OdriveOptions,

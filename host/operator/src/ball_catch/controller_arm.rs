@@ -249,7 +249,6 @@ impl ControllerArm {
         Ok(())
     }
 
-    /// The session, its controller and what is known of its clock.
     pub fn parts(&mut self) -> (&mut Session, NodeId, &mut ControllerClock) {
         (&mut self.session, self.node, &mut self.clock)
     }

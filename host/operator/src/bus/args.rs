@@ -62,13 +62,9 @@ pub struct CellArgs {
 
 /// A robot with its simulated cell, read and checked.
 pub struct Cell {
-    /// What was given for the robot.
     pub robot_source: String,
-    /// The robot.
     pub robot: RobotModel,
-    /// Seed.
     pub seed: u64,
-    /// Options of the cell.
     pub setup: SimSetup,
 }
 

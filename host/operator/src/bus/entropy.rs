@@ -25,7 +25,6 @@ pub fn seed(clock: Clock) -> Result<Seed, NoEntropy> {
     Ok(Seed::from_entropy(bytes::<SEED_LEN>()?))
 }
 
-/// Random bytes.
 pub fn bytes<const N: usize>() -> Result<[u8; N], NoEntropy> {
     let mut bytes = [0; N];
     getrandom::fill(&mut bytes).map_err(|error| NoEntropy(error.to_string()))?;

@@ -17,26 +17,16 @@ const NOT_OWNER: u32 = 0o077;
 pub enum KeyFileError {
     /// It cannot be read or written.
     #[error("key file {path}: {source}")]
-    Io {
-        /// Path of the file.
-        path: PathBuf,
-        /// Error of the system.
-        source: io::Error,
-    },
+    Io { path: PathBuf, source: io::Error },
     /// Others can read or change it.
     #[error("key file {path}: others than its owner may use it (mode {mode:03o})")]
     Open {
-        /// Path of the file.
         path: PathBuf,
         /// Its permissions.
         mode: u32,
     },
-    /// It holds no key.
     #[error("key file {path}: not a key of {KEY_LEN} bytes in {} hexadecimal digits", 2 * KEY_LEN)]
-    NoKey {
-        /// Path of the file.
-        path: PathBuf,
-    },
+    NoKey { path: PathBuf },
 }
 
 impl KeyFileError {

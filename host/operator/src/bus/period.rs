@@ -22,7 +22,6 @@ pub enum PeriodRequest {
     Any,
     /// This one, µs, with the gains that come with the program.
     Period(u32),
-    /// That of these gains.
     Gains(Box<GainsFile>),
 }
 
@@ -52,12 +51,7 @@ pub enum NoPeriod {
     },
     /// No period up to the longest one can be kept.
     #[error("no control period holds here: {timing}; the longest one is {} ms\n  {granted}", f64::from(*.longest_us) * 1e-3, timing = .timing, granted = .timing.granted)]
-    None {
-        /// Longest, µs.
-        longest_us: u32,
-        timing: Box<CycleTiming>,
-    },
-    /// No gains for the period.
+    None { longest_us: u32, timing: Box<CycleTiming> },
     #[error(transparent)]
     NoGains(#[from] NoGains),
 }

@@ -29,7 +29,6 @@ const HALT_TIME: Duration = Duration::from_millis(20);
 pub enum Ended {
     /// The condition came true.
     Done,
-    /// The time was up.
     TimedOut,
     /// Ctrl-C, SIGTERM or SIGHUP.
     Interrupted,
@@ -60,7 +59,6 @@ pub struct Session {
     controller_off: Rc<Cell<bool>>,
     /// It is a Cyphal node, with a node-ID that no other tool has.
     pub(crate) joined: bool,
-    /// Key of the controller, if it has one.
     pub(crate) key: Option<Key>,
     /// What this session uploaded last, and the SHA-256 of it.
     pub(crate) uploaded: Option<(Trajectory, Digest)>,
@@ -174,12 +172,10 @@ impl Session {
         }
     }
 
-    /// Adds a recorder.
     pub fn add_tap(&mut self, tap: Box<dyn Tap>) {
         self.taps.push(tap);
     }
 
-    /// Errors of the bus so far.
     pub fn bus_errors(&self) -> &[(Instant, BusError)] {
         &self.bus_errors
     }

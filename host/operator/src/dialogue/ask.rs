@@ -12,7 +12,6 @@ use crate::node::drive_client::RequestFailed;
 /// Why a question has no answer.
 #[derive(Debug, thiserror::Error)]
 pub enum AskError {
-    /// The bus failed.
     #[error(transparent)]
     Bus(#[from] BusFailure),
     /// The module did not answer, or refused.
@@ -97,13 +96,11 @@ impl Session {
             .collect())
     }
 
-    /// Sends a request to one module.
     pub fn ask(&mut self, module: ModuleId, request: Request) -> Result<Reply, AskError> {
         let answer = self.ask_all(&[(module, request)])?.into_iter().next();
         Ok(answer.unwrap_or(Err(RequestFailed::NoAnswer { module, request, tries: 0 }))?)
     }
 
-    /// Reads a parameter.
     pub fn get(&mut self, module: ModuleId, parameter: Parameter) -> Result<Value, AskError> {
         let request = Request::Get(parameter);
         match self.ask(module, request)? {

@@ -37,13 +37,11 @@ pub struct EndStates {
     pub at: Instant,
     /// Positions, base first, rad; within ±8.38 rad.
     pub q_rad: Vec<f64>,
-    /// Velocities, rad/s.
     pub qd_rad_s: Vec<f64>,
     /// Up to two events and when they happen, within 8.38 s of `at`; they replace all that are still to come.
     pub events: Vec<(Instant, Action)>,
 }
 
-/// What became of an end state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Answered {
     /// When the answer came, in our time.

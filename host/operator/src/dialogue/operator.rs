@@ -112,7 +112,6 @@ impl Session {
         }
     }
 
-    /// One request, with all its attempts.
     pub fn request(
         &mut self,
         node: NodeId,

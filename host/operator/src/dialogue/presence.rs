@@ -18,7 +18,6 @@ const CLAIM: Duration = Duration::from_millis(1_200);
 /// Who else is on the bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Presence {
-    /// The controller on the bus.
     pub controller: Option<NodeId>,
     /// Another node sends requests or orders to drives.
     pub drives_are_asked: bool,

@@ -152,7 +152,6 @@ impl Session {
         self.access(node, name, Value::EMPTY).map(|told| told.value)
     }
 
-    /// A register of `node` with its properties.
     pub fn told_register(&mut self, node: NodeId, name: &str) -> Result<RegisterEntry, OperatorError> {
         self.access(node, name, Value::EMPTY)
     }

@@ -33,7 +33,6 @@ pub enum Difference {
 /// A difference and where it is.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finding {
-    /// The object.
     pub object: Object,
     /// Its name in the sheet; empty if it has none.
     pub name: String,

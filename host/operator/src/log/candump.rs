@@ -30,7 +30,6 @@ impl<W: Write> Log<W> {
         Self { out: io::BufWriter::new(out), bus, zero_unix }
     }
 
-    /// Writes a frame.
     pub fn frame(&mut self, at: Instant, way: Way, frame: &Frame) -> io::Result<()> {
         let Ok(bus) = BusName::new(&self.bus) else { return Ok(()) };
         let direction = Some(match way {
@@ -57,7 +56,6 @@ impl<W: Write> Log<W> {
     }
 }
 
-/// A frame of a log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Line {
     /// Number in the file, from 1.
@@ -111,7 +109,6 @@ pub enum ReadError {
     /// The medium.
     #[error("{0}")]
     Io(#[from] io::Error),
-    /// A line that is not a frame.
     #[error("line {line}: {error}")]
     Line {
         /// Number, from 1.
@@ -127,7 +124,6 @@ pub enum ReadError {
         /// Its time stamp.
         at: Instant,
     },
-    /// No line of a log is that long.
     #[error("line {line} has more than {LINE_MAX_BYTES} bytes")]
     LongLine {
         /// Number, from 1.

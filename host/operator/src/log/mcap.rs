@@ -205,7 +205,6 @@ impl<W: Write + Seek> Log<W> {
         self.put("/tf", self.schemas.transforms, at, frames)
     }
 
-    /// Writes an error of the bus.
     pub fn bus_error(&mut self, at: Instant, error: &BusError) -> io::Result<()> {
         let message = Message::default()
             .uint(1, at.as_micros())

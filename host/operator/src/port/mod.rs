@@ -43,7 +43,6 @@ pub struct BallSeen {
 }
 
 impl BallSeen {
-    /// The ball of a cell.
     #[must_use]
     pub fn of(cell: &hil_sim::Cell) -> Self {
         let report = cell.throw();

@@ -29,7 +29,6 @@ pub struct Seen {
     pub landing: Option<Landing>,
     /// What stopped the robot.
     pub fault: Option<FaultCause>,
-    /// Late answers.
     pub late: u64,
     /// Answers that were refused.
     pub refused: u64,

@@ -42,7 +42,6 @@ const CYCLES_MIN: usize = 100;
 /// Openings below which no gripper delay is concluded.
 const OPENINGS_MIN: usize = 4;
 
-/// Lag of the axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeasuredLag {
     /// Dead time, s.
@@ -58,7 +57,6 @@ pub struct MeasuredLag {
     pub residual_deg: f64,
     /// Motion of the axes over the same cycles, root mean square about its mean, deg.
     pub motion_deg: f64,
-    /// Cycles used.
     pub cycles: usize,
 }
 
@@ -70,7 +68,6 @@ impl MeasuredLag {
     }
 }
 
-/// Delay of the gripper.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeasuredGripper {
     /// From the output in force to open fingers, mean, s.

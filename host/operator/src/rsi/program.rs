@@ -75,7 +75,6 @@ pub enum NoStation {
         /// What is in the way.
         what: String,
     },
-    /// No gripper.
     #[error("the robot has no output that opens the gripper")]
     NoGripper,
 }

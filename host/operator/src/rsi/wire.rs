@@ -25,10 +25,7 @@ pub enum ConfigUnfit {
     },
     /// Nothing opens the gripper.
     #[error("the RSI configuration receives no {name}")]
-    NoOutput {
-        /// Name that was looked for.
-        name: String,
-    },
+    NoOutput { name: String },
     /// The robot does not send its axes.
     #[error("the RSI configuration sends no actual axes")]
     NoPositions,

@@ -43,7 +43,6 @@ pub struct RoomToRobot {
     pub translation_m: Vector3<f64>,
 }
 
-/// A solved calibration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solved {
     /// The transform.
@@ -235,7 +234,6 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Reads a file.
     pub fn load(path: &Path) -> Result<Self, FileError> {
         let file = path.display().to_string();
         let text = read_text(path, DESCRIPTION_MAX_BYTES)

@@ -25,7 +25,6 @@ pub enum FrameError {
     /// Nothing comes.
     #[error("no frame within {} s", FRAME_LIMIT.as_secs_f64())]
     Silent,
-    /// It is not a frame.
     #[error("{0}")]
     Unreadable(String),
     /// Frames come, but the target cannot be used.
@@ -33,7 +32,6 @@ pub enum FrameError {
     NoTarget(#[from] NoTarget),
 }
 
-/// Datagrams of DTrack.
 #[derive(Clone, Debug)]
 pub struct DTrackFrames {
     wish: TargetRequest,

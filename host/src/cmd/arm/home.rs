@@ -227,7 +227,6 @@ fn home_all(
     Ok((rows, findings))
 }
 
-/// An error of one module.
 pub(in crate::cmd) fn at(module: ModuleId, error: OperatorError) -> ExpectedError {
     let stopped = matches!(error, OperatorError::Stopped { .. });
     let mut expected = ExpectedError::from(error);

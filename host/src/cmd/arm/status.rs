@@ -86,7 +86,6 @@ fn heard(bus: &str, beside: &Beside) {
     }
 }
 
-/// Prints what the modules answered.
 fn answered(bus: &str, found: &[ModuleReport]) {
     let number = |value: Option<f64>, digits| value.map_or("-".to_owned(), |v| fixed(v, digits));
     console::line!("{bus}: {}", counted(found.len(), "module"));

@@ -85,7 +85,6 @@ fn fault(text: &str) -> Result<TrialFault, String> {
 }
 
 impl Catching {
-    /// Options of a trial.
     pub fn trial(&self) -> TrialOptions {
         let (allowed, wait) = match self.hand {
             Hand::Matched => (Allowed::Matched, WAIT_MATCHED_DEG),

@@ -48,7 +48,6 @@ fn setting(text: &str) -> Result<(&'static str, Vec<f32>), String> {
     }
 }
 
-/// Runs the verb.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let robot = RobotModel::load(&args.robot).map_err(|error| ExpectedError::bad_input(&error))?;
     let robot_crc32 = crc32_of(&robot);

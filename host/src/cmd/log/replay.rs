@@ -58,7 +58,6 @@ pub struct Difference {
     pub sent: Option<Frame>,
 }
 
-/// What a replay found.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Replayed {
     /// Frames handed to the controller.

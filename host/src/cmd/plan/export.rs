@@ -25,7 +25,6 @@ pub struct Args {
     pub out: Option<PathBuf>,
 }
 
-/// Runs the verb.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let fine = args.step_s >= 1e-5 && args.step_s <= 10.0;
     if !fine {

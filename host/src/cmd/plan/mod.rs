@@ -45,7 +45,6 @@ fn require_writable(path: &Path) -> Result<(), ExpectedError> {
     Ok(())
 }
 
-/// Runs the verb.
 pub fn run(verb: PlanVerb) -> Result<(), ExpectedError> {
     match verb {
         PlanVerb::Throw(args) => throw::run(&args),

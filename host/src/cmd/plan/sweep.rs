@@ -96,7 +96,6 @@ fn shards(text: &str) -> Result<u32, String> {
     count.ok_or_else(|| format!("must be a whole number from 1 to {SHARDS_MAX}"))
 }
 
-/// Runs the verb.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if let Some(folder) = &args.summary {
         return summary(args, folder);
@@ -124,7 +123,6 @@ fn summary(args: &Args, folder: &Path) -> Result<(), ExpectedError> {
     Ok(())
 }
 
-/// Makes the shards that are asked for.
 pub(super) fn make_shards(args: &Args, watcher: Watcher<'_>) -> Result<Made, ExpectedError> {
     let Some(out) = &args.out else {
         return Err(ExpectedError::bad_input(&"name the folder of the parts with --out FOLDER"));

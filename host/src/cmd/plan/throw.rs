@@ -10,7 +10,6 @@ use crate::report::plan as plan_report;
 use planner::follow::limits::AXES;
 use robot_model::RobotModel;
 
-/// Runs the verb.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     for path in args.out.iter().chain(&args.report) {
         require_writable(path)?;

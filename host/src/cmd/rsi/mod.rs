@@ -76,7 +76,6 @@ pub struct LogFile {
 }
 
 impl LogFile {
-    /// A new file.
     pub fn create(path: &Path) -> Result<Self, ExpectedError> {
         let create = || {
             let mut file = BufWriter::new(File::create_new(path)?);
@@ -166,7 +165,6 @@ impl<'a> Watch<'a> {
         self
     }
 
-    /// The kept lines.
     pub fn take_lines(&mut self) -> Vec<Line> {
         std::mem::take(&mut self.lines).into()
     }

@@ -81,7 +81,6 @@ pub enum NoGains {
     /// The design fails.
     #[error("no gains for {robot} at {} ms: {cause}", f64::from(*.period_us) * 1e-3)]
     Design {
-        /// Period, µs.
         period_us: u32,
         robot: String,
         /// Binding condition.

@@ -14,7 +14,6 @@ pub struct Interval {
 }
 
 impl Interval {
-    /// Middle of the interval.
     pub fn centre(&self) -> f64 {
         0.5 * (self.low + self.high)
     }

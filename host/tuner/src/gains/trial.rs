@@ -43,7 +43,6 @@ pub struct TrialMotion {
     pub knots: Vec<(f64, Vec<(f64, f64)>)>,
     /// When the gripper lets go, s.
     pub release_s: Option<f64>,
-    /// Target of the ball, m.
     pub target_m: Option<[f64; 3]>,
 }
 

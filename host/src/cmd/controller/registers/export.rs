@@ -8,7 +8,6 @@ use crate::cmd::target::Target;
 use crate::error::ExpectedError;
 use operator::dialogue::registers::{Numbers, RegisterEntry};
 
-/// Version of the file.
 pub(super) const SCHEMA_VERSION: i64 = 1;
 
 /// Arguments.

@@ -49,7 +49,6 @@ fn known(name: &str) -> Option<(&'static RegisterInfo, &'static str)> {
     TABLE.get(index).zip(MEANINGS.get(index).copied())
 }
 
-/// Runs the verb.
 pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
     let (mut session, node) = args.target.open()?;
     let mut found = Vec::new();

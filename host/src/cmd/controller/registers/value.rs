@@ -45,7 +45,6 @@ pub(super) fn json(value: &Numbers) -> serde_json::Value {
     }
 }
 
-/// Kind of a value, in a word.
 pub(super) const fn kind(value: &Numbers) -> &'static str {
     match value {
         Numbers::Real(_) => "real",

@@ -201,7 +201,6 @@ pub(in crate::cmd) fn write_into(folder: &Folder, robot: &str) -> Result<(), Exp
     write(&recorded, &folder.file("report.html"))
 }
 
-/// Writes the report.
 pub fn write(recorded: &Recorded, out: &Path) -> Result<(), ExpectedError> {
     let Recorded { arm, ran, analysis, events, torn, summary, files } = recorded;
     let html = match (analysis, summary) {
