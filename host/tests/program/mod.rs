@@ -7,6 +7,11 @@ pub(crate) fn cubectl(words: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_cubectl")).args(words).output().expect("runs")
 }
 
+/// Runs `cubectl` with the words of a line, and then with `more`.
+pub(crate) fn cubectl_line(line: &str, more: &[&str]) -> Output {
+    cubectl(&line.split_whitespace().chain(more.iter().copied()).collect::<Vec<_>>())
+}
+
 pub(crate) fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
