@@ -9,7 +9,6 @@ use clap_complete::env::Shells;
 use crate::error::ExpectedError;
 use crate::exit;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Which shell.

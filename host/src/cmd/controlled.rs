@@ -27,7 +27,6 @@ const BOOT_MAX: Duration = Duration::from_secs(20);
 /// Which controller moves the arm.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct ControllerArgs {
-    /// Key of the controller.
     #[command(flatten)]
     pub key: KeyArgs,
     /// Controller: `soft` for one in this program, or the Cyphal node-ID of one on the bus. Default: the one that is heard,

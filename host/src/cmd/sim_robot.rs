@@ -31,7 +31,6 @@ const NEXT_RUN: std::time::Duration = std::time::Duration::from_millis(1_500);
 /// In lock step: longest wait for an answer of a client that has begun.
 const ANSWER_LIMIT: Duration = Duration::from_secs(60);
 
-/// Options of the industrial robot.
 #[derive(Debug, Clone, clap::Args)]
 #[command(next_help_heading = "An industrial robot (--rsi)")]
 pub struct RobotArgs {
@@ -74,9 +73,6 @@ pub struct RobotRun<'a> {
 }
 
 /// Serves until Ctrl-C, `--for-s` or `--runs`.
-///
-/// # Errors
-/// A file is refused, or an address cannot be had.
 pub fn run(args: &RobotRun<'_>, spec: &RsiSpec) -> Result<(), ExpectedError> {
     let mut scenario = match args.scenario {
         Some(path) => KrcScenario::load(path),

@@ -69,13 +69,11 @@ pub enum TrackerVerb {
     Calibrate(CalibrateArgs),
 }
 
-/// Arguments of `show`.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl tracker show --tracker 0.0.0.0:5000\n  cubectl tracker show --tracker vrpn://lab/Tracker0 --tracker-body 2 --calibration room.toml --json"
 )]
 pub struct ShowArgs {
-    /// The tracker.
     #[command(flatten)]
     pub tracker: TrackerArgs,
     /// Print JSON.
@@ -83,7 +81,6 @@ pub struct ShowArgs {
     pub json: bool,
 }
 
-/// Arguments of `calibrate`.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples, once for each of four or more places of the tool, which are not in a plane:\n  cubectl tracker calibrate --file room.toml --tool-at 1.1,0.4,0.9 --tracker-body 1\n  cubectl tracker calibrate --file room.toml        # solves again, measures nothing\n\nMove the robot to a place, read the position of the tracked body from its pendant (in the robot's base frame, m), and give it\nas --tool-at. As long as the points do not check each other the file is kept and the exit code is 9."

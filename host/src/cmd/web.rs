@@ -18,7 +18,6 @@ use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::live;
 
-/// Options of the live view.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct WebArgs {
     /// Serve a live page to browsers and robotics viewers of this machine: a port, or 127.0.0.1:PORT; 0 is any that is free. It

@@ -30,7 +30,6 @@ pub struct BusArgs {
     /// slcan:/dev/ttyACM0 or slcan://host:port.
     #[arg(long, value_parser = can_link::bus_of_option, default_value = "sim", value_name = "SPEC", help_heading = "Bus")]
     pub bus: BusSpec,
-    /// The simulated cell.
     #[command(flatten)]
     pub cell: CellArgs,
     /// Record every frame to PATH.log and PATH.mcap.

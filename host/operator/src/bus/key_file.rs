@@ -45,7 +45,6 @@ impl KeyFileError {
     }
 }
 
-/// Which key.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct KeyArgs {
     /// File with the key of the controller, where it has one. Default: the file that the environment variable

@@ -37,9 +37,6 @@ pub struct Seen {
 }
 
 /// Runs a station against the robot of a scenario until the throw has ended.
-///
-/// # Errors
-/// The scenario makes no robot.
 pub fn run(scenario: &KrcScenario, station: &mut Station) -> Result<Seen, KrcError> {
     run_with(scenario, station, &mut |_, station| !station.stage().is_end())
 }

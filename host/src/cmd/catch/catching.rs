@@ -11,7 +11,6 @@ use planner::catch::task::{Allowed, Settings};
 use crate::cmd::request::readers;
 use crate::error::ExpectedError;
 
-/// The options.
 #[derive(Debug, clap::Args, serde::Deserialize)]
 pub struct Catching {
     /// A cell file: places of the arms, ball, cup, tracker; the built-in one otherwise.

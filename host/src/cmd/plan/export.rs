@@ -8,7 +8,6 @@ use crate::error::ExpectedError;
 use planner::motion::Motion;
 use planner::plan::file::PlanFile;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  cubectl plan export plan.json --csv --step-s 0.001 --out plan.csv")]
 pub struct Args {

@@ -27,7 +27,6 @@ use robot_model::RobotModel;
 /// How to look for a throw.
 #[derive(Debug, Clone, Default, clap::Args, serde::Deserialize)]
 pub struct SearchOptions {
-    /// What may be thrown how.
     #[command(flatten)]
     #[serde(rename = "+options")]
     pub options: PlanOptions,

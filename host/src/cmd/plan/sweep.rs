@@ -12,13 +12,11 @@ use crate::error::ExpectedError;
 use crate::tables::shard::{SHARDS_MAX, Shard};
 use crate::tables::targets::TargetList;
 
-/// Arguments.
 #[derive(Debug, clap::Args, serde::Deserialize)]
 #[command(
     after_help = "Examples:\n  cubectl plan sweep --x 0.5,2.2,0.1 --z=-1,0.4,0.1 --out reach\n  cubectl plan sweep --summary reach --picture reach.html\n  cubectl plan sweep --fast --targets targets.csv --shard 3/100 --out sweep"
 )]
 pub struct Args {
-    /// What stands on the command line.
     #[command(flatten)]
     #[serde(rename = "+given")]
     pub given: Given,

@@ -31,7 +31,6 @@ pub(in crate::cmd) const MOTION: &str = "motion.csv";
 /// Longest `summary.json` that is read, bytes.
 const SUMMARY_MAX_BYTES: u64 = 64 << 20;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl log report throw1                       # the folder of a `cubectl throw`\n  cubectl log report throw1 --json | jq .joints   # the same in numbers\n  cubectl log report --plan plan.json --log throw1.log --out throw1.html\n\nThe file opens offline in any browser."
@@ -79,10 +78,6 @@ pub struct Recorded {
     pub files: Vec<(String, u64, String)>,
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// A file cannot be read, there is no run in the log, or the report cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if let Some(path) = args.folder.as_ref().filter(|path| path.is_file()) {
         let refused =
