@@ -293,26 +293,12 @@ impl Session {
 
     /// Runs the armed trajectory and follows it to its end; `progress` gets each message of the controller's state
     /// with the time of its arrival. Ctrl-C orders a stop along the path, and a halt if the controller does not
-    /// obey.
-    ///
-    /// # Errors
-    /// [`OperatorError`]; what moved stands.
-    pub fn run_trajectory(
-        &mut self,
-        node: NodeId,
-        name: &Trajectory,
-        limit: Duration,
-        progress: &mut dyn FnMut(Instant, &GroupState),
-    ) -> Result<GroupState, OperatorError> {
-        self.run_trajectory_at(node, name, None, limit, &[], progress)
-    }
-
-    /// As [`Session::run_trajectory`]; the plan begins at `start` of the controller's clock
+    /// obey. The plan begins at once, or at `start` of the controller's clock
     /// ([`ControllerClock`](super::clock::ControllerClock)), at least two control periods and at most 30 s ahead. It goes on with
     /// `segments` while it runs.
     ///
     /// # Errors
-    /// [`OperatorError::NotStarted`] if the arming ended before, and as [`Session::run_trajectory`].
+    /// [`OperatorError::NotStarted`] if the arming ended before, and the others; what moved stands.
     pub fn run_trajectory_at(
         &mut self,
         node: NodeId,

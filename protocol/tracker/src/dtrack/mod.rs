@@ -18,5 +18,4 @@ pub use data::{
 
 /// Port to which data are usually sent.
 pub const DATA_PORT: u16 = 5000;
-/// Port of the command channel.
 pub const COMMAND_PORT: u16 = 50_105;
