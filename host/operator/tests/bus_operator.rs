@@ -47,7 +47,7 @@ fn a_trajectory_is_uploaded_committed_armed_run_and_followed_to_its_end() {
     let mut states = Vec::new();
     let end = session
         .run_trajectory_at(node, &name, None, Duration::from_secs(5), &[], &mut |_, group| {
-            states.push(group.state)
+            states.push(group.state);
         })
         .unwrap();
     assert_eq!(end.state, State::Ready);
