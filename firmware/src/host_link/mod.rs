@@ -227,6 +227,10 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> ControllerNode<S, M, G> {
 
     /// An order of the program that runs this node, such as a stop before it is switched off. It does not come
     /// through the host link, so the host stays the same.
+    ///
+    /// # Errors
+    ///
+    /// As [`Controller::order`].
     pub fn order(&mut self, now: Instant, order: Order) -> Result<Done, Refusal> {
         self.now = now;
         self.app.controller.order(now, Peer::LOCAL, order)

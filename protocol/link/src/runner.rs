@@ -129,6 +129,10 @@ impl<'a> Runner<'a> {
     }
 
     /// Repeats [`Self::step`] until `stop` is set or the time is `until`.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::step`].
     pub fn run(
         &mut self,
         nodes: &mut [&mut dyn Node],

@@ -158,6 +158,9 @@ impl SpecError {
 }
 
 /// A bus of a command line: the error is printed with its next step.
+///
+/// # Errors
+/// The text is not a [`BusSpec`].
 pub fn bus_of_option(text: &str) -> Result<BusSpec, String> {
     text.parse().map_err(|error: SpecError| format!("{error}\n  next: write {}", error.example))
 }

@@ -229,6 +229,9 @@ fn fed_forward(value: f32) -> ([u8; 2], bool) {
 
 impl Order {
     /// The frame to `node`, and what was clipped.
+    ///
+    /// # Errors
+    /// [`NotFinite`].
     pub fn encode(&self, node: NodeId, version: Version) -> Result<(Frame, Clipped), NotFinite> {
         let zero = [0; 4];
         let two = |command, a: f32, b: f32| {

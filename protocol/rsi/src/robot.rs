@@ -32,6 +32,9 @@ pub struct RobotState {
 
 impl RobotState {
     /// Reads the elements with fixed names; others are skipped.
+    ///
+    /// # Errors
+    /// An attribute is missing or is not a number.
     pub fn read(telegram: &Telegram) -> Result<Self, ReadError> {
         let six = |name: &str, names| telegram.element(name).map(|element| element.six(names)).transpose();
         Ok(Self {
@@ -98,6 +101,9 @@ impl<'c> RobotWriter<'c> {
     ///
     /// External axes are sent as zeros: the simulated robot has none. Parameters of function generators and internals
     /// that this package does not know are left out.
+    ///
+    /// # Errors
+    /// A value cannot be written, or the document is too long.
     pub fn write(
         &self,
         ipoc: Ipoc,

@@ -79,6 +79,9 @@ impl Telegram {
     /// Reads one document.
     ///
     /// The children of `<Dat>` (the older form of answers) are read as if they stood in the root.
+    ///
+    /// # Errors
+    /// The bytes are not one such document.
     pub fn parse(bytes: &[u8], expected: Root) -> Result<Self, ReadError> {
         let text = xml::text(bytes, MAX_READ_BYTES)?;
         let document = xml::document(text, MAX_NODES)?;

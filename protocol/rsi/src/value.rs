@@ -52,6 +52,9 @@ impl ValueType {
     }
 
     /// Reads a value of this type; `place` names it in an error.
+    ///
+    /// # Errors
+    /// The text is not of this type.
     pub fn read(self, place: &str, text: &str) -> Result<Value, ReadError> {
         let trimmed = text.trim();
         let refuse = |expected| ReadError::bad_value(place, text, expected);

@@ -30,6 +30,9 @@ impl RobotModel {
     }
 
     /// As [`RobotModel::ik`], with angles chosen as near as possible to `q_ref`.
+    ///
+    /// # Errors
+    /// As [`RobotModel::ik`].
     pub fn ik_near(&self, x_we: &Pose, q_ref: &JointVec) -> Result<IkSolutions, NoClosedForm> {
         let x_wn = *x_we * self.x_ne.inverse();
         let mut out = match &self.family {

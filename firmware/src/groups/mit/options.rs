@@ -96,6 +96,9 @@ pub struct Options {
 
 impl Options {
     /// Motors on classical CAN at 1 Mbit/s.
+    ///
+    /// # Errors
+    /// See [`OptionsError`].
     pub fn new(motors: &[Motor]) -> Result<Self, OptionsError> {
         let all = Vec::from_slice(motors).map_err(|_| OptionsError::Count)?;
         let options = Self {
@@ -113,6 +116,9 @@ impl Options {
     }
 
     /// With a motor for the fingers.
+    ///
+    /// # Errors
+    /// See [`OptionsError`].
     pub fn with_gripper(self, gripper: GripperMotor) -> Result<Self, OptionsError> {
         if self.motors.is_full() {
             return Err(OptionsError::Count);

@@ -181,6 +181,9 @@ impl Options {
     }
 
     /// With an axis for the fingers.
+    ///
+    /// # Errors
+    /// See [`OptionsError`].
     pub fn with_gripper(self, gripper: GripperAxis) -> Result<Self, OptionsError> {
         if self.axes.is_full() {
             return Err(OptionsError::Count);

@@ -53,6 +53,10 @@ enum Channel {
 
 impl Adapter {
     /// Waits for hosts at `host:port` (port 0: any free one, see [`Hub`]'s name).
+    ///
+    /// # Errors
+    ///
+    /// The host has no address, or the port is not available.
     pub fn listen(
         host: &str,
         port: u16,
@@ -66,6 +70,10 @@ impl Adapter {
     }
 
     /// Connects to a host that listens, such as the UART of an emulated board.
+    ///
+    /// # Errors
+    ///
+    /// Nothing listens there.
     pub fn connect(host: &str, port: u16, bitrate: Bitrate, clock: Clock) -> Result<Self, OpenError> {
         let name = format!("slcan://{}", host_port(host, port));
         let stream = dial(host, port, &name)?;
@@ -73,6 +81,10 @@ impl Adapter {
     }
 
     /// Serves the host at the other end of a serial device; `baud` is the speed of the line.
+    ///
+    /// # Errors
+    ///
+    /// The device cannot be opened.
     pub fn at_device(
         path: &Path,
         baud: Option<u32>,

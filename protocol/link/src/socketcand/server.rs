@@ -27,6 +27,10 @@ pub type Server = Hub<Socketcand>;
 
 impl Server {
     /// Listens at `host:port` (port 0: any free one) as the bus `bus`. With a manual clock clients may ask for lock step.
+    ///
+    /// # Errors
+    ///
+    /// The host has no address, or the port is not available.
     pub fn listen(
         host: &str,
         port: u16,

@@ -71,6 +71,9 @@ impl Content {
     }
 
     /// Content of a command.
+    ///
+    /// # Errors
+    /// It is longer than [`CONTENT_LEN_MAX`].
     pub fn of_command(number: u16, parameter: &[u8]) -> Result<Self, BufferTooSmall> {
         Self::of(|out| {
             out.u8(1);
@@ -80,6 +83,9 @@ impl Content {
     }
 
     /// Content of a register write.
+    ///
+    /// # Errors
+    /// As [`Self::of_command`].
     pub fn of_register(name: &[u8], value: &Value<'_>) -> Result<Self, BufferTooSmall> {
         Self::of(|out| {
             out.u8(2);
@@ -91,6 +97,9 @@ impl Content {
     }
 
     /// The same content with a digest of a file, or of a file and its settings.
+    ///
+    /// # Errors
+    /// As [`Self::of_command`].
     pub fn about(&self, digest: &[u8; DIGEST_LEN]) -> Result<Self, BufferTooSmall> {
         Self::of(|out| {
             out.bytes(self.as_slice());

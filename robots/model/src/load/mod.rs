@@ -96,6 +96,9 @@ impl RobotModel {
     }
 
     /// Reads a robot from TOML text; `file` is only used in error messages.
+    ///
+    /// # Errors
+    /// As [`RobotModel::load`].
     pub fn from_toml(file: &str, text: &str) -> Result<Self, LoadError> {
         let source = Source { file, text };
         let document = source.parse()?;
