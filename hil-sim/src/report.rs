@@ -11,10 +11,8 @@ use crate::checker::CheckResult;
 use crate::fault::FaultCount;
 use crate::world::WorldStats;
 
-/// A run in numbers.
 #[derive(Clone, Debug, Serialize)]
 pub struct RunReport {
-    /// Name of the scenario.
     pub name: String,
     pub robot: String,
     /// Seed that repeats the run.
@@ -34,7 +32,6 @@ pub struct RunReport {
     pub checks: Vec<CheckResult>,
 }
 
-/// One drive at the end of a run.
 #[derive(Clone, Debug, Serialize)]
 pub struct DriveRow {
     /// Wire address.
@@ -57,7 +54,6 @@ pub struct DriveRow {
 pub struct ThrowRow {
     /// When it left the hand, seconds.
     pub released_at_s: Option<f64>,
-    /// Where it lands, m.
     pub landing_m: Option<[f64; 3]>,
     /// Part of the arm that it touched first, if any.
     pub touched: Option<String>,
@@ -84,7 +80,6 @@ impl DriveRow {
 }
 
 impl ThrowRow {
-    /// The ball of a cell.
     pub fn of(cell: &Cell) -> Self {
         let throw = cell.throw();
         Self {

@@ -247,11 +247,9 @@ impl Observer for NotANumber {
     }
 }
 
-/// How one seed ended.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct SeedResult {
     pub seed: u64,
-    /// Frames on the bus.
     pub frames: u64,
     /// Faults that started, by kind.
     pub faults: BTreeMap<&'static str, u64>,

@@ -39,18 +39,10 @@ pub enum BuildError {
     },
     /// A fault names a module that is not there.
     #[error("fault {label}: no module {module} on this bus")]
-    NoSuchModule {
-        /// Label of the fault.
-        label: String,
-        module: protocol::ModuleId,
-    },
+    NoSuchModule { label: String, module: protocol::ModuleId },
     /// A fault names a place that is not there.
     #[error("fault {label}: {error}")]
-    NoSuchPlace {
-        /// Label of the fault.
-        label: String,
-        error: NotApplicable,
-    },
+    NoSuchPlace { label: String, error: NotApplicable },
 }
 
 /// Why a run stopped early: a node broke the contract of [`protocol::Node`].
@@ -59,25 +51,17 @@ pub enum RunError {
     /// The deadline of a node has still come although it was served.
     #[error("{node} asks for a time-out at {deadline} s although it was served at {now} s")]
     Livelock {
-        /// Name of the node.
         node: String,
-        /// Time of the run.
         now: Instant,
         /// The deadline that does not move.
         deadline: Instant,
     },
     /// A node produces frames without end in one event.
     #[error("{node} sent more than {FRAMES_PER_EVENT_MAX} frames in one event at {now} s")]
-    Flood {
-        /// Name of the node.
-        node: String,
-        /// Time of the run.
-        now: Instant,
-    },
+    Flood { node: String, now: Instant },
     /// The cell refused a fault of the plan.
     #[error("at {now} s: {error}")]
     Fault {
-        /// Time of the run.
         now: Instant,
         /// Reason that the cell gives.
         error: NotApplicable,
@@ -258,7 +242,6 @@ impl<C: Participants> World<C> {
         self.now
     }
 
-    /// The bus, for its figures.
     pub fn bus(&self) -> &Bus {
         &self.bus
     }
@@ -267,7 +250,6 @@ impl<C: Participants> World<C> {
         &self.participants
     }
 
-    /// The faults, for their counts.
     pub fn faults(&self) -> &Engine {
         &self.faults
     }

@@ -146,7 +146,6 @@ fn rule_12_on_a_full_bus_each_frame_counts_one_sequence() {
     assert_eq!(joined_after, Some(128));
 }
 
-/// A script that disturbs the first attempts for all.
 fn first_disturbed(attempts: usize) -> Script {
     let disturbance = Disturbance { bit: 20, seen_by: EVERYBODY };
     Script { attempts: (0..attempts).map(|attempt| (attempt, disturbance)).collect(), ..Script::default() }

@@ -41,18 +41,9 @@ fn lock_step_run_reports_as_json_and_writes_the_same_log_twice() {
     let mut logs = Vec::new();
     for _ in 0..2 {
         let (pc, client) = client();
-        let output = hil_sim(&[
-            "--scenario",
-            &scenario("kr_c2.toml"),
-            "--pc",
-            &pc,
-            "--lock-step",
-            "--cycles",
-            "300",
-            "--json",
-            "--log",
-            log.to_str().unwrap(),
-        ]);
+        let scenario = scenario("kr_c2.toml");
+        let places = ["--scenario", &scenario, "--pc", &pc, "--log", log.to_str().unwrap()];
+        let output = hil_sim(&[&places[..], &["--lock-step", "--cycles", "300", "--json"]].concat());
         UdpSocket::bind("127.0.0.1:0").unwrap().send_to(&[], &pc).unwrap();
         client.join().unwrap();
         assert!(output.status.success(), "{output:?}");

@@ -144,7 +144,6 @@ fn begins_with(line: &str, verb: &str) -> bool {
     line.strip_prefix(verb).is_some_and(|more| more.is_empty() || more.starts_with(' '))
 }
 
-/// A word for a shell.
 pub(crate) fn quoted(word: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "_-./:,@%+=".contains(c);
     if !word.is_empty() && word.chars().all(plain) {

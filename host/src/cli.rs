@@ -145,10 +145,6 @@ pub fn full_names(mut words: Vec<OsString>) -> Vec<OsString> {
     words
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// [`ExpectedError`] with the exit code.
 pub fn run(cli: Cli) -> Result<(), ExpectedError> {
     match cli.verb {
         Verb::Throw(args) => cmd::throw::run(&args),

@@ -38,7 +38,6 @@ impl ExpectedError {
         Self { code, what: what.into(), next: Vec::new(), also: Vec::new() }
     }
 
-    /// Adds a step.
     #[must_use]
     pub fn next(mut self, step: impl Into<String>) -> Self {
         self.next.push(step.into());

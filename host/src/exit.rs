@@ -4,7 +4,6 @@ use operator::job::Outcome;
 
 /// Done.
 pub const OK: u8 = 0;
-/// A bug in cubectl.
 pub const BUG: u8 = 1;
 /// The command line makes no sense (given by the argument parser).
 pub const USAGE: u8 = 2;

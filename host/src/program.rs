@@ -64,7 +64,6 @@ fn with_json(command: Command) -> Command {
 /// Id and name of the option.
 const JSON: &str = "json";
 
-/// Whether the verb was given `--json`.
 fn is_json(matches: &ArgMatches) -> bool {
     let mut verb = matches;
     while let Some((_, inner)) = verb.subcommand() {

@@ -5,7 +5,7 @@ use std::process::Output;
 use crate::program;
 
 fn cubectl(words: &str) -> Output {
-    program::cubectl(&words.split_whitespace().collect::<Vec<_>>())
+    program::cubectl_line(words, &[])
 }
 
 #[test]

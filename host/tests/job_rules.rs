@@ -8,41 +8,20 @@ use protocol::Duration;
 use protocol::cyphal::cubecell::group_state::State;
 
 use crate::bus_common::{Folder, Served, code, cubectl, err, out};
+use crate::program::cubectl_line;
 
 #[test]
 fn without_a_terminal_and_without_yes_no_verb_moves_a_real_arm() {
     // The bus does not exist: it is refused before the bus is opened.
-    let bus = "nosuchcan7";
     for words in [
-        &["throw", "--target", "1,1,-1", "--bus", bus][..],
-        &["throw", "--target", "1,1,-1", "--bus", bus, "--json"],
-        &[
-            "throw",
-            "--robot",
-            "kr16_2",
-            "--target",
-            "2.5,0,0.6",
-            "--starts",
-            "1",
-            "--bus",
-            "rsi:udp://127.0.0.1:0",
-        ],
-        &[
-            "throw",
-            "--robot",
-            "kr16_2",
-            "--target",
-            "2.5,0,0.6",
-            "--starts",
-            "1",
-            "--json",
-            "--bus",
-            "rsi:udp://127.0.0.1:0",
-        ],
-        &["arm", "identify", "--joint", "2", "--bus", bus],
-        &["arm", "identify", "--bus", "rsi:udp://127.0.0.1:0"],
+        "throw --target 1,1,-1 --bus nosuchcan7",
+        "throw --target 1,1,-1 --bus nosuchcan7 --json",
+        "throw --robot kr16_2 --target 2.5,0,0.6 --starts 1 --bus rsi:udp://127.0.0.1:0",
+        "throw --robot kr16_2 --target 2.5,0,0.6 --starts 1 --json --bus rsi:udp://127.0.0.1:0",
+        "arm identify --joint 2 --bus nosuchcan7",
+        "arm identify --bus rsi:udp://127.0.0.1:0",
     ] {
-        let refused = cubectl(words);
+        let refused = cubectl_line(words, &[]);
         assert_eq!(code(&refused), 2, "{words:?}: {}{}", out(&refused), err(&refused));
         assert!(
             err(&refused).contains("nothing has moved") && err(&refused).contains("--yes"),
@@ -129,15 +108,8 @@ fn a_speed_at_which_nothing_can_be_identified_is_refused_and_no_joint_is_called_
 #[test]
 fn the_exit_code_of_a_catch_is_that_of_the_ball() {
     for seed in ["1", "2", "3", "4"] {
-        let ended = cubectl(&[
-            "catch",
-            "--ball=2.0,0.1,0.2,-2.3,-0.1,3.4",
-            "--fault",
-            "bias:-30",
-            "--seed",
-            seed,
-            "--json",
-        ]);
+        let line = "catch --ball=2.0,0.1,0.2,-2.3,-0.1,3.4 --fault bias:-30 --json --seed";
+        let ended = cubectl_line(line, &[seed]);
         let told: serde_json::Value = serde_json::from_str(&out(&ended)).unwrap();
         // Whoever uses the ball next must know that it is there.
         let known = told["caught"] == true && told["reported"] == "caught";

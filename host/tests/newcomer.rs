@@ -219,29 +219,9 @@ fn a_monitor_that_asks_gives_way_to_who_moves_the_arm() {
 fn a_target_out_of_reach_is_refused_at_once_and_the_named_one_is_thrown_at() {
     let seen = |output: &std::process::Output| -> Value { serde_json::from_str(&out(output)).unwrap() };
     let mut named = 0;
-    let out_of_reach = [
-        "0,0,-1",
-        "6,0,0",
-        "9,0,-1",
-        "0,0,3",
-        "0,5,2",
-        "0,0,0",
-        "4.9,0,-0.95",
-        "3,0,2",
-        "30,0,0",
-        "-6,1,-1",
-        "0,-6,0.5",
-        "-2.1,4.1,0.96",
-        "-3.4,2.7,1.85",
-        "1.03,0,2.44",
-        "-3.6,-0.3,2",
-        "5.1,1.1,-0.83",
-        "0.5,-4.95,0",
-        "0.85,4.1,0.96",
-        "2.9,2.4,0.8",
-        "4.6,-0.5,1.4",
-    ];
-    for target in out_of_reach {
+    let out_of_reach = "0,0,-1 6,0,0 9,0,-1 0,0,3 0,5,2 0,0,0 4.9,0,-0.95 3,0,2 30,0,0 -6,1,-1 \
+        0,-6,0.5 -2.1,4.1,0.96 -3.4,2.7,1.85 1.03,0,2.44 -3.6,-0.3,2 5.1,1.1,-0.83 0.5,-4.95,0 0.85,4.1,0.96 2.9,2.4,0.8 4.6,-0.5,1.4";
+    for target in out_of_reach.split(' ') {
         let began = std::time::Instant::now();
         let refused = cubectl(&["plan", "throw", &format!("--target={target}"), "--json"]);
         let took_s = began.elapsed().as_secs_f64();

@@ -1,30 +1,15 @@
 //! `cubectl plan throw` for openings, moving targets and measured release delays, from outside.
 
-use crate::program::{cubectl, empty_folder as folder, text};
+use crate::program::{cubectl, cubectl_line, empty_folder as folder, text};
 
 #[test]
 fn an_opening_and_a_moving_target_are_planned_told_and_checked() {
     let folder = folder("plan-opening");
     let (out, report) = (folder.join("p.json"), folder.join("p.html"));
     let (out, report) = (out.display().to_string(), report.display().to_string());
-    let ended = cubectl(&[
-        "plan",
-        "throw",
-        "--target",
-        "1.6,0.2,-0.3",
-        "--opening-normal=-1,0,0",
-        "--opening-radius-m",
-        "0.1",
-        "--target-velocity=0.1,0.1,0",
-        "--null-delay",
-        "false",
-        "--starts",
-        "8",
-        "--out",
-        &out,
-        "--report",
-        &report,
-    ]);
+    let line = "plan throw --target 1.6,0.2,-0.3 --opening-normal=-1,0,0 --opening-radius-m 0.1 \
+        --target-velocity=0.1,0.1,0 --null-delay false --starts 8";
+    let ended = cubectl_line(line, &["--out", &out, "--report", &report]);
     assert!(ended.status.success(), "{}", text(&ended.stderr));
     let told = text(&ended.stdout);
     assert!(told.contains("opening of 100 mm radius") && told.contains("meets the moving target"), "{told}");
@@ -100,15 +85,7 @@ fn weights_that_are_all_zero_are_refused_with_those_that_work() {
     assert_eq!(ended.status.code(), Some(i32::from(host::exit::BAD_INPUT)));
     assert!(text(&ended.stderr).contains("--weights 15,20,0.01"), "{}", text(&ended.stderr));
     // Another objective asks nothing of them.
-    let ended = cubectl(&[
-        "plan",
-        "throw",
-        "--target=1,1,-1",
-        "--weights",
-        "0,0,0",
-        "--objective",
-        "energy",
-        "--fast",
-    ]);
+    let line = "plan throw --target=1,1,-1 --weights 0,0,0 --objective energy --fast";
+    let ended = cubectl_line(line, &[]);
     assert!(ended.status.success(), "{}", text(&ended.stderr));
 }

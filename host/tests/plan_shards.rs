@@ -22,7 +22,6 @@ fn ran(mut command: Command) -> Output {
     command.output().expect("runs")
 }
 
-/// All files of a folder.
 fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let entries = std::fs::read_dir(folder).expect("lists");
     entries

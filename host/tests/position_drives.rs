@@ -1,6 +1,7 @@
 //! Arms of six CANopen servos and of six ODrives, driven by the verbs.
 
 use crate::bus_common::{Folder, code, cubectl, err, out};
+use crate::program::cubectl_line;
 use crate::side_by_side::interpolating;
 use serde_json::Value;
 
@@ -51,16 +52,7 @@ fn it_homes_jogs_and_goes_to_a_pose() {
             .and_then(|rest| rest.split(' ').next());
         let end_rad: f64 = end.and_then(|text| text.parse().ok()).unwrap_or_else(|| panic!("{said}"));
         assert!((end_rad - 0.15).abs() < jog_off_rad, "{said}");
-        let moved = cubectl(&[
-            "move",
-            "--joints",
-            "0.3,0.4,0.5,0,0.2,0",
-            "--home",
-            "--yes",
-            "--json",
-            "--robot",
-            file,
-        ]);
+        let moved = cubectl_line("move --joints 0.3,0.4,0.5,0,0.2,0 --home --yes --json --robot", &[file]);
         assert_eq!(code(&moved), 0, "{}{}", out(&moved), err(&moved));
     }
 }

@@ -8,7 +8,7 @@ use std::process::{Child, ChildStderr, Command, Stdio};
 
 use serde_json::Value;
 
-use crate::program::{cubectl, folder, text};
+use crate::program::{cubectl, cubectl_line, folder, text};
 
 /// A port that nobody has just now.
 pub(crate) fn free_port(tcp: bool) -> u16 {
@@ -46,20 +46,8 @@ fn every_generation_and_transport_throws_at_a_tracked_target_and_the_bottle_is_h
     std::fs::create_dir_all(&work).expect("writable");
     let planned = |period_ms: &str, starts: &str| {
         let plan = work.join(format!("plan-{period_ms}.json")).to_string_lossy().into_owned();
-        let mut words = vec![
-            "plan",
-            "throw",
-            "--robot",
-            "kr16_2",
-            "--target",
-            "2.5,0,0.6",
-            "--lag-ms",
-            "24",
-            "--out",
-            &plan,
-        ];
-        words.extend(["--starts", starts, "--period-ms", period_ms]);
-        let out = cubectl(&words);
+        let line = "plan throw --robot kr16_2 --target 2.5,0,0.6 --lag-ms 24";
+        let out = cubectl_line(line, &["--out", &plan, "--starts", starts, "--period-ms", period_ms]);
         assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
         plan
     };
@@ -116,19 +104,8 @@ fn tracked_target_is_measured_calibrated_and_thrown_at_and_a_missing_body_is_ref
     for (k, place) in at.iter().enumerate() {
         let data = format!("127.0.0.1:{}", free_port(false));
         let spec = format!("udp://127.0.0.1:{}?lockstep", free_port(false));
-        let words = [
-            "--rsi",
-            &spec,
-            "--tracker",
-            &data,
-            "--bottle",
-            place,
-            "--room",
-            "0.3,-0.2,0.1,30",
-            "--for-s",
-            "60",
-        ];
-        let mut child = robot(&words);
+        let room_place = ["--bottle", place, "--room", "0.3,-0.2,0.1,30", "--for-s", "60"];
+        let mut child = robot(&[&["--rsi", &spec, "--tracker", &data][..], &room_place].concat());
         let out = cubectl(&["tracker", "calibrate", "--tracker", &data, "--file", &room, "--tool-at", place]);
         let expected = if k < 3 { Some(9) } else { Some(0) };
         child.kill().expect("runs");
@@ -152,24 +129,8 @@ fn tracked_target_is_measured_calibrated_and_thrown_at_and_a_missing_body_is_ref
     assert_eq!(missing.status.code(), Some(9));
     assert!(text(&missing.stderr).contains("body 3 was not seen"), "{}", text(&missing.stderr));
     let (bus, out_folder) = (format!("rsi:{spec}"), work.join("throw").to_string_lossy().into_owned());
-    let out = cubectl(&[
-        "throw",
-        "--robot",
-        "kr16_2",
-        "--target",
-        "tracker",
-        "--tracker",
-        &data,
-        "--calibration",
-        &room,
-        "--bus",
-        &bus,
-        "--starts",
-        "16",
-        "--out",
-        &out_folder,
-        "--yes",
-    ]);
+    let places = ["--tracker", &data, "--calibration", &room, "--bus", &bus, "--out", &out_folder];
+    let out = cubectl_line("throw --robot kr16_2 --target tracker --starts 16 --yes", &places);
     assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
     // Ctrl-C ends the robot; the tracker was still there for a look after the throw.
     let pid = child.id().to_string();

@@ -32,104 +32,48 @@ macro_rules! robot {
 const SIX: &str = "0.3,0.4,0.5,0,0.2,0";
 const SEVEN: &str = "0.3,0.4,0,0.5,0,0.2,0";
 
+/// Six joints at 3 ms and 1 Mbit/s.
+const USUAL: Arm = Arm {
+    drives: "CiA 402, mode 8",
+    robot: robot!("canopen6"),
+    interpolates: false,
+    period_ms: 3,
+    bit_rate_bit_s: 1_000_000,
+    data_bit_rate_bit_s: None,
+    joints: SIX,
+    target: "0.75,0.1,0.05",
+    error_max_rad: 1e-3,
+    landing_max_m: 1e-3,
+};
+const SLOW: Arm =
+    Arm { period_ms: 5, bit_rate_bit_s: 500_000, error_max_rad: 1e-2, landing_max_m: 1e-2, ..USUAL };
+const OPENARM: Arm = Arm {
+    drives: "MIT frames",
+    robot: robot!("openarm7"),
+    joints: SEVEN,
+    target: "1.0,-0.2,0",
+    error_max_rad: 2e-2,
+    landing_max_m: 2e-2,
+    ..USUAL
+};
+
 /// Bounds are twice what is measured, rounded up.
 const ARMS: [Arm; 8] = [
-    Arm {
-        drives: "PowerCube",
-        robot: "powercube6",
-        interpolates: false,
-        period_ms: 3,
-        bit_rate_bit_s: 1_000_000,
-        data_bit_rate_bit_s: None,
-        joints: SIX,
-        target: "1.0,1.0,-1.0",
-        error_max_rad: 1e-3,
-        landing_max_m: 5e-3,
-    },
-    Arm {
-        drives: "CiA 402, mode 8",
-        robot: robot!("canopen6"),
-        interpolates: false,
-        period_ms: 3,
-        bit_rate_bit_s: 1_000_000,
-        data_bit_rate_bit_s: None,
-        joints: SIX,
-        target: "0.75,0.1,0.05",
-        error_max_rad: 1e-3,
-        landing_max_m: 1e-3,
-    },
-    Arm {
-        drives: "CiA 402, mode 8",
-        robot: robot!("canopen6"),
-        interpolates: false,
-        period_ms: 5,
-        bit_rate_bit_s: 500_000,
-        data_bit_rate_bit_s: None,
-        joints: SIX,
-        target: "0.75,0.1,0.05",
-        error_max_rad: 1e-2,
-        landing_max_m: 1e-2,
-    },
-    Arm {
-        drives: "CiA 402, mode 7",
-        robot: robot!("canopen6"),
-        interpolates: true,
-        period_ms: 3,
-        bit_rate_bit_s: 1_000_000,
-        data_bit_rate_bit_s: None,
-        joints: SIX,
-        target: "0.75,0.1,0.05",
-        error_max_rad: 1e-3,
-        landing_max_m: 1e-3,
-    },
-    Arm {
-        drives: "CiA 402, mode 7",
-        robot: robot!("canopen6"),
-        interpolates: true,
-        period_ms: 5,
-        bit_rate_bit_s: 500_000,
-        data_bit_rate_bit_s: None,
-        joints: SIX,
-        target: "0.75,0.1,0.05",
-        error_max_rad: 1e-2,
-        landing_max_m: 1e-2,
-    },
-    Arm {
-        drives: "MIT frames",
-        robot: robot!("openarm7"),
-        interpolates: false,
-        period_ms: 3,
-        bit_rate_bit_s: 1_000_000,
-        data_bit_rate_bit_s: None,
-        joints: SEVEN,
-        target: "1.0,-0.2,0",
-        error_max_rad: 2e-2,
-        landing_max_m: 2e-2,
-    },
+    Arm { drives: "PowerCube", robot: "powercube6", target: "1.0,1.0,-1.0", landing_max_m: 5e-3, ..USUAL },
+    USUAL,
+    SLOW,
+    Arm { drives: "CiA 402, mode 7", interpolates: true, ..USUAL },
+    Arm { drives: "CiA 402, mode 7", interpolates: true, ..SLOW },
+    OPENARM,
     Arm {
         drives: "MIT frames, CAN FD",
-        robot: robot!("openarm7"),
-        interpolates: false,
         period_ms: 2,
-        bit_rate_bit_s: 1_000_000,
         data_bit_rate_bit_s: Some(5_000_000),
-        joints: SEVEN,
-        target: "1.0,-0.2,0",
         error_max_rad: 5e-3,
         landing_max_m: 5e-3,
+        ..OPENARM
     },
-    Arm {
-        drives: "ODrive",
-        robot: robot!("odrive6"),
-        interpolates: false,
-        period_ms: 3,
-        bit_rate_bit_s: 1_000_000,
-        data_bit_rate_bit_s: None,
-        joints: SIX,
-        target: "0.75,0.1,0.05",
-        error_max_rad: 2e-3,
-        landing_max_m: 2e-3,
-    },
+    Arm { drives: "ODrive", robot: robot!("odrive6"), error_max_rad: 2e-3, landing_max_m: 2e-3, ..USUAL },
 ];
 
 fn json(path: &Path) -> Value {

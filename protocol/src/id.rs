@@ -76,11 +76,6 @@ impl ExtendedId {
     pub const fn get(self) -> u32 {
         self.0
     }
-
-    /// The eleven most significant bits, which share the arbitration window with an 11-bit id.
-    pub const fn base_id(self) -> StandardId {
-        StandardId((self.0 >> 18) as u16)
-    }
 }
 
 /// Identifier of a frame in either format.
@@ -209,7 +204,6 @@ mod tests {
         let standard = Id::Standard(StandardId::from_low_bits(0x124));
         let extended = Id::Extended(ExtendedId::from_low_bits(0x123 << 18 | 0x3_FFFF));
         assert!(extended < standard);
-        assert_eq!(ExtendedId::from_low_bits(0x123 << 18 | 0x3_FFFF).base_id().get(), 0x123);
     }
 
     #[test]

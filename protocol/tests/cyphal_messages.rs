@@ -166,7 +166,7 @@ fn register_value_types_have_their_tags_and_prefixes() {
     assert_eq!(hex(&ValueBuf::from(1.0_f64)), [12, 1, 0, 0, 0, 0, 0, 0, 0xF0, 0x3F]);
     assert_eq!(hex(&ValueBuf::from(1.0_f32)), [13, 1, 0, 0, 0x80, 0x3F]);
     assert_eq!(Value::from_bytes(&[14, 2, 0x00, 0x3C, 0x00, 0xC0]).unwrap().f32(1), Some(-2.0));
-    assert_eq!(Value::from_bytes(&[15]), Err(DecodeError::UnknownTag { tag: 15 }));
+    assert_eq!(Value::from_bytes(&[15]), Err(DecodeError::UnknownTag(15)));
 }
 
 #[test]
@@ -267,7 +267,7 @@ fn undefined_group_state_is_an_error_and_not_another_state() {
     let mut bytes = bytes_of(&GroupState { state: State::Jogging, ..GroupState::default() });
     assert!(GroupState::from_bytes(&bytes).is_ok());
     bytes[9] = 10;
-    assert_eq!(GroupState::from_bytes(&bytes), Err(DecodeError::UnknownValue { value: 10 }));
+    assert_eq!(GroupState::from_bytes(&bytes), Err(DecodeError::UnknownValue(10)));
 }
 
 #[test]

@@ -57,7 +57,7 @@ impl Rig {
             change(i, &mut options);
             CanopenServo::new(options, stands_rad(i))
         };
-        Self::of(settings, group, (0..JOINTS).map(servo).collect(), CanopenServo::shaft_rad)
+        Self::six(settings, group, (0..JOINTS).map(servo).collect(), CanopenServo::shaft_rad)
     }
 
     pub(crate) fn new() -> Self {

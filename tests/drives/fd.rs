@@ -7,7 +7,7 @@ use firmware::state::StateKind;
 use hil_sim::bus::BusConfig;
 use hil_sim::drive::mit::MitOptions;
 use mit_protocol::{Register, RegisterValue, Status};
-use protocol::FdFlags;
+use protocol::{FdFlags, Instant};
 
 use crate::rig::{JOINTS, Rig, joint, master, plan_file, settings};
 use crate::track::away_rad;
@@ -46,7 +46,7 @@ fn moved_at(period_us: u32) -> (f64, f64) {
     let counters = rig.controller().counters();
     assert_eq!((counters.cycles_late, counters.replies_missed), (0, 0), "{period_us} us");
     assert!(rig.busy().1.is_zero());
-    assert!(rig.frames().iter().all(|(_, frame)| frame.fd() == Some(FdFlags::BRS)));
+    assert!(rig.frames(Instant::ZERO, |_| true).iter().all(|(_, frame)| frame.fd() == Some(FdFlags::BRS)));
     (away_rad(&rig, start).into_iter().fold(0.0, f64::max), share)
 }
 
@@ -79,9 +79,9 @@ fn a_motor_that_is_set_to_classical_can_or_another_data_rate_is_refused_with_its
             expected: RegisterValue::Whole(FD_5_MBIT),
         };
         assert_eq!(rig.controller().group().mismatch(), Some(&(joint(3), expected)));
-        let answers = rig.frames().iter().filter(|(_, frame)| frame.id() == master(3).into());
-        assert!(answers.clone().all(|(_, frame)| frame.fd().is_some() == (found != 4)));
-        assert!(answers.count() > 5);
+        let answers = rig.frames(Instant::ZERO, |frame| frame.id() == master(3).into());
+        assert!(answers.iter().all(|(_, frame)| frame.fd().is_some() == (found != 4)));
+        assert!(answers.len() > 5);
         assert!((0..JOINTS).all(|i| rig.motor(i, |motor| motor.status()) == Status::Disabled));
     }
 }
@@ -92,5 +92,5 @@ fn motors_that_are_set_to_can_fd_do_not_answer_a_group_on_classical_can_and_the_
     rig.run_to(2_000, StateKind::Fault);
     let fault = rig.fault().unwrap();
     assert_eq!((fault.cause, fault.joint), (Cause::DriveMissing, Some(joint(0))));
-    assert!(rig.frames().iter().all(|(_, frame)| frame.fd().is_none()));
+    assert!(rig.frames(Instant::ZERO, |_| true).iter().all(|(_, frame)| frame.fd().is_none()));
 }

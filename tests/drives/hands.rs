@@ -41,7 +41,7 @@ fn with_fingers() -> Six<Odrive, OdriveAxis> {
         OdriveAxis::new(options, if i == FINGERS { 0.0 } else { stands_rad(i) })
     };
     let motors = (0..=FINGERS).map(motor).collect();
-    Six::of(&odrive_rig::settings(), Odrive::new(options), motors, OdriveAxis::shaft_rad)
+    Six::six(&odrive_rig::settings(), Odrive::new(options), motors, OdriveAxis::shaft_rad)
 }
 
 fn fingers_rad(rig: &mut Six<Odrive, OdriveAxis>) -> f64 {
@@ -127,7 +127,7 @@ fn with_output() -> Six<Cia402, CanopenServo> {
         )
     };
     let servos = (0..JOINTS).map(servo).collect();
-    Six::of(&cia402_rig::settings(), Cia402::new(options), servos, CanopenServo::shaft_rad)
+    Six::six(&cia402_rig::settings(), Cia402::new(options), servos, CanopenServo::shaft_rad)
 }
 
 fn output(rig: &mut Six<Cia402, CanopenServo>) -> (bool, Instant) {

@@ -1,5 +1,6 @@
 //! Groups of drives behind the controller, against simulated drives that were written from the protocol alone. Virtual time.
 
+mod arm;
 mod cia402;
 mod cia402_ip;
 mod cia402_rig;

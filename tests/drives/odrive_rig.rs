@@ -86,7 +86,7 @@ impl Rig {
             change(i, &mut options);
             OdriveAxis::new(options, stands_rad(i))
         };
-        Self::of(settings, Odrive::new(options), (0..JOINTS).map(motor).collect(), OdriveAxis::shaft_rad)
+        Self::six(settings, Odrive::new(options), (0..JOINTS).map(motor).collect(), OdriveAxis::shaft_rad)
     }
 
     pub(crate) fn new() -> Self {

@@ -1,26 +1,22 @@
 //! Seven motors of an OpenArm, each with an inertia of its own, and the controller, on one bus of 1 Mbit/s.
 
-use firmware::Controller;
-use firmware::authority::{Peer, Seed};
+use firmware::authority::Peer;
 use firmware::events::PlanEvents;
-use firmware::fault::Fault as Latched;
 use firmware::groups::mit::{Mit, Motor, Options};
 use firmware::joints::PerJoint;
-use firmware::orders::{Done, Order};
+use firmware::orders::Order;
 use firmware::settings::Settings;
-use firmware::spline::{Knot, Spline};
+use firmware::spline::Knot;
 use firmware::state::StateKind;
-use firmware::store::{FileName, RamStorage};
 use firmware::trajectory_format::{self, FILE_LEN_MAX, Header};
 use hil_sim::bus::BusConfig;
 use hil_sim::drive::bench::Bench;
 use hil_sim::drive::mit::{MitMotor, MitOptions};
 use hil_sim::fault::{Fault, FaultKind, IdFilter, Target, WireFault};
-use hil_sim::participants::Solo;
-use hil_sim::world::{Observer, World};
 use mit_protocol::{Command, Mit as SetPoint, MotorId, Ranges};
-use protocol::cyphal::crc::Crc64;
-use protocol::{Duration, Frame, Id, Instant, JointIndex, StandardId};
+use protocol::{Duration, Id, Instant, JointIndex, StandardId};
+
+use crate::arm::Arm;
 
 pub(crate) const JOINTS: usize = 7;
 pub(crate) const PERIOD_US: u64 = 3_000;
@@ -31,8 +27,6 @@ pub(crate) const KD_NM_S_RAD: f32 = 5.0;
 const INERTIA_KG_M2: f64 = 0.1;
 pub(crate) const TYPES: [&str; JOINTS] = ["8009", "8009", "4340", "4340", "4310", "4310", "4310"];
 pub(crate) const HOST: Peer = Peer::new(42);
-
-type C = Controller<RamStorage, Spline, Mit>;
 
 pub(crate) fn joint(index: usize) -> JointIndex {
     JointIndex::new(index).unwrap()
@@ -74,23 +68,7 @@ pub(crate) fn settings() -> Settings {
     settings
 }
 
-/// Frames on the bus and when each ended.
-#[derive(Default)]
-struct Log(Vec<(Instant, Frame)>);
-
-impl Observer for Log {
-    fn on_frame(&mut self, at: Instant, _: Option<usize>, frame: &Frame) {
-        self.0.push((at, *frame));
-    }
-}
-
-pub(crate) struct Rig {
-    world: World<(Bench<MitMotor>, Solo<C>)>,
-    log: Log,
-    period: Duration,
-    /// Angle of each shaft at each step of 1 ms.
-    pub(crate) track: Vec<(Instant, [f64; JOINTS])>,
-}
+pub(crate) type Rig = Arm<Mit, MitMotor, JOINTS>;
 
 impl Rig {
     /// Motors on classical CAN that stand at `zero_rad` with changed options.
@@ -100,7 +78,6 @@ impl Rig {
 
     /// Motors on a bus; with a data rate the group speaks CAN FD.
     pub(crate) fn on(bus: BusConfig, settings: &Settings, change: impl Fn(usize, &mut MitOptions)) -> Self {
-        assert_eq!(settings.check(), Ok(()), "a controller would take others");
         let options: [MitOptions; JOINTS] = core::array::from_fn(|i| {
             let mut options = MitOptions::of(TYPES[i], id(i), master(i)).unwrap();
             change(i, &mut options);
@@ -111,83 +88,16 @@ impl Rig {
             Some(bit_s) => group.with_fd(bit_s).unwrap(),
             None => group,
         });
-        let controller =
-            Controller::with_group(RamStorage::new(), Spline::empty(), group, settings, Seed::FORESEEABLE);
-        let bench = Bench::new(options.map(|o| MitMotor::new(o, o.zero_rad)).to_vec(), INERTIA_KG_M2);
-        let node = Solo::new("controller", controller);
-        let world = World::new((bench, node), bus, 1, Vec::new()).unwrap();
-        Self { world, log: Log::default(), period: settings.cycle_period(), track: Vec::new() }
+        let motors = options.map(|o| MitMotor::new(o, o.zero_rad)).to_vec();
+        Self::of(bus, settings, group, Bench::new(motors, INERTIA_KG_M2), MitMotor::shaft_rad)
     }
 
     pub(crate) fn new() -> Self {
         Self::with(&settings(), |_, _| {})
     }
 
-    pub(crate) fn now(&self) -> Instant {
-        self.world.now()
-    }
-
-    pub(crate) fn controller(&self) -> &Controller<RamStorage, Spline, Mit> {
-        &self.world.participants().1.node
-    }
-
-    pub(crate) fn kind(&self) -> StateKind {
-        self.controller().state().kind()
-    }
-
-    pub(crate) fn fault(&self) -> Option<Latched> {
-        self.controller().state().fault()
-    }
-
     pub(crate) fn motor<R>(&mut self, index: usize, act: impl FnOnce(&mut MitMotor) -> R) -> R {
-        self.world.with_participants(|all, _| act(&mut all.0.motors_mut()[index])).unwrap()
-    }
-
-    pub(crate) fn shafts(&mut self) -> [f64; JOINTS] {
-        core::array::from_fn(|i| self.motor(i, |motor| motor.shaft_rad()))
-    }
-
-    /// A frame reaches the controller as if another node had sent it.
-    pub(crate) fn forge(&mut self, frame: &Frame) {
-        self.world.with_participants(|all, now| all.1.node.handle_packet(now, frame)).unwrap();
-    }
-
-    pub(crate) fn run_us(&mut self, us: u64) {
-        let end = self.now() + Duration::from_micros(us);
-        while self.now() < end {
-            self.world.with_participants(|all, now| all.1.node.host_heartbeat(now, HOST)).unwrap();
-            let until = end.min(self.now() + Duration::from_millis(1));
-            self.world.run_until(until, &mut self.log).unwrap();
-            let shafts = self.shafts();
-            self.track.push((self.now(), shafts));
-        }
-    }
-
-    pub(crate) fn run_until(&mut self, limit_ms: u64, done: impl Fn(&Self) -> bool) {
-        for _ in 0..limit_ms {
-            if done(self) {
-                return;
-            }
-            self.run_us(1_000);
-        }
-        assert!(done(self), "{:?}", self.controller().state());
-    }
-
-    pub(crate) fn run_to(&mut self, limit_ms: u64, kind: StateKind) {
-        self.run_until(limit_ms, |rig| rig.kind() == kind);
-    }
-
-    pub(crate) fn order(&mut self, order: Order) -> Done {
-        let taken = self.world.with_participants(|all, now| all.1.node.order(now, HOST, order)).unwrap();
-        taken.unwrap()
-    }
-
-    /// The latched fault; the time until a halted arm counts as standing has passed, and a person clears it.
-    pub(crate) fn clear(&mut self) -> Latched {
-        let fault = self.fault().unwrap();
-        self.run_us(1_700_000);
-        self.order(Order::ClearFault { code: fault.cause.code() });
-        fault
+        self.drive(index, |motor, _| act(motor))
     }
 
     fn wire(&mut self, kind: WireFault, filter: IdFilter, length: Duration, every: Option<Duration>) {
@@ -217,10 +127,6 @@ impl Rig {
         self.wire(WireFault::Drop, filter, length, None);
     }
 
-    pub(crate) fn stop_now(&mut self) {
-        self.world.with_participants(|all, now| all.1.node.stop_now(now)).unwrap();
-    }
-
     /// Found, and all joints at home.
     pub(crate) fn ready() -> Self {
         Self::new().made_ready()
@@ -234,24 +140,9 @@ impl Rig {
         self
     }
 
-    /// Armed with a plan and started; when the plan begins.
+    /// Starts a plan; when it begins.
     pub(crate) fn start(&mut self, file: &[u8]) -> Instant {
-        for (i, piece) in file.chunks(256).enumerate() {
-            let upload = |all: &mut (Bench<MitMotor>, Solo<C>), now| {
-                all.1.node.upload(now, HOST, 256 * i, piece).unwrap();
-            };
-            self.world.with_participants(upload).unwrap();
-        }
-        let name = FileName { crc64: Crc64::of(file), len: file.len() as u32 };
-        self.order(Order::Commit(name));
-        let valid = Duration::from_secs(5);
-        let Done::Offer { token, .. } = self.order(Order::ArmPrepare { crc64: name.crc64, valid }) else {
-            panic!("no offer")
-        };
-        self.run_us(60_000);
-        self.order(Order::ArmConfirm { token, valid });
-        self.run_us(60_000);
-        self.order(Order::Run(name));
+        self.run_file(file);
         self.now() + self.period * 2
     }
 
@@ -259,16 +150,14 @@ impl Rig {
     pub(crate) fn moving() -> Self {
         let mut rig = Self::ready();
         rig.start(&quintic_file());
-        rig.run_us(400_000);
-        assert_eq!(rig.kind(), StateKind::Running, "{:?}", rig.controller().state());
-        rig
+        rig.in_plan()
     }
 
     /// Commands to a motor since `from`, with the time at which the frame ended.
     pub(crate) fn commands(&self, index: usize, from: Instant) -> Vec<(Instant, Command)> {
         let own = Id::Standard(StandardId::new(u16::from(id(index).get())).unwrap());
-        let sent = self.log.0.iter().filter(|(at, frame)| *at >= from && frame.id() == own);
-        sent.map(|(at, frame)| (*at, Command::decode(frame, &ranges(index)).unwrap().1)).collect()
+        let sent = self.frames(from, |frame| frame.id() == own).into_iter();
+        sent.map(|(at, frame)| (at, Command::decode(&frame, &ranges(index)).unwrap().1)).collect()
     }
 
     pub(crate) fn set_points(&self, index: usize, from: Instant) -> Vec<(Instant, SetPoint)> {
@@ -282,10 +171,6 @@ impl Rig {
     pub(crate) fn busy(&self) -> (Duration, Duration) {
         let bus = self.world.bus();
         (Duration::from_micros(bus.busy_ns() / 1_000), Duration::from_micros(bus.error_ns() / 1_000))
-    }
-
-    pub(crate) fn frames(&self) -> &[(Instant, Frame)] {
-        &self.log.0
     }
 }
 

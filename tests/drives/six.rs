@@ -1,22 +1,15 @@
-//! Six drives of one family, each with an inertia of its own, and the controller, on one bus of 1 Mbit/s.
+//! Six drives of one family on one bus of 1 Mbit/s.
 
-use firmware::Controller;
-use firmware::authority::Seed;
-use firmware::fault::{Cause, Fault as Latched};
 use firmware::group::DriveGroup;
-use firmware::orders::{Done, Order};
+use firmware::orders::Order;
 use firmware::settings::Settings;
-use firmware::spline::Spline;
 use firmware::state::StateKind;
-use firmware::store::{FileName, RamStorage};
 use hil_sim::bus::BusConfig;
 use hil_sim::drive::bench::{Bench, ShaftMotor};
-use hil_sim::participants::Solo;
-use hil_sim::world::{Observer, World};
-use protocol::cyphal::crc::Crc64;
-use protocol::{Duration, Frame, Id, Instant, JointIndex};
+use protocol::{Frame, Instant, JointIndex};
 
-use crate::rig::{HOST, joint, plan_file, quintic};
+use crate::arm::Arm;
+use crate::rig::{plan_file, quintic};
 
 pub(crate) const JOINTS: usize = 6;
 /// At each shaft.
@@ -43,111 +36,11 @@ pub(crate) fn settings_at(period_us: u64, time_out_us: u32) -> Settings {
     settings
 }
 
-/// Frames on the bus and when each ended.
-#[derive(Default)]
-struct Log(Vec<(Instant, Frame)>);
-
-impl Observer for Log {
-    fn on_frame(&mut self, at: Instant, _: Option<usize>, frame: &Frame) {
-        self.0.push((at, *frame));
-    }
-}
-
-type Node<G> = Controller<RamStorage, Spline, G>;
-type All<G, M> = (Bench<M>, Solo<Node<G>>);
-
-pub(crate) struct Six<G: DriveGroup<Packet = Frame>, M> {
-    world: World<All<G, M>>,
-    log: Log,
-    period: Duration,
-    /// Angle of a shaft by the drive that holds it.
-    shaft_rad: fn(&M) -> f64,
-    /// Angle of each shaft at each step of 1 ms.
-    pub(crate) track: Vec<(Instant, [f64; JOINTS])>,
-}
+pub(crate) type Six<G, M> = Arm<G, M, JOINTS>;
 
 impl<G: DriveGroup<Packet = Frame>, M: ShaftMotor> Six<G, M> {
-    pub(crate) fn of(settings: &Settings, group: G, motors: Vec<M>, shaft_rad: fn(&M) -> f64) -> Self {
-        assert_eq!(settings.check(), Ok(()), "a controller would take others");
-        let controller =
-            Controller::with_group(RamStorage::new(), Spline::empty(), group, settings, Seed::FORESEEABLE);
-        let bench = Bench::new(motors, INERTIA_KG_M2);
-        let world =
-            World::new((bench, Solo::new("controller", controller)), BusConfig::default(), 1, Vec::new());
-        let period = settings.cycle_period();
-        Self { world: world.unwrap(), log: Log::default(), period, shaft_rad, track: Vec::new() }
-    }
-
-    pub(crate) fn now(&self) -> Instant {
-        self.world.now()
-    }
-
-    pub(crate) fn controller(&self) -> &Node<G> {
-        &self.world.participants().1.node
-    }
-
-    pub(crate) fn kind(&self) -> StateKind {
-        self.controller().state().kind()
-    }
-
-    pub(crate) fn fault(&self) -> Option<Latched> {
-        self.controller().state().fault()
-    }
-
-    pub(crate) fn drive<R>(&mut self, index: usize, act: impl FnOnce(&mut M, Instant) -> R) -> R {
-        self.world.with_participants(|all, now| act(&mut all.0.motors_mut()[index], now)).unwrap()
-    }
-
-    pub(crate) fn shafts(&mut self) -> [f64; JOINTS] {
-        let shaft_rad = self.shaft_rad;
-        core::array::from_fn(|i| self.drive(i, |drive, _| shaft_rad(drive)))
-    }
-
-    /// A frame reaches the controller as if another node had sent it.
-    pub(crate) fn forge(&mut self, frame: &Frame) {
-        self.world.with_participants(|all, now| all.1.node.handle_packet(now, frame)).unwrap();
-    }
-
-    pub(crate) fn run_us(&mut self, us: u64) {
-        let end = self.now() + Duration::from_micros(us);
-        while self.now() < end {
-            self.world.with_participants(|all, now| all.1.node.host_heartbeat(now, HOST)).unwrap();
-            let until = end.min(self.now() + Duration::from_millis(1));
-            self.world.run_until(until, &mut self.log).unwrap();
-            let shafts = self.shafts();
-            self.track.push((self.now(), shafts));
-        }
-    }
-
-    pub(crate) fn run_until(&mut self, limit_ms: u64, done: impl Fn(&Self) -> bool) {
-        for _ in 0..limit_ms {
-            if done(self) {
-                return;
-            }
-            self.run_us(1_000);
-        }
-        assert!(done(self), "{:?}", self.controller().state());
-    }
-
-    pub(crate) fn run_to(&mut self, limit_ms: u64, kind: StateKind) {
-        self.run_until(limit_ms, |rig| rig.kind() == kind);
-    }
-
-    pub(crate) fn order(&mut self, order: Order) -> Done {
-        let taken = self.world.with_participants(|all, now| all.1.node.order(now, HOST, order)).unwrap();
-        taken.unwrap()
-    }
-
-    /// The latched fault; the time until a halted arm counts as standing has passed, and a person clears it.
-    pub(crate) fn clear(&mut self) -> Latched {
-        let fault = self.fault().unwrap();
-        self.run_us(1_700_000);
-        self.order(Order::ClearFault { code: fault.cause.code() });
-        fault
-    }
-
-    pub(crate) fn stop_now(&mut self) {
-        self.world.with_participants(|all, now| all.1.node.stop_now(now)).unwrap();
+    pub(crate) fn six(settings: &Settings, group: G, motors: Vec<M>, shaft_rad: fn(&M) -> f64) -> Self {
+        Self::of(BusConfig::default(), settings, group, Bench::new(motors, INERTIA_KG_M2), shaft_rad)
     }
 
     /// Found, and all joints at home.
@@ -158,32 +51,15 @@ impl<G: DriveGroup<Packet = Frame>, M: ShaftMotor> Six<G, M> {
         self
     }
 
-    /// Armed with the plan and started; when the plan begins.
+    /// Starts the plan; when it begins.
     pub(crate) fn start(&mut self) -> Instant {
-        let file = plan_file(JOINTS, self.period.as_micros() as u32, stands_rad);
-        for (i, piece) in file.chunks(256).enumerate() {
-            let upload = |all: &mut All<G, M>, now| all.1.node.upload(now, HOST, 256 * i, piece).unwrap();
-            self.world.with_participants(upload).unwrap();
-        }
-        let name = FileName { crc64: Crc64::of(&file), len: file.len() as u32 };
-        self.order(Order::Commit(name));
-        let valid = Duration::from_secs(5);
-        let Done::Offer { token, .. } = self.order(Order::ArmPrepare { crc64: name.crc64, valid }) else {
-            panic!("no offer")
-        };
-        self.run_us(60_000);
-        self.order(Order::ArmConfirm { token, valid });
-        self.run_us(60_000);
-        self.order(Order::Run(name));
+        self.run_file(&plan_file(JOINTS, self.period.as_micros() as u32, stands_rad));
         self.now() + self.controller().group().profile(self.controller().settings()).lead
     }
 
-    /// In the middle of the plan.
     pub(crate) fn moved_on(mut self) -> Self {
         self.start();
-        self.run_us(400_000);
-        assert_eq!(self.kind(), StateKind::Running, "{:?}", self.controller().state());
-        self
+        self.in_plan()
     }
 
     /// Where the plan has a joint, rad.
@@ -193,47 +69,6 @@ impl<G: DriveGroup<Packet = Frame>, M: ShaftMotor> Six<G, M> {
 
     /// Largest distance of each joint from the plan that began at `start`, rad.
     pub(crate) fn away_rad(&self, start: Instant) -> [f64; JOINTS] {
-        core::array::from_fn(|i| {
-            let since = self.track.iter().filter(|(at, _)| *at >= start);
-            let away = since.map(|(at, q)| {
-                let t_s = (at.as_secs_f64() - start.as_secs_f64()).min(crate::rig::PLAN_S);
-                (q[i] - Self::planned_rad(i, t_s)).abs()
-            });
-            away.fold(0.0, f64::max)
-        })
-    }
-
-    /// The cause and the joint of the fault that ends the motion; it is noticed within so many periods.
-    pub(crate) fn ends_with(&mut self, since: Instant, periods: u64, cause: Cause, index: usize) {
-        self.run_until(700, |rig| rig.kind() != StateKind::Running);
-        let took = self.now().saturating_since(since);
-        assert!(took <= self.period * periods, "{took:?}");
-        self.run_to(1_500, StateKind::Fault);
-        let fault = self.fault().unwrap();
-        assert_eq!((fault.cause, fault.joint), (cause, Some(joint(index))));
-        // A halt is a fault at once; the ramps take 0.2 s.
-        self.run_us(600_000);
-    }
-
-    pub(crate) fn refused(&mut self, cause: Cause, index: usize) {
-        self.run_to(5_000, StateKind::Fault);
-        let fault = self.fault().unwrap();
-        assert_eq!((fault.cause, fault.joint), (cause, Some(joint(index))));
-    }
-
-    /// Frames since `from` with the time at which each ended.
-    pub(crate) fn frames(&self, from: Instant, is_meant: impl Fn(&Frame) -> bool) -> Vec<(Instant, Frame)> {
-        self.log.0.iter().filter(|(at, frame)| *at >= from && is_meant(frame)).copied().collect()
-    }
-
-    /// Share of the time since `from` for which the bus is busy, with stuff bits at their most.
-    pub(crate) fn load(&self, from: Instant) -> f64 {
-        let bits = |frame: &Frame| {
-            let (head, len) = if matches!(frame.id(), Id::Standard(_)) { (47, 33) } else { (67, 53) };
-            let bytes = 8 * frame.data().len() as u64;
-            head + bytes + (len + bytes) / 4
-        };
-        let sent: u64 = self.log.0.iter().filter(|(at, _)| *at >= from).map(|(_, frame)| bits(frame)).sum();
-        sent as f64 / self.now().saturating_since(from).as_micros() as f64
+        self.away_from(start, Self::planned_rad)
     }
 }

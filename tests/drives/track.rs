@@ -4,18 +4,11 @@ use firmware::group::DriveGroup;
 use firmware::state::StateKind;
 use protocol::{Duration, Instant};
 
-use crate::rig::{JOINTS, PERIOD_US, PLAN_S, Rig, joint, quintic, quintic_file};
+use crate::rig::{JOINTS, PERIOD_US, Rig, joint, quintic, quintic_file};
 
 /// Largest distance of the shafts from the plan, rad.
 pub(crate) fn away_rad(rig: &Rig, start: Instant) -> [f64; JOINTS] {
-    let mut worst = [0.0_f64; JOINTS];
-    for (at, q) in rig.track.iter().filter(|(at, _)| *at >= start) {
-        for i in 0..JOINTS {
-            let wanted = quintic(i, (at.as_secs_f64() - start.as_secs_f64()).min(PLAN_S)).0;
-            worst[i] = worst[i].max((q[i] - wanted).abs());
-        }
-    }
-    worst
+    rig.away_from(start, |i, t_s| quintic(i, t_s).0)
 }
 
 #[test]
@@ -31,7 +24,7 @@ fn seven_joints_follow_a_plan_at_3_ms_on_a_classical_bus() {
     assert_eq!(rig.controller().counters().cycles_late, 0);
     assert_eq!(rig.controller().counters().replies_missed, 0);
     // One command and one answer per motor and period.
-    let frames = rig.frames().iter().filter(|(at, _)| *at >= start).count() as f64;
+    let frames = rig.frames(start, |_| true).len() as f64;
     let periods = rig.now().saturating_since(start).as_micros() as f64 / PERIOD_US as f64;
     assert!((frames / periods - 14.0).abs() < 0.2, "{}", frames / periods);
 }

@@ -12,7 +12,7 @@ use firmware::groups::powercube::PowerCubes;
 use firmware::settings::Settings;
 use hil_sim::bus::TxOrder;
 use hil_sim::drive::bench::ShaftMotor;
-use hil_sim::drive::cia402::{CanopenServo, Interpolating as Module, ServoOptions};
+use hil_sim::drive::cia402::{CanopenServo, Interpolating, ServoOptions};
 use hil_sim::drive::mit::{MitMotor, MitOptions};
 use hil_sim::drive::odrive::{OdriveAxis, OdriveOptions};
 use hil_sim::mechanics::{Body, JointMechanics, Mechanism, Plant};
@@ -124,10 +124,6 @@ impl<M: ShaftMotor> Wheels<M> {
         let wheels = Body::Wheels(JointVec::repeat(JOINTS, 0.5 * INERTIA_KG_M2));
         Self { motors, plant: Mechanism::new(wheels, vec![joint; JOINTS], q), grid: Instant::ZERO }
     }
-
-    fn plant(&self) -> [(f64, f64); JOINTS] {
-        std::array::from_fn(|joint| (self.plant.link_q_rad(joint), self.plant.axis(joint).v_rad_s))
-    }
 }
 
 impl<M: ShaftMotor> Participants for Wheels<M> {
@@ -168,119 +164,114 @@ impl<M: ShaftMotor> Participants for Wheels<M> {
     }
 }
 
-/// The certificate of the gains for another time-out of the drives.
-fn timed(settings: &mut Settings, time_out: Duration) {
-    settings.watchdog_timeout_us = time_out.as_micros() as u32;
-    settings.watchdog_refresh_us = 10_000;
+/// Two motors of a family, which turn [`Wheels`].
+pub(crate) trait MotorFamily: 'static {
+    type Group: DriveGroup<Packet = Frame>;
+    type Motor: ShaftMotor;
+    const BOOT_MS: u16;
+    /// An output of the last motor opens the hand.
+    const OPENS_HAND: bool = false;
+
+    fn group() -> Self::Group;
+    fn motor(joint: usize, start_rad: f64) -> Self::Motor;
+    fn set_power(motor: &mut Self::Motor, now: Instant, on: bool);
+    fn has_torque(motor: &Self::Motor) -> bool;
+    /// See [`Family::is_open`]; of the motor of the last joint.
+    fn is_open(_: &Self::Motor) -> Option<bool> {
+        None
+    }
 }
 
-/// Lost torque is what a drive of an armed group may not have.
-fn without_torque(joint: usize, has_torque: bool) -> Option<String> {
-    (!has_torque).then(|| format!("joint {joint} has no torque"))
+impl<F: MotorFamily> Family for F {
+    type Group = F::Group;
+    type Drives = Wheels<F::Motor>;
+    const BOOT_MS: u16 = F::BOOT_MS;
+
+    fn group() -> F::Group {
+        F::group()
+    }
+
+    fn drives(start_rad: [f64; JOINTS], _: u64) -> Wheels<F::Motor> {
+        Wheels::new((0..JOINTS).map(|joint| F::motor(joint, start_rad[joint])).collect())
+    }
+
+    /// The certificate of the gains for another time-out of the drives.
+    fn adapt(settings: &mut Settings) {
+        settings.watchdog_timeout_us = TIME_OUT.as_micros() as u32;
+        settings.watchdog_refresh_us = 10_000;
+        if F::OPENS_HAND {
+            settings.gripper_opening_us = u32::from(OPENING_MS) * 1_000;
+        }
+    }
+
+    fn plant(drives: &Self::Drives) -> [(f64, f64); JOINTS] {
+        std::array::from_fn(|joint| (drives.plant.link_q_rad(joint), drives.plant.axis(joint).v_rad_s))
+    }
+
+    fn restart(drives: &mut Self::Drives, drive: usize, now: Instant) {
+        F::set_power(&mut drives.motors[drive], now, false);
+        F::set_power(&mut drives.motors[drive], now, true);
+    }
+
+    fn is_open(drives: &Self::Drives) -> Option<bool> {
+        F::is_open(&drives.motors[JOINTS - 1])
+    }
+
+    /// Lost torque is what a drive of an armed group may not have.
+    fn held_wrong(drives: &Self::Drives, joint: usize, _: f64, _: bool) -> Option<String> {
+        (!F::has_torque(&drives.motors[joint])).then(|| format!("joint {joint} has no torque"))
+    }
 }
 
-fn servo_group(follow: Follow) -> Cia402 {
-    let servo = |i: usize| Servo {
-        node: canopen_protocol::NodeId::new(i as u8 + 3).expect("a node"),
-        counts_per_turn: if follow == Follow::Cyclic { 409_600 } else { 360_000 },
-        rated_mnm: 50_000,
-        home: cia402::Home::Absolute,
-        follow,
-    };
-    let gripper = GripperOutput { joint: JointIndex::new(1).expect("two joints"), bit: OUTPUT };
-    let options = cia402::Options::new(&[servo(0), servo(1)]).and_then(|all| all.with_gripper(gripper));
-    Cia402::new(options.expect("two servos"))
-}
+/// CANopen servos, which follow in mode 8; the others in mode 7 only.
+pub(crate) struct Servos<const CYCLIC: bool>;
+pub(crate) type CyclicServos = Servos<true>;
+pub(crate) type InterpolatingServos = Servos<false>;
 
-fn servos(start_rad: [f64; JOINTS], kind: fn(ServoOptions) -> ServoOptions) -> Wheels<CanopenServo> {
-    let servo = |i: usize| {
-        let options = kind(ServoOptions::of(canopen_protocol::NodeId::new(i as u8 + 3).expect("a node")));
-        CanopenServo::new(ServoOptions { gripper_bit: (i == 1).then_some(OUTPUT), ..options }, start_rad[i])
-    };
-    Wheels::new((0..JOINTS).map(servo).collect())
-}
-
-/// CANopen servos that follow in mode 7 only.
-pub(crate) struct Interpolating;
-
-impl Family for Interpolating {
+impl<const CYCLIC: bool> MotorFamily for Servos<CYCLIC> {
     type Group = Cia402;
-    type Drives = Wheels<CanopenServo>;
-    const BOOT_MS: u16 = 2_000;
+    type Motor = CanopenServo;
+    const BOOT_MS: u16 = if CYCLIC { 1_500 } else { 2_000 };
+    const OPENS_HAND: bool = true;
 
     fn group() -> Cia402 {
-        servo_group(Follow::Interpolated)
+        let servo = |i: usize| Servo {
+            node: canopen_protocol::NodeId::new(i as u8 + 3).expect("a node"),
+            counts_per_turn: if CYCLIC { 409_600 } else { 360_000 },
+            rated_mnm: 50_000,
+            home: cia402::Home::Absolute,
+            follow: if CYCLIC { Follow::Cyclic } else { Follow::Interpolated },
+        };
+        let gripper = GripperOutput { joint: JointIndex::new(1).expect("two joints"), bit: OUTPUT };
+        let options = cia402::Options::new(&[servo(0), servo(1)]).and_then(|all| all.with_gripper(gripper));
+        Cia402::new(options.expect("two servos"))
     }
 
-    fn drives(start_rad: [f64; JOINTS], _: u64) -> Wheels<CanopenServo> {
-        servos(start_rad, |options| {
-            let own = options.interpolating();
-            let commutation = Duration::from_millis(50);
-            let interpolating = own.interpolating.map(|module| Module { commutation, ..module });
-            ServoOptions { interpolating, ..own }
-        })
+    fn motor(joint: usize, start_rad: f64) -> CanopenServo {
+        let own = ServoOptions::of(canopen_protocol::NodeId::new(joint as u8 + 3).expect("a node"));
+        let own = if CYCLIC { own } else { own.interpolating() };
+        let commutation = Duration::from_millis(50);
+        let interpolating = own.interpolating.map(|module| Interpolating { commutation, ..module });
+        let gripper_bit = (joint == 1).then_some(OUTPUT);
+        CanopenServo::new(ServoOptions { gripper_bit, interpolating, ..own }, start_rad)
     }
 
-    fn adapt(settings: &mut Settings) {
-        Cia402::adapt(settings);
+    fn set_power(servo: &mut CanopenServo, now: Instant, on: bool) {
+        servo.set_power(now, on);
     }
 
-    fn plant(drives: &Self::Drives) -> [(f64, f64); JOINTS] {
-        Cia402::plant(drives)
+    fn has_torque(servo: &CanopenServo) -> bool {
+        servo.state() == State::OperationEnabled
     }
 
-    fn restart(drives: &mut Self::Drives, drive: usize, now: Instant) {
-        Cia402::restart(drives, drive, now);
-    }
-
-    fn is_open(drives: &Self::Drives) -> Option<bool> {
-        Cia402::is_open(drives)
-    }
-
-    fn held_wrong(drives: &Self::Drives, joint: usize, current_a: f64, watchdog: bool) -> Option<String> {
-        Cia402::held_wrong(drives, joint, current_a, watchdog)
-    }
-}
-
-impl Family for Cia402 {
-    type Group = Self;
-    type Drives = Wheels<CanopenServo>;
-    const BOOT_MS: u16 = 1_500;
-
-    fn group() -> Self {
-        servo_group(Follow::Cyclic)
-    }
-
-    fn drives(start_rad: [f64; JOINTS], _: u64) -> Wheels<CanopenServo> {
-        servos(start_rad, |options| options)
-    }
-
-    fn adapt(settings: &mut Settings) {
-        timed(settings, TIME_OUT);
-        settings.gripper_opening_us = u32::from(OPENING_MS) * 1_000;
-    }
-
-    fn plant(drives: &Self::Drives) -> [(f64, f64); JOINTS] {
-        drives.plant()
-    }
-
-    fn restart(drives: &mut Self::Drives, drive: usize, now: Instant) {
-        drives.motors[drive].set_power(now, false);
-        drives.motors[drive].set_power(now, true);
-    }
-
-    fn is_open(drives: &Self::Drives) -> Option<bool> {
-        drives.motors[1].gripper().map(|(open, _)| open)
-    }
-
-    fn held_wrong(drives: &Self::Drives, joint: usize, _: f64, _: bool) -> Option<String> {
-        without_torque(joint, drives.motors[joint].state() == State::OperationEnabled)
+    fn is_open(servo: &CanopenServo) -> Option<bool> {
+        servo.gripper().map(|(open, _)| open)
     }
 }
 
-impl Family for Mit {
+impl MotorFamily for Mit {
     type Group = Self;
-    type Drives = Wheels<MitMotor>;
+    type Motor = MitMotor;
     const BOOT_MS: u16 = 1_500;
 
     fn group() -> Self {
@@ -294,40 +285,24 @@ impl Family for Mit {
         Self::new(mit::Options::new(&[motor(0), motor(1)]).expect("two motors"))
     }
 
-    fn drives(start_rad: [f64; JOINTS], _: u64) -> Wheels<MitMotor> {
-        let motor = |i: usize| {
-            let id = MotorId::new(i as u8 + 1).expect("an id");
-            let options = MitOptions::of("8009", id, StandardId::from_low_bits(i as u16 + 0x11));
-            MitMotor::new(options.expect("figures of an 8009"), start_rad[i])
-        };
-        Wheels::new((0..JOINTS).map(motor).collect())
+    fn motor(joint: usize, start_rad: f64) -> MitMotor {
+        let id = MotorId::new(joint as u8 + 1).expect("an id");
+        let options = MitOptions::of("8009", id, StandardId::from_low_bits(joint as u16 + 0x11));
+        MitMotor::new(options.expect("figures of an 8009"), start_rad)
     }
 
-    fn adapt(settings: &mut Settings) {
-        timed(settings, TIME_OUT);
+    fn set_power(motor: &mut MitMotor, _: Instant, on: bool) {
+        motor.set_power(on);
     }
 
-    fn plant(drives: &Self::Drives) -> [(f64, f64); JOINTS] {
-        drives.plant()
-    }
-
-    fn restart(drives: &mut Self::Drives, drive: usize, _: Instant) {
-        drives.motors[drive].set_power(false);
-        drives.motors[drive].set_power(true);
-    }
-
-    fn is_open(_: &Self::Drives) -> Option<bool> {
-        None
-    }
-
-    fn held_wrong(drives: &Self::Drives, joint: usize, _: f64, _: bool) -> Option<String> {
-        without_torque(joint, drives.motors[joint].status() == Status::Enabled)
+    fn has_torque(motor: &MitMotor) -> bool {
+        motor.status() == Status::Enabled
     }
 }
 
-impl Family for Odrive {
+impl MotorFamily for Odrive {
     type Group = Self;
-    type Drives = Wheels<OdriveAxis>;
+    type Motor = OdriveAxis;
     const BOOT_MS: u16 = 2_000;
 
     fn group() -> Self {
@@ -345,39 +320,23 @@ impl Family for Odrive {
         Self::new(odrive::Options::new(&[axis(0), axis(1)]).expect("two axes"))
     }
 
-    fn drives(start_rad: [f64; JOINTS], _: u64) -> Wheels<OdriveAxis> {
-        let axis = |i: usize| {
-            let node = odrive_protocol::NodeId::new(i as u8 + 9).expect("a node");
-            let options = OdriveOptions {
-                counted: 1.0,
-                brakes: true,
-                watchdog: Some(TIME_OUT),
-                estimates: None,
-                ..OdriveOptions::new(node, odrive_protocol::Version::V06)
-            };
-            OdriveAxis::new(options, start_rad[i])
+    fn motor(joint: usize, start_rad: f64) -> OdriveAxis {
+        let node = odrive_protocol::NodeId::new(joint as u8 + 9).expect("a node");
+        let options = OdriveOptions {
+            counted: 1.0,
+            brakes: true,
+            watchdog: Some(TIME_OUT),
+            estimates: None,
+            ..OdriveOptions::new(node, odrive_protocol::Version::V06)
         };
-        Wheels::new((0..JOINTS).map(axis).collect())
+        OdriveAxis::new(options, start_rad)
     }
 
-    fn adapt(settings: &mut Settings) {
-        timed(settings, TIME_OUT);
+    fn set_power(axis: &mut OdriveAxis, now: Instant, on: bool) {
+        axis.set_power(now, on);
     }
 
-    fn plant(drives: &Self::Drives) -> [(f64, f64); JOINTS] {
-        drives.plant()
-    }
-
-    fn restart(drives: &mut Self::Drives, drive: usize, now: Instant) {
-        drives.motors[drive].set_power(now, false);
-        drives.motors[drive].set_power(now, true);
-    }
-
-    fn is_open(_: &Self::Drives) -> Option<bool> {
-        None
-    }
-
-    fn held_wrong(drives: &Self::Drives, joint: usize, _: f64, _: bool) -> Option<String> {
-        without_torque(joint, drives.motors[joint].state() == odrive_protocol::AxisState::ClosedLoop)
+    fn has_torque(axis: &OdriveAxis) -> bool {
+        axis.state() == odrive_protocol::AxisState::ClosedLoop
     }
 }

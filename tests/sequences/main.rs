@@ -17,8 +17,7 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
-use families::{Family, Interpolating};
-use firmware::groups::cia402::Cia402;
+use families::{CyclicServos, Family, InterpolatingServos};
 use firmware::groups::mit::Mit;
 use firmware::groups::odrive::Odrive;
 use firmware::groups::powercube::PowerCubes;
@@ -210,17 +209,17 @@ fn jog_that_is_stopped_at_once_leaves_room_for_the_next_ones() {
         (45, next),
         (70, Act::Prepare),
     ];
-    assert_eq!(keeps_with::<Cia402>([1140, 96], 86, &steps).jogs, 3);
+    assert_eq!(keeps_with::<CyclicServos>([1140, 96], 86, &steps).jogs, 3);
 }
 
 #[test]
 fn drawn_steps_with_canopen_servos_break_no_rule() {
-    check::<Cia402>(6, seeds("0..167"));
+    check::<CyclicServos>(6, seeds("0..167"));
 }
 
 #[test]
 fn drawn_steps_with_modules_that_interpolate_break_no_rule() {
-    check::<Interpolating>(6, seeds("0..167"));
+    check::<InterpolatingServos>(6, seeds("0..167"));
 }
 
 #[test]

@@ -25,7 +25,6 @@ pub(crate) enum Rule {
     Contract,
 }
 
-/// A rule that was broken.
 #[derive(Clone, Debug)]
 pub(crate) struct Violation {
     pub(crate) rule: Rule,

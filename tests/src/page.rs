@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-/// Text of the page.
 #[must_use]
 pub fn text() -> String {
     std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/trust.md")).unwrap()

@@ -316,7 +316,6 @@ impl Leader {
     }
 }
 
-/// See [`crate::group::DriveGroup::check_drive`].
 /// Limits of fingers that a motor moves between two angles, with those of a joint for the rest.
 pub(super) fn finger_limits(own: &JointSettings, [one, other]: [f32; 2], v_max_rad_s: f32) -> JointSettings {
     JointSettings {
@@ -329,6 +328,7 @@ pub(super) fn finger_limits(own: &JointSettings, [one, other]: [f32; 2], v_max_r
     }
 }
 
+/// See [`crate::group::DriveGroup::check_drive`].
 pub(super) fn check_drive(joint: JointIndex, is_homed: bool, is_fit: bool) -> Result<(), Refusal> {
     match (is_homed, is_fit) {
         (false, _) => Err(Refusal::at(Cause::NotHomed, joint)),

@@ -21,7 +21,6 @@ pub struct BitRateError {
     pub bit_rate_bit_s: u32,
 }
 
-/// Options of a bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BusConfig {
     /// Bits per second, 10 000 to 1 000 000, such that a bit is a whole number of nanoseconds.

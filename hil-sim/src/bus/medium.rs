@@ -200,7 +200,6 @@ impl Bus {
         &self.ports[port].stats
     }
 
-    /// Queue of a node.
     pub fn queue(&self, port: usize) -> &TxQueue {
         &self.ports[port].queue
     }

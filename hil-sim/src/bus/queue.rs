@@ -14,7 +14,6 @@ pub enum TxOrder {
     Priority,
 }
 
-/// A frame that waits.
 #[derive(Clone, Copy, Debug)]
 pub struct Waiting {
     pub frame: Frame,

@@ -49,7 +49,6 @@ pub struct IdRow {
     pub errors: ErrorCounts,
 }
 
-/// Figures of one node.
 #[derive(Clone, Debug, Serialize)]
 pub struct NodeRow {
     /// What people call it.

@@ -78,18 +78,12 @@ pub enum CellError {
         "robot {robot} has no drives: give each [[joint]] of its file a [joint.drive], {} table",
         robot_model::motor_tables()
     )]
-    NoDrives {
-        /// Name of the robot.
-        robot: String,
-    },
+    NoDrives { robot: String },
     /// The release between fingers was requested, but the robot file does not describe the fingers.
     #[error(
         "robot {robot} says nothing about its fingers: give its file a [fingers] table, or leave the finger release out"
     )]
-    NoFingers {
-        /// Name of the robot.
-        robot: String,
-    },
+    NoFingers { robot: String },
     /// A drive's address is not 1 to 31, or taken.
     #[error("drive address {address} of joint {joint} is outside 1..=31 or used twice")]
     Address {
@@ -97,7 +91,6 @@ pub enum CellError {
         joint: usize,
         address: u8,
     },
-    /// Motors that are not simulated.
     #[error("{0}")]
     Motors(String),
     /// The start pose has another number of joints, or a value is not a number.

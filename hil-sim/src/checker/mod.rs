@@ -39,7 +39,6 @@ pub struct Violation {
     pub at_us: u64,
     /// Which module, if it is about one.
     pub module: Option<u8>,
-    /// What, with the numbers.
     pub what: String,
 }
 
@@ -85,21 +84,18 @@ pub trait Checker: fmt::Debug + Send {
     }
 }
 
-/// All checkers of a run.
 #[derive(Debug, Default)]
 pub struct Checkers {
     entries: Vec<(Box<dyn Checker>, Findings)>,
     finished: bool,
 }
 
-/// What one checker found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CheckResult {
     pub check: Check,
     pub violations: u64,
     /// True if the scenario expects a violation.
     pub expected_to_trip: bool,
-    /// The first of them.
     pub first: Vec<Violation>,
 }
 

@@ -48,7 +48,6 @@ impl Failure {
         Self { next: next.into(), ..self }
     }
 
-    /// Prints it.
     pub(super) fn print(&self) {
         if let Some(text) = &self.text {
             let next = self.next.as_ref().map_or_else(String::new, |next| format!("\n  next: {next}"));

@@ -70,7 +70,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-fn address(text: &str) -> Result<SocketAddr, Failure> {
+/// Address of `HOST:PORT`.
+pub(super) fn address(text: &str) -> Result<SocketAddr, Failure> {
     let wrong = |why: String| {
         Failure::new(Code::Bus, &format!("{text}: {why}"))
             .next("give HOST:PORT, for example 127.0.0.1:5000".to_owned())

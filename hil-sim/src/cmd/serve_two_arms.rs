@@ -15,7 +15,7 @@
 //! seed alone.
 
 use std::collections::VecDeque;
-use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
+use std::net::{SocketAddr, UdpSocket};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -36,6 +36,7 @@ use serde_json::{Value, json};
 
 use super::exit::{Code, Failure};
 use super::progress::{Interrupt, say};
+use super::serve_tracker::address;
 
 /// Both arms stand upright at the beginning, deg.
 const STANDING_DEG: [f64; 6] = [0.0, -90.0, -90.0, 0.0, 0.0, 0.0];
@@ -85,7 +86,6 @@ struct ArmNow {
     closed_at: Option<Instant>,
 }
 
-/// The bus of an arm in its thread.
 struct ArmBus {
     samples: Receiver<ArmNow>,
     waiting: VecDeque<ArmNow>,
@@ -352,7 +352,6 @@ impl Live {
         Ok(())
     }
 
-    /// A step of the arms that are there.
     fn step(&mut self, arms: impl Iterator<Item = ArmNow>) {
         let mut to = self.cell.now();
         for (k, arm) in (self.first..).zip(arms) {
@@ -513,13 +512,4 @@ fn six(text: &str) -> Result<[f64; 6], String> {
 fn seconds(text: &str) -> Result<f64, String> {
     let seconds = text.parse().ok().filter(|s: &f64| (0.0..=86_400.0).contains(s));
     seconds.ok_or_else(|| "seconds from 0 to 86400".to_owned())
-}
-
-fn address(text: &str) -> Result<SocketAddr, Failure> {
-    let wrong = |why: String| {
-        Failure::new(Code::Bus, &format!("{text}: {why}"))
-            .next("give HOST:PORT, for example 127.0.0.1:5000".to_owned())
-    };
-    let mut found = text.to_socket_addrs().map_err(|error| wrong(error.to_string()))?;
-    found.next().ok_or_else(|| wrong("no address".to_owned()))
 }

@@ -48,7 +48,6 @@ pub(crate) trait ArmMotor: ShaftMotor + Any {
     }
 }
 
-/// What the motors of an arm start from.
 pub(crate) struct Start<'a> {
     pub(crate) robot: &'a RobotModel,
     pub(crate) mechanics: &'a MechanicsOptions,
@@ -68,7 +67,6 @@ struct Fingers {
     rotor_kg_m2: f64,
     travel: FingerTravel,
     is_open: bool,
-    /// When that changed.
     changed: Instant,
 }
 
@@ -92,7 +90,6 @@ impl Arm {
         self
     }
 
-    /// The motors of one kind.
     pub(crate) fn motors_mut<M: Any>(&mut self) -> impl Iterator<Item = &mut M> {
         self.motors.iter_mut().filter_map(|motor| (&mut **motor as &mut dyn Any).downcast_mut())
     }

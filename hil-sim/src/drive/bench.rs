@@ -47,7 +47,6 @@ impl<M: ShaftMotor> Bench<M> {
         }
     }
 
-    /// The motors, as they were given.
     pub fn motors_mut(&mut self) -> &mut [M] {
         &mut self.motors
     }

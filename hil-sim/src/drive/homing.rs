@@ -27,7 +27,6 @@ pub(super) enum HomingPhase {
     Stop,
 }
 
-/// A homing run.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Homing {
     pub(super) phase: HomingPhase,

@@ -84,7 +84,6 @@ pub enum HomeWhenHalted {
 /// What keeps the watchdog quiet.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SignOfLife {
-    /// The refresh command only.
     #[default]
     Refresh,
     /// Every frame to this module or to all.
@@ -125,7 +124,6 @@ pub struct DriveOptions {
     pub beyond_soft_limit: BeyondSoftLimit,
     /// Answers to requests that are not obeyed.
     pub refusal: RefusedReply,
-    /// Frames that are no request.
     pub unknown: UnknownRequest,
     /// Written parameters at power-off.
     pub persistence: Persistence,
@@ -202,7 +200,6 @@ impl Default for DriveOptions {
 /// Data engraved on a module, or given by its machine. All at the joint.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Nameplate {
-    /// Address on the bus.
     pub address: ModuleId,
     pub module: String,
     pub serial: u32,

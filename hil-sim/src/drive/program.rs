@@ -68,7 +68,6 @@ impl Step {
     }
 }
 
-/// Shape of a loop motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum LoopShape {
     /// `(1 - cos) / 2`.

@@ -15,9 +15,7 @@
 /// Input of the position loop at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Setpoint {
-    /// Position, rad.
     pub q_rad: f64,
-    /// Velocity, rad/s.
     pub v_rad_s: f64,
     /// Acceleration, rad/s²; at a corner the one after it.
     pub a_rad_s2: f64,

@@ -210,7 +210,6 @@ impl PowerCubeDrive {
         drive
     }
 
-    /// The address it answers on.
     pub fn address(&self) -> ModuleId {
         self.address
     }
@@ -230,7 +229,6 @@ impl PowerCubeDrive {
         self.shown_outputs()
     }
 
-    /// When the outputs changed last.
     pub fn outputs_changed(&self) -> Instant {
         self.outputs_changed
     }

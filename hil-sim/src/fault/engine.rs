@@ -66,7 +66,6 @@ pub struct FaultCount {
     pub frames: u64,
 }
 
-/// The faults of a run.
 #[derive(Clone, Debug, Default)]
 pub struct Engine {
     entries: Vec<Entry>,

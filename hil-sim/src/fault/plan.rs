@@ -45,7 +45,6 @@ impl IdFilter {
     }
 }
 
-/// Which part of an answer is wrong.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum WrongPart {
     /// The value: a random bit behind command and parameter.
@@ -93,7 +92,6 @@ pub enum WireFault {
     },
 }
 
-/// Either kind of fault.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FaultKind {
     /// Between node and bus.
@@ -137,7 +135,6 @@ pub struct Fault {
     pub target: Target,
     /// Frames concerned, for faults that act on frames; `None`: all frames.
     pub filter: Option<IdFilter>,
-    /// From when on.
     pub start: Instant,
     /// Begin of the fault, counted from the throw. In a run with a throw it replaces `start`.
     pub at: Option<ThrowTime>,

@@ -119,7 +119,6 @@ impl<C: Client> Bench<C> {
         self.now
     }
 
-    /// Runs until `until`.
     pub fn run(&mut self, until: Instant) {
         while let Some(due) = self.next().filter(|due| *due <= until) {
             self.now = due;
@@ -139,7 +138,6 @@ impl<C: Client> Bench<C> {
         self.now = until;
     }
 
-    /// Runs for `cycles` cycles.
     pub fn run_cycles(&mut self, cycles: u64) {
         let until = self.now + self.krc.options().cycle * cycles;
         self.run(until);

@@ -92,9 +92,6 @@ pub struct Krc {
 
 impl Krc {
     /// At rest in its start pose, without a running program.
-    ///
-    /// # Errors
-    /// The options or the configuration file are not possible.
     pub fn new(model: RobotModel, config: Config, options: KrcOptions, seed: u64) -> Result<Self, KrcError> {
         let axis_places = check::servable(&config, &options, &model).map_err(KrcError::Options)?;
         let start = options.start_deg;

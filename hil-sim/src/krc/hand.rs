@@ -23,7 +23,6 @@ impl Hand {
         Self { options, gripper: Gripper::new(options.gripper, seed), outputs: 0, released: None }
     }
 
-    /// The fingers are open.
     pub fn is_open(&self) -> bool {
         self.gripper.is_open()
     }

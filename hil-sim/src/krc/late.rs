@@ -7,7 +7,6 @@ use super::options::LateOptions;
 /// What one more answer, in time or late, means.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LateVerdict {
-    /// The counter is over its limit.
     pub over_limit: bool,
     /// The share of late answers has just come over the limit in percent.
     pub over_percent: bool,

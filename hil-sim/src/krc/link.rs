@@ -31,7 +31,6 @@ pub enum LinkFaultKind {
     WithoutAxes,
 }
 
-/// A fault of the network.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinkFault {
     pub kind: LinkFaultKind,

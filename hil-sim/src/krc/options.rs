@@ -35,7 +35,6 @@ pub struct CorrectionOptions {
     pub relative: bool,
     /// Lower limits of the correction object, from the start pose; a smaller offset is clamped silently.
     pub lower: [f64; 6],
-    /// Upper limits.
     pub upper: [f64; 6],
     /// Overall limit: a larger offset of an axis is a fault, degrees.
     pub overall_axis_deg: f64,
@@ -105,7 +104,6 @@ pub struct KrcOptions {
     pub window: Duration,
     /// Number of the first telegram.
     pub ipoc_start: u64,
-    /// Decimals of the telegrams.
     pub decimals: u8,
     /// Line feeds after each telegram on TCP.
     pub tcp_line_feeds: usize,
@@ -115,7 +113,6 @@ pub struct KrcOptions {
     pub start_deg: [f64; 6],
     pub correction: CorrectionOptions,
     pub late: LateOptions,
-    /// Lag of the axes.
     pub lag: LagOptions,
     /// Limits of the drives.
     pub cut_out: CutOut,

@@ -56,7 +56,6 @@ pub type KrcScenarioError = DocumentError<Problem>;
 /// Everything that a run depends on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KrcScenario {
-    /// File it came from.
     pub file: String,
     /// Built-in name or path of the robot file.
     pub robot: String,
@@ -76,9 +75,6 @@ pub struct KrcScenario {
 
 impl KrcScenario {
     /// Reads a file and the configuration file that it names.
-    ///
-    /// # Errors
-    /// A file cannot be read, or its content is not a possible scenario.
     pub fn load(path: &Path) -> Result<Self, KrcScenarioError> {
         let file = path.display().to_string();
         let text = read(path)?;
@@ -91,9 +87,6 @@ impl KrcScenario {
     /// A controller that comes with this program, with the program of `robots/kr16_2`: `kr-c2` (UDP), `kr-c2-tcp`,
     /// `kr-c4` (4 ms) or `kr-c4-12ms`. Each has 120 ms of lag, some noise, and a gripper whose delay varies by 10
     /// ms. Any other name is the path of a file.
-    ///
-    /// # Errors
-    /// As [`KrcScenario::load`].
     pub fn open(source: &str) -> Result<Self, KrcScenarioError> {
         const UDP: &str = include_str!("../../../robots/kr16_2/rsi_udp.xml");
         const TCP: &str = include_str!("../../../robots/kr16_2/rsi_tcp.xml");
@@ -108,9 +101,6 @@ impl KrcScenario {
     }
 
     /// Reads a text; `file` is its name in errors, `read_config` returns the text of the configuration file.
-    ///
-    /// # Errors
-    /// The content is not a possible scenario.
     pub fn from_toml(
         file: &str,
         text: &str,

@@ -58,7 +58,6 @@ pub enum ServeError {
     Unreachable {
         /// Address of the client.
         pc: SocketAddr,
-        /// Error of the system.
         error: std::io::Error,
     },
     /// The program cannot start.

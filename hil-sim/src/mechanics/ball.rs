@@ -30,7 +30,6 @@ pub struct Flight {
 /// A plane that a ball passes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
-    /// A point of it, m.
     pub point_m: Vector3<f64>,
     /// Its normal, to the side from which the ball comes; of any length but zero.
     pub normal: Vector3<f64>,
@@ -39,9 +38,7 @@ pub struct Plane {
 /// Where and when a flight met a plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Landing {
-    /// Position, m.
     pub p_m: Vector3<f64>,
-    /// Velocity, m/s.
     pub v_m_s: Vector3<f64>,
     /// Time since release, s.
     pub t_s: f64,

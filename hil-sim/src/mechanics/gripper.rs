@@ -116,7 +116,6 @@ impl Gripper {
         matches!(self.fingers, Fingers::Open { .. })
     }
 
-    /// The last order was to open.
     pub fn is_ordered_open(&self) -> bool {
         self.ordered_open
     }

@@ -33,7 +33,6 @@ impl Default for BallOptions {
     }
 }
 
-/// What a surface does to a ball.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
     /// Speed after over speed before a bounce, 0..=1.
@@ -49,11 +48,8 @@ pub struct Surface {
 /// State of a loose ball, in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LooseBall {
-    /// Centre, m.
     pub p_m: Vector3<f64>,
-    /// Velocity, m/s.
     pub v_m_s: Vector3<f64>,
-    /// Spin, rad/s.
     pub spin_rad_s: Vector3<f64>,
 }
 
@@ -66,7 +62,6 @@ pub struct Hit {
     pub depth_m: f64,
     /// Velocity of the surface at the contact, m/s.
     pub surface_v_m_s: Vector3<f64>,
-    /// Kind of the surface.
     pub surface: Surface,
 }
 

@@ -59,9 +59,7 @@ impl Energy {
 /// The ball's place in the hand, in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandPoint {
-    /// Position, m.
     pub p_m: Vector3<f64>,
-    /// Velocity, m/s.
     pub v_m_s: Vector3<f64>,
 }
 
@@ -128,6 +126,5 @@ pub trait Plant {
     /// Energies; rotors included.
     fn energy(&self) -> Energy;
 
-    /// The fault that stopped the plant.
     fn fault(&self) -> Option<PlantFault>;
 }

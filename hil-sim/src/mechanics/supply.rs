@@ -25,7 +25,6 @@ impl Default for SupplyOptions {
     }
 }
 
-/// One supply and its state.
 #[derive(Clone, Debug)]
 pub struct Supply {
     nominal_v: f64,

@@ -38,7 +38,6 @@ struct Lane {
 }
 
 impl Gateway {
-    /// Queues a frame of a client.
     pub(super) fn take(&mut self, client: Option<ClientId>, frame: Frame) {
         match self.lanes.iter_mut().find(|lane| lane.client == client) {
             Some(lane) => lane.frames.push_back(frame),
@@ -46,7 +45,6 @@ impl Gateway {
         }
     }
 
-    /// Clients with their frames that wait in the gateway.
     pub(super) fn waiting(&self) -> Vec<(Option<ClientId>, usize)> {
         self.lanes.iter().map(|lane| (lane.client, lane.frames.len())).collect()
     }
@@ -138,7 +136,6 @@ impl Endpoint {
     }
 }
 
-/// Input of an endpoint.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Visit {
     /// A client came.

@@ -54,7 +54,6 @@ impl MixedTime {
 /// Drives answer within a few milliseconds, and the queue of a gateway is empty after that time too.
 const QUIET: Duration = Duration::from_millis(20);
 
-/// Clients in lock step.
 pub(super) struct LockStep {
     /// Time stands while fewer take part.
     clients_min: usize,

@@ -48,7 +48,6 @@ pub enum RealtimeError {
     /// The link of a joined bus has failed.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// Waiting failed.
     #[error("cannot wait for the link: {0}")]
     Wait(#[from] io::Error),
 }
@@ -147,10 +146,6 @@ impl std::fmt::Display for Lag {
 impl<A: Participants> Realtime<A> {
     /// Connects `participants` to a bus whose time 0 is that of `clock`, with a gateway behind each of `endpoints`.
     /// `seed` feeds the faults' random streams.
-    ///
-    /// # Errors
-    ///
-    /// As [`World::new`].
     pub fn new(
         participants: A,
         config: BusConfig,
@@ -207,7 +202,6 @@ impl<A: Participants> Realtime<A> {
         &mut self.world
     }
 
-    /// The endpoints, as given.
     pub fn endpoints(&self) -> impl Iterator<Item = &Endpoint> {
         self.ports.iter().map(|port| &port.endpoint)
     }

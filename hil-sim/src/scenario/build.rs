@@ -52,12 +52,10 @@ impl Scenario {
             .map_err(|error| BuildError::World { file: self.file.clone(), error })
     }
 
-    /// The cell on its bus with the scripted host.
     pub fn world(&self) -> Result<World<CellWith<ScriptedHost>>, BuildError> {
         self.world_with(Solo::new("host", ScriptedHost::new(&self.actions)))
     }
 
-    /// The checkers that the scenario lists.
     pub fn checkers(&self, cell: &Cell) -> Checkers {
         let data_bit_rate_bit_s = cell.data_bit_rate_bit_s();
         Checkers::new(&self.expect, &limits_of(cell), &BusConfig { data_bit_rate_bit_s, ..self.bus })

@@ -86,7 +86,6 @@ pub struct Action {
 /// Everything that a run depends on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scenario {
-    /// File it came from.
     pub file: String,
     /// What people call it.
     pub name: String,
@@ -96,7 +95,6 @@ pub struct Scenario {
     pub seed: u64,
     /// Length of the run.
     pub duration: Duration,
-    /// Options of the bus.
     pub bus: BusConfig,
     /// Options of drives, mechanics, supplies and gripper.
     pub cell: CellOptions,
@@ -125,9 +123,6 @@ impl Default for Scenario {
 
 impl Scenario {
     /// Reads a file.
-    ///
-    /// # Errors
-    /// The file cannot be read, or its content is not a possible scenario.
     pub fn load(path: &Path) -> Result<Self, ScenarioError> {
         let file = path.display().to_string();
         match toml_reader::read_text(path, toml_reader::DESCRIPTION_MAX_BYTES) {
@@ -137,9 +132,6 @@ impl Scenario {
     }
 
     /// Reads a text; `file` is its name in errors.
-    ///
-    /// # Errors
-    /// The content is not a possible scenario.
     pub fn from_toml(file: &str, text: &str) -> Result<Self, ScenarioError> {
         let source = Source { file, text };
         let document = source.parse()?;

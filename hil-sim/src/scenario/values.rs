@@ -32,9 +32,6 @@ pub(super) fn frames(value: &Value<'_>) -> Result<Vec<Frame>, ScenarioError> {
 }
 
 /// Reads `0E5#084F0000803E`, the frame field of a candump line.
-///
-/// # Errors
-/// The text is not a frame.
 pub fn parse_frame(text: &str) -> Result<Frame, Problem> {
     let line = format!("(0.0) can0 {text}");
     match Record::parse(line.as_bytes()) {

@@ -2,7 +2,6 @@
 
 use protocol::{Duration, Instant};
 
-/// How a body moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BodyMotion {
     /// Position at time zero, mm.
@@ -73,7 +72,6 @@ pub enum TrackerFaultKind {
     Restart,
 }
 
-/// A fault, and when.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackerFault {
     pub kind: TrackerFaultKind,
@@ -97,13 +95,10 @@ pub struct TrackerOptions {
     pub noise_mm: f64,
     /// Standard deviation of rotations about each axis, degrees.
     pub noise_deg: f64,
-    /// Number of the first frame.
     pub first_frame: u64,
     /// Unix time at time zero, microseconds; gives `ts` and `ts2`.
     pub unix_us: u64,
-    /// Send the line `ts`.
     pub send_ts: bool,
-    /// Send the line `ts2`.
     pub send_ts2: bool,
     /// Send the line `3d`.
     pub send_markers: bool,

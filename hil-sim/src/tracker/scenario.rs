@@ -52,9 +52,6 @@ pub struct TrackerScenario {
 
 impl TrackerScenario {
     /// Reads a file.
-    ///
-    /// # Errors
-    /// The file cannot be read, or its content is not a possible scenario.
     pub fn load(path: &Path) -> Result<Self, TrackerScenarioError> {
         let file = path.display().to_string();
         match read_text(path, DESCRIPTION_MAX_BYTES) {
@@ -64,9 +61,6 @@ impl TrackerScenario {
     }
 
     /// Reads a text; `file` is its name in errors.
-    ///
-    /// # Errors
-    /// The content is not a possible scenario.
     pub fn from_toml(file: &str, text: &str) -> Result<Self, TrackerScenarioError> {
         let source = Source { file, text };
         let document = source.parse()?;

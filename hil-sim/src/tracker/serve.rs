@@ -19,7 +19,6 @@ const LONGEST_SLEEP: Duration = Duration::from_millis(50);
 pub struct ServeError {
     /// The address that cannot be used.
     pub address: SocketAddr,
-    /// Error of the system.
     pub error: io::Error,
 }
 
@@ -39,7 +38,6 @@ pub struct Served {
     pub connections: u64,
 }
 
-/// The sockets of a tracker.
 #[derive(Debug)]
 pub struct Sockets {
     listener: TcpListener,
@@ -50,9 +48,6 @@ pub struct Sockets {
 
 impl Sockets {
     /// Listens for commands at `command`; data leave from any port.
-    ///
-    /// # Errors
-    /// The address is not available.
     pub fn bind(command: SocketAddr) -> Result<Self, ServeError> {
         let bind = || {
             let listener = TcpListener::bind(command)?;
@@ -66,10 +61,6 @@ impl Sockets {
         bind().map_err(|error| ServeError { address: command, error })
     }
 
-    /// Address at which it listens for commands.
-    ///
-    /// # Errors
-    /// The system does not report the address.
     pub fn command_address(&self) -> io::Result<SocketAddr> {
         self.listener.local_addr()
     }

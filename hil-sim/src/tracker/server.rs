@@ -37,7 +37,6 @@ struct Channel {
     active: bool,
 }
 
-/// A simulated tracker.
 #[derive(Clone, Debug)]
 pub struct Tracker {
     options: TrackerOptions,
@@ -211,7 +210,6 @@ impl Tracker {
         }
     }
 
-    /// An answer for a command connection.
     pub fn poll_answer(&mut self) -> Option<(Connection, Vec<u8>)> {
         self.answers.pop_front()
     }

@@ -10,9 +10,7 @@ type Place = dyn Fn(&[f64]) -> Placed + Send;
 
 /// What stands behind the bus: names, addresses and kinematics of the joints.
 pub struct Machine {
-    /// Name of the robot.
     pub robot: String,
-    /// Names of the joints.
     pub joints: Vec<String>,
     /// Address of the drive of each joint; empty if the robot file has none.
     pub addresses: Vec<u8>,

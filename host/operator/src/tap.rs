@@ -17,33 +17,20 @@ pub enum Way {
 /// Sees everything that passes, in order.
 pub trait Tap {
     /// A frame. An error ends the session after the arm was stopped.
-    ///
-    /// # Errors
-    /// Error of the medium of the recording.
     fn frame(&mut self, at: Instant, way: Way, frame: &Frame) -> io::Result<()>;
 
-    /// An error of the bus.
-    ///
-    /// # Errors
-    /// As [`Tap::frame`].
     fn bus_error(&mut self, at: Instant, error: &BusError) -> io::Result<()> {
         let _ = (at, error);
         Ok(())
     }
 
     /// All events up to `now` were reported: later ones have this time or a later one.
-    ///
-    /// # Errors
-    /// As [`Tap::frame`].
     fn time(&mut self, now: Instant) -> io::Result<()> {
         let _ = now;
         Ok(())
     }
 
     /// The session ends: everything must be on the disk when this returns.
-    ///
-    /// # Errors
-    /// As [`Tap::frame`].
     fn finish(&mut self) -> io::Result<()> {
         Ok(())
     }

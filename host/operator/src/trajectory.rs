@@ -101,7 +101,6 @@ pub fn standing_within(
 /// A motion as a controller takes it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Encoded {
-    /// The trajectory file.
     pub file: Vec<u8>,
     /// The segments with which it continues while it runs; empty for a motion that fits a file.
     pub segments: Vec<Segment>,

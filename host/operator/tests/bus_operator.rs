@@ -46,7 +46,9 @@ fn a_trajectory_is_uploaded_committed_armed_run_and_followed_to_its_end() {
     session.arm(node, &name).unwrap();
     let mut states = Vec::new();
     let end = session
-        .run_trajectory(node, &name, Duration::from_secs(5), &mut |_, group| states.push(group.state))
+        .run_trajectory_at(node, &name, None, Duration::from_secs(5), &[], &mut |_, group| {
+            states.push(group.state);
+        })
         .unwrap();
     assert_eq!(end.state, State::Ready);
     assert!(states.contains(&State::Running), "{states:?}");
@@ -57,9 +59,9 @@ fn a_plan_that_begins_elsewhere_and_a_damaged_file_are_refused_with_cause_and_ne
     let (mut session, node) = homed();
     let mut file = standing(&mut session, 0.2);
     let name = session.upload(node, &file, &mut |_, _| {}).unwrap();
-    let refused = session
-        .arm(node, &name)
-        .and_then(|()| session.run_trajectory(node, &name, Duration::from_secs(5), &mut |_, _| {}).map(drop));
+    let refused = session.arm(node, &name).and_then(|()| {
+        session.run_trajectory_at(node, &name, None, Duration::from_secs(5), &[], &mut |_, _| {}).map(drop)
+    });
     let error = refused.unwrap_err();
     assert!(error.to_string().contains("is not where the plan begins"), "{error}");
     assert!(error.next().unwrap().starts_with("move there first: `cubectl throw --plan`"), "{error}");
@@ -80,7 +82,9 @@ fn a_run_that_is_stopped_in_its_first_moments_ends_with_its_fault_which_can_be_c
     silent.start = session.now();
     session.sim().unwrap().world().add_fault(silent).unwrap();
     let begun = session.now();
-    let error = session.run_trajectory(node, &name, Duration::from_secs(60), &mut |_, _| {}).unwrap_err();
+    let error = session
+        .run_trajectory_at(node, &name, None, Duration::from_secs(60), &[], &mut |_, _| {})
+        .unwrap_err();
     let OperatorError::Stopped { state: State::Fault, cause, .. } = error else { panic!("{error}") };
     assert!(session.now().saturating_since(begun) < Duration::from_secs(2));
 
@@ -170,7 +174,8 @@ fn a_controller_with_a_key_runs_for_the_session_with_the_key_and_for_no_other() 
     session.set_key(Some(Key::new(key)));
     let name = session.upload(node, &file, &mut |_, _| {}).unwrap();
     session.arm(node, &name).unwrap();
-    let end = session.run_trajectory(node, &name, Duration::from_secs(5), &mut |_, _| {}).unwrap();
+    let end =
+        session.run_trajectory_at(node, &name, None, Duration::from_secs(5), &[], &mut |_, _| {}).unwrap();
     assert_eq!(end.state, State::Ready);
     session.set_register(node, "joint.v_max_rad_s", &narrow).unwrap();
     session.write_key(node, &[]).unwrap();

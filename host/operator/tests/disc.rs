@@ -34,7 +34,6 @@ fn executed(case: &Case, lost: Option<DriveLost>) -> Judged {
     run(&case.robot, &case.arm, &case.path, &case.plan, lost).unwrap()
 }
 
-/// A throw of one's own.
 fn own(start_m: [f64; 3], velocity_m_s: [f64; 3]) -> Throw {
     Throw { start_m: start_m.into(), velocity_m_s: velocity_m_s.into() }
 }

@@ -41,7 +41,6 @@ fn robot_follows_the_flight_and_the_ball_lands_at_the_target() {
     assert!((1e-4..0.6).contains(&worst), "{worst}");
 }
 
-/// Seeds of the table.
 const SEEDS: u64 = 200;
 
 /// Median, 95 % and largest landing error over the seeds, m, and the share of bottles hit.

@@ -9,7 +9,6 @@ use clap_complete::env::Shells;
 use crate::error::ExpectedError;
 use crate::exit;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Which shell.
@@ -30,9 +29,6 @@ fault numbers and files."
 }
 
 /// Writes the script of `program`, which is asked through the environment variable `variable`.
-///
-/// # Errors
-/// The terminal cannot be written to.
 pub fn run(args: &Args, program: &str, variable: &str) -> Result<(), ExpectedError> {
     let shell = args.shell.to_possible_value();
     let shells = Shells::builtins();

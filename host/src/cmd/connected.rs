@@ -35,9 +35,6 @@ impl<'s, 'a> Connected<'s, 'a> {
 
     /// Where the next motion begins, rad. A robot that is led may still be on its way to its start pose: it is not kept waiting while
     /// a motion is planned. Any other arm is made ready.
-    ///
-    /// # Errors
-    /// As [`Connected::ready`].
     pub fn begin(&mut self, homes: bool, ui: OnProgress<'_>) -> Result<JointVec, ExpectedError> {
         match self.operator.foreseen_pose() {
             Some(foreseen) => Ok(self.near_end(foreseen)),

@@ -27,7 +27,6 @@ const BOOT_MAX: Duration = Duration::from_secs(20);
 /// Which controller moves the arm.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct ControllerArgs {
-    /// Key of the controller.
     #[command(flatten)]
     pub key: KeyArgs,
     /// Controller: `soft` for one in this program, or the Cyphal node-ID of one on the bus. Default: the one that is heard,
@@ -205,9 +204,6 @@ impl Controlled {
 
     /// Ends in order. A controller in this program switches the watchdogs of its drives off first, so that they do not
     /// stop for want of it. After a stop or a fault the drives are halted and stay so: nothing is written to them.
-    ///
-    /// # Errors
-    /// The bus, or a recording that cannot be written.
     pub(super) fn finish(mut self) -> Result<(), ExpectedError> {
         let state = self.session.group().map(|group| group.state);
         if self.soft && matches!(state, Some(State::Idle | State::Ready)) {

@@ -15,7 +15,6 @@ use crate::exit;
 use operator::bus::BusArgs;
 use operator::dialogue::history::{Frozen, describe, events, table};
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl explain 502\n  cubectl explain DriveTowError\n  cubectl explain COMM_ERROR            # a word of a module's state\n  cubectl explain not homed\n  cubectl explain exit 7\n  cubectl explain faults                # what a scenario of the simulated cell can do\n  cubectl explain all\n  cubectl explain --last --bus can0    # freeze frame and last events of the controller\n  cubectl explain --last kr16          # the same of a throw over RSI, from its folder"
@@ -29,7 +28,6 @@ pub struct Args {
     /// folder of a throw or recording over RSI: of the controller that ran in this program then.
     #[arg(long, conflicts_with = "code", num_args = 0..=1, value_name = "FOLDER")]
     pub last: Option<Option<PathBuf>>,
-    /// Bus options.
     #[command(flatten)]
     pub bus: BusArgs,
     /// Cyphal node-ID of the controller. Default: the one that is heard.
@@ -102,10 +100,6 @@ fn history(frozen: Option<&Frozen>, trace: &[TraceEntry], whose: &str) -> String
     text
 }
 
-/// The text for `words`.
-///
-/// # Errors
-/// No such number or name.
 pub fn explain(words: &[&str]) -> Result<String, ExpectedError> {
     match words {
         ["exit"] => Ok(exit::TABLE.iter().map(exit_line).collect()),

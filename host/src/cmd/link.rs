@@ -108,7 +108,6 @@ pub enum Link {
     Led(Box<RobotLink>),
 }
 
-/// A link that has ended.
 pub struct Ended {
     pub(super) seen: Seen,
     /// Whether what was recorded is whole.
@@ -119,9 +118,6 @@ pub struct Ended {
 
 impl Link {
     /// Opens the link to `machine`; its exchange is kept in `folder`, if there is one.
-    ///
-    /// # Errors
-    /// The bus, the address, the cell or the recording.
     pub(super) fn open(
         on: &Target,
         machine: &Machine,
@@ -133,9 +129,6 @@ impl Link {
     }
 
     /// As `open`, with the file of the exchange; what is under way ends once `stop` is set. For programs that have handlers of signals of their own.
-    ///
-    /// # Errors
-    /// As `open`.
     pub fn open_until(
         on: &Target,
         machine: &Machine,
@@ -209,9 +202,6 @@ impl Ended {
     }
 
     /// Enters what is known of a robot that was led only now, and puts its motion into `folder`.
-    ///
-    /// # Errors
-    /// A file cannot be written.
     pub(super) fn keep(
         &mut self,
         machine: &Machine,

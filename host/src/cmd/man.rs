@@ -11,7 +11,6 @@ use super::completions::to_terminal;
 use crate::error::ExpectedError;
 use crate::exit;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl man | man -l -\n  cubectl man --dir ~/.local/share/man/man1      # one page per verb"
@@ -23,9 +22,6 @@ pub struct Args {
 }
 
 /// Runs the verb for the command line `command`.
-///
-/// # Errors
-/// A page cannot be written.
 pub fn run(args: &Args, mut command: Command) -> Result<(), ExpectedError> {
     command.build();
     let Some(dir) = &args.dir else {

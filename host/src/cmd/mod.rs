@@ -54,7 +54,6 @@ use robot_model::RobotModel;
 use crate::error::ExpectedError;
 use planner::follow::limits::AXES;
 
-/// The robot of a file.
 pub(crate) fn robot(robot: &str) -> Result<RobotModel, ExpectedError> {
     RobotModel::load(robot).map_err(|e| ExpectedError::bad_input(&e))
 }
@@ -78,7 +77,6 @@ pub(crate) fn fixed(value: f64, digits: usize) -> String {
     }
 }
 
-/// Prints a value as JSON.
 pub fn print_json(value: &serde_json::Value) {
     console::line!("{value:#}");
 }

@@ -14,7 +14,6 @@ use crate::exit;
 use operator::bus::{BusArgs, Session};
 use operator::dialogue::survey::ModuleReport;
 
-/// Version of the file.
 const SCHEMA_VERSION: u32 = 1;
 
 /// Parameters that are no settings although they can be written: motions, lines, commands in disguise; and tick forms
@@ -50,13 +49,11 @@ pub enum ModulesVerb {
     Show(modules_show::ShowArgs),
 }
 
-/// Arguments of `dump`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  cubectl modules dump arm.toml --bus can0")]
 pub struct DumpArgs {
     /// Where to; `-` is standard output. A file that exists is not overwritten.
     pub file: PathBuf,
-    /// Bus options.
     #[command(flatten)]
     pub bus: BusArgs,
     /// These modules. Default: all that are there.
@@ -64,24 +61,20 @@ pub struct DumpArgs {
     pub modules: Option<Modules>,
 }
 
-/// Arguments of `diff`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  cubectl modules diff arm.toml --bus can0")]
 pub struct FileArgs {
     /// File made by `config dump`.
     pub file: PathBuf,
-    /// Bus options.
     #[command(flatten)]
     pub bus: BusArgs,
 }
 
-/// Arguments of `restore`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  cubectl modules restore arm.toml --bus can0 --save")]
 pub struct RestoreArgs {
     /// File made by `config dump`.
     pub file: PathBuf,
-    /// Bus options.
     #[command(flatten)]
     pub bus: BusArgs,
     /// Also write them to the permanent storage of the modules.
@@ -102,13 +95,10 @@ pub struct ConfigFile {
     pub module: Vec<ModuleConfig>,
 }
 
-/// One module.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModuleConfig {
-    /// Address.
     pub address: u8,
-    /// Serial number.
     pub serial: u32,
     /// Firmware, four hexadecimal digits.
     pub firmware: String,
@@ -135,10 +125,6 @@ fn settings_of(report: &ModuleReport) -> Vec<Parameter> {
         .collect()
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// The bus, a module that does not answer or refuses, a bad file, or differences.
 pub fn run(verb: &ModulesVerb) -> Result<(), ExpectedError> {
     match verb {
         ModulesVerb::Dump(args) => dump(args),

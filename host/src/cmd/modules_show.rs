@@ -17,7 +17,6 @@ use crate::exit;
 /// Longest sheet, bytes: those of makers have some hundred thousand.
 const SHEET_MAX_BYTES: u64 = 4 << 20;
 
-/// Arguments of `show`.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example:\n  cubectl modules show --eds servo.eds --robot robots/canopen6.toml --node 3 --bus can0\n\n\
@@ -31,7 +30,6 @@ pub struct ShowArgs {
     /// Node of the servo. Default: all servos of the robot.
     #[arg(long, value_name = "NODE")]
     pub node: Option<u8>,
-    /// Bus options.
     #[command(flatten)]
     pub bus: BusArgs,
 }

@@ -19,7 +19,6 @@ use crate::error::ExpectedError;
 use crate::exit;
 use operator::job::{Extent, Order, Target, TargetError, perform};
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     group = clap::ArgGroup::new("goal").required(true).args(["joints", "by", "to", "pose"]),
@@ -48,7 +47,6 @@ pub struct Args {
     /// The place of --to is in the frame of the room, which this calibration of `cubectl tracker calibrate` relates to the robot.
     #[arg(long, value_name = "FILE", requires = "to")]
     pub calibration: Option<PathBuf>,
-    /// How fast, and around what.
     #[command(flatten)]
     pub bounds: Bounds,
     /// Seed of the search for a way around.
@@ -60,19 +58,12 @@ pub struct Args {
     /// Folder for plan.json, which `cubectl run` takes, and after the motion bus.log, bus.mcap, summary.json and report.html.
     #[arg(long, value_name = "DIR", conflicts_with = "record")]
     pub out: Option<PathBuf>,
-    /// File with named poses.
     #[command(flatten)]
     pub poses: PosesArgs,
-    /// The arm.
     #[command(flatten)]
     pub moving: Moving,
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// A place that cannot be reached, no way, the bus, a controller that refuses, a stop or fault on the way, or an arm that is not where
-/// it should be.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let Args { moving, bounds, .. } = args;
     let mut ui = moving.ui("The arm moves. Nobody near?", !args.dry_run)?;

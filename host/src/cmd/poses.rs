@@ -17,7 +17,6 @@ use toml_reader::{DESCRIPTION_MAX_BYTES, read_text};
 
 use crate::error::ExpectedError;
 
-/// Version of the file.
 const SCHEMA_VERSION: u32 = 1;
 
 /// Which file the named poses are in.
@@ -42,7 +41,6 @@ pub(super) struct Poses {
     pub(super) poses: Vec<NamedPose>,
 }
 
-/// A pose of one robot.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct NamedPose {

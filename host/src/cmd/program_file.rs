@@ -42,13 +42,11 @@ use super::poses::Poses;
 use super::target::scene;
 use crate::error::ExpectedError;
 
-/// Version of the file.
 const SCHEMA_VERSION: u32 = 1;
 const MEND: &str = "mend the program; nothing has moved";
 /// Longest pause, s.
 const WAIT_MAX_S: f64 = 3_600.0;
 
-/// A program as it is written.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ProgramFile {
@@ -195,7 +193,6 @@ impl ArmProgram {
         Self::of_file(file, path, robot)
     }
 
-    /// The program of a file that is at `path`.
     pub(super) fn of_file(
         file: ProgramFile,
         path: &Path,

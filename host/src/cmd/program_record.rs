@@ -49,7 +49,6 @@ pub(super) struct Done<'a> {
     pub(super) ended: Instant,
     /// Where the arm stands, rad.
     pub(super) q_rad: Joints,
-    /// Of a motion.
     pub(super) record: Option<(&'a Motion, Record)>,
 }
 

@@ -81,9 +81,6 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
 }
 
 /// Does the program of `args` on an arm that is connected; each row of `cycles.csv` goes to `keep`.
-///
-/// # Errors
-/// As the verb.
 pub fn on_arm(
     arm: &mut Connected<'_, '_>,
     args: &Args,

@@ -97,7 +97,6 @@ macro_rules! readers {
 }
 pub(crate) use readers;
 
-/// The names of all fields.
 fn names<A: DeserializeOwned>(command: &Command) -> Vec<&'static str> {
     let fields = Fields { command, data: &Map::new(), names: RefCell::default() };
     // A field that must be there is missed when all are known.

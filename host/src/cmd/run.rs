@@ -21,7 +21,6 @@ const START_IN_MAX_S: f64 = 29.0;
 /// Longest time from the planned end of a motion until its end is judged, s.
 const GOAL_TIME_MAX_S: f64 = 60.0;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example:\n  cubectl run plan.json --bus can0 --record throw1\n\nThe arm must be homed and stand where the plan begins (`cubectl throw --plan` moves it\nthere); to the first of waypoints it goes by itself. On every bus but `sim` it asks first; without a terminal it needs --yes. Ctrl-C stops it along its path."
@@ -32,7 +31,6 @@ pub struct Args {
     /// Do the steps of a program so often.
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub repeat: u32,
-    /// The arm.
     #[command(flatten)]
     pub moving: Moving,
     /// Begin the plan this many seconds after the order, at a time of the controller's clock; it waits armed.
@@ -44,15 +42,12 @@ pub struct Args {
     /// Folder for plan.json, bus.log, bus.mcap, summary.json and report.html; of a program cycles.csv instead of plan.json.
     #[arg(long, value_name = "DIR", conflicts_with = "record")]
     pub out: Option<PathBuf>,
-    /// How near to the motion.
     #[command(flatten)]
     pub tolerance: ToleranceArgs,
-    /// Times of waypoints.
     #[command(flatten)]
     pub retime: RetimeArgs,
 }
 
-/// Options of tolerances.
 #[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "Tolerances (as those of the JointTrajectoryController of ros2_control)")]
 pub struct ToleranceArgs {
@@ -89,10 +84,6 @@ impl ToleranceArgs {
     }
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// The file, the bus, no controller, its refusal, a stop or fault on the way, or an arm that does not follow.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if is_program(&args.file) {
         return program_run::run(args);

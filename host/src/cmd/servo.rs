@@ -30,7 +30,6 @@ const SHOWN_MAX: u64 = 5;
 /// Time between two looks at the input where the stream is ahead of it.
 const LOOK: WallTime = WallTime::from_millis(1);
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl servo path.jsonl --home                       # the simulated cell; each line has its time\n  ./my_program | cubectl servo --bus can0 --yes         # as the lines come, 10 to 200 a second\n\n\
@@ -49,7 +48,6 @@ pub struct Args {
     /// The arm; on the bus `sim` each command needs its t_s.
     #[command(flatten)]
     pub moving: Moving,
-    /// How fast, and around what.
     #[command(flatten)]
     pub bounds: Bounds,
     /// The arm comes to rest when no command has come for this long, s.
@@ -98,18 +96,11 @@ impl Asked {
 }
 
 /// Reads a line: its time, if it has one, and its command.
-///
-/// # Errors
-/// What is wrong with it.
 pub fn parse(line: &str) -> Result<(Option<f64>, Command), String> {
     let Line { t_s, command } = serde_json::from_str(line).map_err(|error| error.to_string())?;
     Ok((t_s, command.command()?))
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// The input, the bus, a controller that refuses, an arm that touches something where it stands, a stop or a fault.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let Args { moving, bounds, .. } = args;
     let mut ui = moving.ui("The arm follows the commands. Nobody near?", true)?;

@@ -25,7 +25,6 @@ const LAG_TOLD: Duration = Duration::from_millis(5);
 /// Time between two looks at Ctrl-C.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl sim                                  # then: cubectl status --bus socketcand://127.0.0.1:29536/can0\n  cubectl sim --bus slcan:/dev/ptmx --controller\n  cubectl sim --bus vcan0 --scenario hil-sim/scenarios/silent_joint.toml\n  cubectl sim --robot kr16_2 --rsi udp://127.0.0.1:49152 --tracker 127.0.0.1:5000"
@@ -58,10 +57,6 @@ pub struct Args {
     pub industrial: super::sim_robot::RobotArgs,
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// The place cannot be served, or the scenario or robot is bad.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if let Some(spec) = &args.industrial.rsi {
         let run = RobotRun {

@@ -21,7 +21,6 @@ use super::rsi::address_of;
 use crate::error::ExpectedError;
 use crate::exit;
 
-/// Radius of the bottle, m.
 const BOTTLE_M: f64 = 0.035;
 /// Where the bottle stands by default, m.
 const BOTTLE: [f64; 3] = [2.5, 0.0, 0.6];
@@ -32,7 +31,6 @@ const NEXT_RUN: std::time::Duration = std::time::Duration::from_millis(1_500);
 /// In lock step: longest wait for an answer of a client that has begun.
 const ANSWER_LIMIT: Duration = Duration::from_secs(60);
 
-/// Options of the industrial robot.
 #[derive(Debug, Clone, clap::Args)]
 #[command(next_help_heading = "An industrial robot (--rsi)")]
 pub struct RobotArgs {
@@ -75,9 +73,6 @@ pub struct RobotRun<'a> {
 }
 
 /// Serves until Ctrl-C, `--for-s` or `--runs`.
-///
-/// # Errors
-/// A file is refused, or an address cannot be had.
 pub fn run(args: &RobotRun<'_>, spec: &RsiSpec) -> Result<(), ExpectedError> {
     let mut scenario = match args.scenario {
         Some(path) => KrcScenario::load(path),
@@ -116,7 +111,6 @@ pub fn run(args: &RobotRun<'_>, spec: &RsiSpec) -> Result<(), ExpectedError> {
     })
 }
 
-/// The tracker and its sockets.
 fn tracker(args: &RobotRun<'_>, bottle_m: [f64; 3]) -> Result<Option<(Sockets, Tracker)>, ExpectedError> {
     let Some(data) = &args.industrial.tracker else { return Ok(None) };
     let resolve = |text: &str| -> Result<SocketAddr, ExpectedError> {

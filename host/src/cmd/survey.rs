@@ -33,7 +33,6 @@ impl std::str::FromStr for Modules {
     }
 }
 
-/// Nobody answered.
 pub(super) fn nobody(bus: &str) -> ExpectedError {
     ExpectedError::new(exit::DRIVE, format!("{bus}: no module answers")).next(
         "check the supply of the modules and the cable, and that the bus runs \
@@ -90,7 +89,6 @@ pub struct Wanted {
 }
 
 impl Wanted {
-    /// These.
     pub(super) fn named(modules: &[ModuleId]) -> Self {
         Self { modules: modules.to_vec(), robot: None }
     }
@@ -143,9 +141,6 @@ pub(super) enum Seen {
 
 /// Looks for the modules on a bus, or listens if another node speaks to them. `named` are those that must be there; without names
 /// those of the robot. With `shows` a progress bar appears on a terminal.
-///
-/// # Errors
-/// The bus cannot be reached, or nobody answers.
 pub(super) fn look(
     bus: &BusArgs,
     named: Option<&Modules>,
@@ -254,7 +249,6 @@ pub(super) struct Beside {
     pub(super) presence: Presence,
     /// The last state of the group that the controller sent.
     group: Option<GroupState>,
-    /// The modules that were heard.
     pub(super) modules: Vec<(ModuleId, Heard)>,
     /// When the listening ended.
     at: Instant,

@@ -16,7 +16,6 @@ use super::progress::{ProgressView, Ui};
 use super::web::WebArgs;
 use crate::error::ExpectedError;
 
-/// Which controller.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Target {
     /// Bus options; on the bus `sim` a controller is in the cell.
@@ -31,7 +30,6 @@ pub struct Target {
 }
 
 impl Target {
-    /// The session with the key.
     pub(super) fn session(&self) -> Result<Session, ExpectedError> {
         self.session_until(interrupt())
     }
@@ -65,7 +63,6 @@ impl Target {
 /// An arm that moves, and the person who lets it.
 #[derive(Debug, clap::Args)]
 pub struct Moving {
-    /// Bus and controller.
     #[command(flatten)]
     pub on: Target,
     /// Home what is not homed first.
@@ -77,7 +74,6 @@ pub struct Moving {
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
-    /// Live view in a browser.
     #[command(flatten)]
     pub web: WebArgs,
 }

@@ -42,7 +42,6 @@ const MOMENT: WallSpan = WallSpan::from_millis(5);
 const WAIT_S: f64 = 1.0;
 const HELP: &str = "1-8 joint   x y z hand along the base   X Y Z along itself   hold + l or - h to move   s save   o c gripper   w wait 1 s   u undo   q end";
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl teach pick.toml --home                # the simulated cell\n  cubectl teach pick.toml --bus can0 && cubectl run pick.toml --bus can0 --repeat 10\n\n\
@@ -54,7 +53,6 @@ the pause before a held key repeats may be at most 0.6 s."
 pub struct Args {
     /// Program that is written (TOML); `cubectl run` does it.
     pub file: PathBuf,
-    /// Bus and controller.
     #[command(flatten)]
     pub on: Target,
     /// Speed of a joint while a key is held, rad/s, at most 0.25.
@@ -241,7 +239,6 @@ struct Lesson<'a> {
     here: Joints,
     /// Why the steps are not in the file, if they are not.
     unwritten: Option<ExpectedError>,
-    /// The gripper was closed.
     closed: bool,
     view: View<'a>,
 }

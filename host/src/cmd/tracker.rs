@@ -69,13 +69,11 @@ pub enum TrackerVerb {
     Calibrate(CalibrateArgs),
 }
 
-/// Arguments of `show`.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl tracker show --tracker 0.0.0.0:5000\n  cubectl tracker show --tracker vrpn://lab/Tracker0 --tracker-body 2 --calibration room.toml --json"
 )]
 pub struct ShowArgs {
-    /// The tracker.
     #[command(flatten)]
     pub tracker: TrackerArgs,
     /// Print JSON.
@@ -83,7 +81,6 @@ pub struct ShowArgs {
     pub json: bool,
 }
 
-/// Arguments of `calibrate`.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples, once for each of four or more places of the tool, which are not in a plane:\n  cubectl tracker calibrate --file room.toml --tool-at 1.1,0.4,0.9 --tracker-body 1\n  cubectl tracker calibrate --file room.toml        # solves again, measures nothing\n\nMove the robot to a place, read the position of the tracked body from its pendant (in the robot's base frame, m), and give it\nas --tool-at. As long as the points do not check each other the file is kept and the exit code is 9."
@@ -117,7 +114,6 @@ impl From<TrackerError> for ExpectedError {
     }
 }
 
-/// A target as it was measured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measured {
     /// In the robot's frame, m.
@@ -166,9 +162,6 @@ impl TrackerArgs {
     }
 
     /// Measures again: how far the target is from where it was, m.
-    ///
-    /// # Errors
-    /// As [`TrackerArgs::measure`].
     pub fn moved(&self, before: &Measured) -> Result<f64, ExpectedError> {
         let now = self.measure()?;
         let squares: f64 = now.robot_m.iter().zip(before.robot_m).map(|(a, b)| (a - b) * (a - b)).sum();
@@ -194,9 +187,6 @@ impl TrackerArgs {
 
 /// Two names of one robot are the same: its file, and the name in it.
 /// The frame of the room in that of the robot, by a calibration that was made for this robot.
-///
-/// # Errors
-/// The file is refused, or is of another robot.
 pub(super) fn room_to_robot(path: &Path, robot: &str) -> Result<Pose, ExpectedError> {
     let calibration = Calibration::load(path).map_err(|error| ExpectedError::bad_input(&error))?;
     require_robot(&calibration, path, robot)?;
@@ -268,7 +258,6 @@ impl Measured {
         )
     }
 
-    /// In numbers.
     #[must_use]
     pub fn json(&self) -> serde_json::Value {
         serde_json::json!({
@@ -284,10 +273,6 @@ impl Measured {
     }
 }
 
-/// Runs a verb.
-///
-/// # Errors
-/// As each verb.
 pub fn run(verb: &TrackerVerb) -> Result<(), ExpectedError> {
     match verb {
         TrackerVerb::Show(args) => show(args),

@@ -52,7 +52,6 @@ pub(crate) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     parts.try_into().map_err(|_| format!("expected {N} numbers separated by commas, got {count}"))
 }
 
-/// A Cyphal node-ID.
 pub(crate) fn node_id(text: &str) -> Result<NodeId, String> {
     let id = text.parse::<u8>().ok().and_then(|id| NodeId::new(id).ok());
     id.ok_or("must be a number from 0 to 127".to_owned())

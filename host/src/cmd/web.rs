@@ -18,7 +18,6 @@ use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::live;
 
-/// Options of the live view.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct WebArgs {
     /// Serve a live page to browsers and robotics viewers of this machine: a port, or 127.0.0.1:PORT; 0 is any that is free. It
@@ -40,9 +39,6 @@ pub struct WebArgs {
 impl WebArgs {
     /// Serves what passes in `session` until the answer is dropped; a page that stops sets `stop`. A simulated cell inside this
     /// program then runs in real time.
-    ///
-    /// # Errors
-    /// The port cannot be had.
     pub(super) fn serve(
         &self,
         session: &mut Session,

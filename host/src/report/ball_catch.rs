@@ -19,7 +19,6 @@ const AGAIN: &str = "throw it otherwise (`--ball`), or try another seed";
 /// The picture shows so much above the last joint, m.
 const HAND_M: f64 = 0.2;
 
-/// A decision as text.
 #[must_use]
 pub fn decision_word(decision: &Decision) -> String {
     match decision {

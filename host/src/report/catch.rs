@@ -28,7 +28,6 @@ struct Shown<'a> {
     name: &'a str,
     /// Time and joint angles.
     points: Vec<(f64, Joints)>,
-    /// When it is caught, s.
     caught_s: Option<f64>,
 }
 

@@ -19,7 +19,6 @@ pub enum Pen {
     Limit,
 }
 
-/// One curve.
 #[derive(Debug, Clone, Serialize)]
 pub struct Curve {
     /// Name in the legend; without one it is not in it.

@@ -9,7 +9,6 @@ use planner::plan::file::PlanFile;
 pub struct Mark {
     /// Name in the legend.
     pub name: String,
-    /// Number of its colour.
     pub colour: usize,
     /// Coordinates on the plane of the target, m.
     pub xy_m: [f64; 2],

@@ -23,7 +23,6 @@ pub struct Row {
     pub actual_deg: [f64; 6],
     /// Outputs in force.
     pub outputs: i64,
-    /// Late answers.
     pub late: u64,
 }
 

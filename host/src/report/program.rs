@@ -58,7 +58,6 @@ mod as_info {
     }
 }
 
-/// A step that was done.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct StepDone {
     /// In the program, from 1.

@@ -182,7 +182,6 @@ pub(super) fn link(x: &Pose) -> [f32; 12] {
     numbers
 }
 
-/// The bodies of an arm.
 pub(super) fn bodies(arm: &RobotModel) -> impl Iterator<Item = Body> {
     arm.collision().boxes().iter().map(|b| body(b.link, &b.x_lb, &b.half_m))
 }

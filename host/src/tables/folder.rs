@@ -112,7 +112,6 @@ fn excerpts(a: &str, b: &str) -> (String, String) {
     (excerpt(&a), excerpt(&b))
 }
 
-/// The folder of a sweep.
 #[derive(Debug, Clone)]
 pub(crate) struct Folder {
     path: PathBuf,
@@ -184,7 +183,6 @@ impl Folder {
         &self.study
     }
 
-    /// The file of a shard.
     pub(crate) fn part(&self, shard: Shard) -> PathBuf {
         self.path.join(shard.file_name())
     }
@@ -208,9 +206,6 @@ impl Folder {
 
     /// Goes through the rows of a part that is there, one in memory at a time; each gives the text of a column by its name, nothing for
     /// a column that is not there.
-    ///
-    /// # Errors
-    /// The part cannot be read.
     pub(crate) fn read(
         &self,
         shard: Shard,
@@ -233,9 +228,6 @@ impl Folder {
 
     /// Makes a shard from its rows, in order; they are taken [`BATCH_ROWS`] at a time. Returns `false` if `rows` ends early with
     /// `None`: nothing is kept then.
-    ///
-    /// # Errors
-    /// Writing fails, or making the rows does.
     pub(crate) fn make(
         &self,
         shard: Shard,

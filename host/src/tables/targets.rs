@@ -19,15 +19,12 @@ const LIST_MAX_BYTES: u64 = 16 << 30;
 /// One row of a list. Coordinates are those of the base of the arm, z up.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct TargetRow {
-    /// The point in m.
     pub(crate) target_m: [f64; 3],
     /// Normal of an opening, to the side from which the ball comes.
     pub(crate) normal: Option<[f64; 3]>,
-    /// Radius of the opening in m.
     pub(crate) radius_m: Option<f64>,
     /// Largest angle between path and normal in degrees.
     pub(crate) incidence_max_deg: Option<f64>,
-    /// Velocity of the target in m/s.
     pub(crate) velocity_m_s: Option<[f64; 3]>,
 }
 
@@ -130,20 +127,15 @@ impl TargetList {
         Ok(list)
     }
 
-    /// Number of targets.
     pub(crate) fn count(&self) -> u64 {
         self.rows
     }
 
-    /// CRC-32 of the file.
     pub(crate) fn crc32(&self) -> u32 {
         self.crc32
     }
 
     /// The rows from number `from` (from 0) to the end, one after the other.
-    ///
-    /// # Errors
-    /// The file cannot be opened.
     pub(crate) fn rows_from(&self, from: u64) -> Result<Rows, ExpectedError> {
         let (path, places, header) = (self.path.clone(), self.places.clone(), self.header.clone());
         let records = (1_u64..).zip(open_csv(&self.path)?.into_records());

@@ -81,7 +81,6 @@ fn has(command: &Command, option: &str) -> bool {
     matches!(option, "help" | "version") || command.get_arguments().any(|arg| arg.get_long() == Some(option))
 }
 
-/// Whether a verb or one below it has an option.
 fn is_below(command: &Command, option: &str) -> bool {
     has(command, option) || command.get_subcommands().any(|verb| is_below(verb, option))
 }
@@ -111,7 +110,6 @@ fn command_lines<'a>(program: &str, text: &'a str) -> Vec<&'a str> {
     quoted.chain(examples).collect()
 }
 
-/// What is wrong with the command lines in `text`.
 fn wrong_lines(cli: &Command, text: &str) -> Vec<String> {
     let mut wrong = Vec::new();
     let program = cli.get_name();

@@ -7,7 +7,6 @@ use std::process::Output;
 
 use clap::{Arg, Command};
 
-/// What a row shows.
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) enum Shows {
     /// The words change exit code, output or files of the verb.
@@ -55,7 +54,6 @@ fn text(bytes: &[u8]) -> String {
 }
 
 impl Walk {
-    /// The row for an option of a verb.
     fn row(&self, verb: &str, option: &str) -> Option<(Shows, &'static str)> {
         let fits = |(verbs, named, ..): &&Row| {
             (*verbs == "*" || verbs.split(',').any(|known| known == verb))

@@ -3,9 +3,13 @@
 use std::path::PathBuf;
 use std::process::{Command, Output};
 
-/// Runs `cubectl` with these words.
 pub(crate) fn cubectl(words: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_cubectl")).args(words).output().expect("runs")
+}
+
+/// Runs `cubectl` with the words of a line, and then with `more`.
+pub(crate) fn cubectl_line(line: &str, more: &[&str]) -> Output {
+    cubectl(&line.split_whitespace().chain(more.iter().copied()).collect::<Vec<_>>())
 }
 
 pub(crate) fn text(bytes: &[u8]) -> String {
@@ -19,7 +23,6 @@ pub(crate) fn folder(name: &str) -> PathBuf {
     path
 }
 
-/// Path of an empty folder.
 pub(crate) fn empty_folder(name: &str) -> PathBuf {
     let path = folder(name);
     std::fs::create_dir_all(&path).expect("writable");

@@ -16,7 +16,6 @@ fn terminal() -> (File, File) {
     (File::from(near), far)
 }
 
-/// `cubectl` at a terminal.
 pub(crate) struct AtTerminal {
     near: File,
     program: Child,

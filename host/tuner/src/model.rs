@@ -47,9 +47,7 @@ use serde::{Deserialize, Serialize};
 pub const STATES: usize = 7;
 
 pub type StateVector = SVector<f64, STATES>;
-/// A matrix on states.
 pub type StateMatrix = SMatrix<f64, STATES, STATES>;
-/// A row on states.
 pub type StateRow = RowSVector<f64, STATES>;
 
 /// Position loop of a drive, y/r = wn^2 / (s^2 + 2 zeta wn s + wn^2).

@@ -13,7 +13,6 @@ pub struct BusError {
     pub details: [u8; 8],
 }
 
-/// One cause of a [`BusError`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Cause {

@@ -34,7 +34,6 @@ pub enum OpenError {
     #[error("{address} refuses the bus '{bus}': {reason}")]
     Refused {
         address: String,
-        /// The bus asked for.
         bus: String,
         /// The server's words.
         reason: String,
@@ -102,7 +101,6 @@ pub enum OpenError {
         /// The system's answer.
         source: io::Error,
     },
-    /// The path is not a serial device.
     #[error("{} is not a serial device", .path.display())]
     NotSerial { path: PathBuf },
     /// A system call that always works did not.
@@ -180,14 +178,10 @@ fn device_advice(source: &io::Error) -> &'static str {
 pub enum LinkError {
     /// The far side closed the connection.
     #[error("{link}: the other side closed the connection")]
-    Closed {
-        /// Name of the link.
-        link: String,
-    },
+    Closed { link: String },
     /// The network interface was switched off.
     #[error("{link}: the interface went down")]
     InterfaceDown {
-        /// Name of the link.
         link: String,
         /// What brings it up.
         command: String,
@@ -195,7 +189,6 @@ pub enum LinkError {
     /// A CAN FD frame was to be sent where only classical CAN frames pass.
     #[error("{link}: carries classical CAN only, a CAN FD frame was not sent")]
     ClassicalOnly {
-        /// Name of the link.
         link: String,
         /// What makes it carry CAN FD, or which link does.
         advice: String,
@@ -203,7 +196,6 @@ pub enum LinkError {
     /// The system reports an error on an open link.
     #[error("{link}: {reason}")]
     Io {
-        /// Name of the link.
         link: String,
         /// The kind, for programs.
         kind: io::ErrorKind,
@@ -243,11 +235,7 @@ impl LinkError {
 pub enum SendError {
     /// The output queue was full; this frame is dropped and counted, earlier ones stay in order.
     #[error("{link}: the output queue is full, the frame was dropped; the other side reads too slowly")]
-    QueueFull {
-        /// Name of the link.
-        link: String,
-    },
-    /// The link has failed.
+    QueueFull { link: String },
     #[error(transparent)]
     Link(#[from] LinkError),
 }

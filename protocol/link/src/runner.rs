@@ -35,7 +35,6 @@ pub enum Direction {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RunError {
-    /// The link is gone.
     #[error(transparent)]
     Link(#[from] LinkError),
     /// Waiting for input failed.

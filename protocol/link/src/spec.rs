@@ -77,7 +77,6 @@ pub struct RsiSpec {
     pub tcp: bool,
     /// Address of this machine on which to listen; IPv6 without brackets.
     pub host: String,
-    /// Port of that address.
     pub port: u16,
     /// The time is the robot's cycle count: the robot is a simulated one that waits for each answer.
     pub lockstep: bool,
@@ -122,7 +121,6 @@ pub enum SlcanPort {
         /// Speed of the line in bit/s; `None` leaves it as it is.
         baud: Option<u32>,
     },
-    /// A TCP port.
     Tcp {
         /// Name or address; IPv6 without brackets.
         host: String,

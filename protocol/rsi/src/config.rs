@@ -29,7 +29,6 @@ pub enum Protocol {
 /// A tag: `Name` or `Name.attribute`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Tag {
-    /// Name of the element.
     pub element: String,
     /// Name of the attribute; `None` for a scalar.
     pub attribute: Option<String>,
@@ -161,7 +160,6 @@ pub struct ReceiveEntry {
 pub struct Config {
     /// Address of the computer.
     pub ip_number: String,
-    /// Port of the computer.
     pub port: u16,
     /// Transport; UDP if the file does not name one.
     pub protocol: Protocol,
@@ -173,7 +171,6 @@ pub struct Config {
     pub only_send: bool,
     /// What the robot sends, in order.
     pub send: Vec<SendEntry>,
-    /// What the robot receives.
     pub receive: Vec<ReceiveEntry>,
 }
 

@@ -30,12 +30,7 @@ pub enum ReadError {
     Twice(String),
     /// An element misses an attribute.
     #[error("element <{element}> has no attribute {attribute}")]
-    Missing {
-        /// Name of the element.
-        element: String,
-        /// Name of the attribute.
-        attribute: String,
-    },
+    Missing { element: String, attribute: String },
     /// A value cannot be read as its type.
     #[error("{place} is '{text}', expected {expected}")]
     BadValue {
@@ -61,11 +56,7 @@ pub enum WriteError {
     TooLong { len: usize },
     /// NaN, infinite or too large to be written as a plain decimal.
     #[error("{place} is {value}, which is not a decimal of at most nine digits before the point")]
-    NotADecimal {
-        place: String,
-        /// The value as text.
-        value: String,
-    },
+    NotADecimal { place: String, value: String },
     /// A name is not an XML name, or a text holds a control character.
     #[error("{place}: '{text}' cannot be written in XML")]
     NotXml {
@@ -105,11 +96,9 @@ pub enum ConfigProblem {
     /// An attribute of `<ELEMENT>` is missing.
     #[error("<ELEMENT> has no attribute {0}")]
     NoAttribute(&'static str),
-    /// The value is not allowed.
     #[error("{place} is '{text}', expected {expected}")]
     Value {
         place: &'static str,
-        /// Text in the file.
         text: String,
         /// What it should be.
         expected: &'static str,

@@ -15,7 +15,6 @@ pub enum Root {
 }
 
 impl Root {
-    /// Name of the root element.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -25,7 +24,6 @@ impl Root {
     }
 }
 
-/// One element of a telegram.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Element {
     pub name: String,
@@ -42,7 +40,6 @@ impl Element {
         Self { name: name.to_owned(), attributes: Vec::new(), text: text.into() }
     }
 
-    /// The value of an attribute.
     #[must_use]
     pub fn attribute(&self, name: &str) -> Option<&str> {
         self.attributes.iter().find(|(key, _)| key == name).map(|(_, value)| value.as_str())
@@ -128,7 +125,6 @@ impl Telegram {
         Ok(Self { root: expected, kind: kind.map(|attribute| attribute.value().to_owned()), elements, ipoc })
     }
 
-    /// The element called `name`.
     #[must_use]
     pub fn element(&self, name: &str) -> Option<&Element> {
         self.elements.iter().find(|element| element.name == name)

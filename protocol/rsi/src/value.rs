@@ -74,7 +74,6 @@ impl ValueType {
 /// Form of a decimal, for messages.
 pub(crate) const DECIMAL: &str = "a decimal with a point, below 1e9";
 
-/// A value of an entry.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
     /// `BOOL`.

@@ -31,10 +31,7 @@ pub enum DecodeError {
         present: usize,
     },
     /// A union tag that the type does not define.
-    UnknownTag {
-        /// The tag found.
-        tag: u8,
-    },
+    UnknownTag(u8),
     /// A delimiter header announces more bytes than follow.
     DelimiterTooLong {
         /// Bytes announced.
@@ -43,10 +40,7 @@ pub enum DecodeError {
         present: usize,
     },
     /// A number that the type does not define.
-    UnknownValue {
-        /// The number found.
-        value: u32,
-    },
+    UnknownValue(u32),
 }
 
 impl fmt::Display for DecodeError {
@@ -56,11 +50,11 @@ impl fmt::Display for DecodeError {
                 write!(f, "array of {len} elements, its type holds {capacity}")
             }
             Self::ArrayCut { needed, present } => write!(f, "array of {needed} bytes cut after {present}"),
-            Self::UnknownTag { tag } => write!(f, "union tag {tag} is not defined"),
+            Self::UnknownTag(tag) => write!(f, "union tag {tag} is not defined"),
             Self::DelimiterTooLong { len, present } => {
                 write!(f, "delimiter header says {len} bytes, {present} follow")
             }
-            Self::UnknownValue { value } => write!(f, "value {value} is not defined"),
+            Self::UnknownValue(value) => write!(f, "value {value} is not defined"),
         }
     }
 }

@@ -49,21 +49,6 @@ impl BaudRate {
     }
 }
 
-/// Bits per second of a serial-line code (parameter 0x23), codes 0..=7; `None` above.
-pub const fn rs232_bit_per_s(code: u8) -> Option<u32> {
-    match code {
-        0 => Some(1_200),
-        1 => Some(2_400),
-        2 => Some(4_800),
-        3 => Some(9_600),
-        4 => Some(19_200),
-        5 => Some(38_400),
-        6 => Some(57_600),
-        7 => Some(115_200),
-        _ => None,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -74,7 +59,5 @@ mod tests {
         assert_eq!(rates, [125_000, 250_000, 500_000, 1_000_000]);
         assert_eq!(BaudRate::from_code(4), None);
         assert!((0..4).all(|code| BaudRate::from_code(code).unwrap().code() == code));
-        let serial: Vec<_> = (0..9).map_while(rs232_bit_per_s).collect();
-        assert_eq!(serial, [1_200, 2_400, 4_800, 9_600, 19_200, 38_400, 57_600, 115_200]);
     }
 }

@@ -31,17 +31,11 @@ pub enum Broadcast {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BroadcastError {
     /// Not a data frame on id 0x100.
-    NotBroadcast {
-        /// The id seen.
-        id: Id,
-    },
+    NotBroadcast(Id),
     /// No data.
     Empty,
     /// No broadcast with this command byte.
-    UnknownCommand {
-        /// Byte 0.
-        code: u8,
-    },
+    UnknownCommand(u8),
     /// Length the command does not have.
     Length {
         /// Byte 0.
@@ -50,20 +44,17 @@ pub enum BroadcastError {
         len: usize,
     },
     /// Bit rate code above 3.
-    UnknownBaudCode {
-        /// Byte 1.
-        code: u8,
-    },
+    UnknownBaudCode(u8),
 }
 
 impl fmt::Display for BroadcastError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::NotBroadcast { id } => write!(f, "{id} is not the broadcast id 100"),
+            Self::NotBroadcast(id) => write!(f, "{id} is not the broadcast id 100"),
             Self::Empty => f.write_str("broadcast without a command byte"),
-            Self::UnknownCommand { code } => write!(f, "no broadcast has command {code:#04X}"),
+            Self::UnknownCommand(code) => write!(f, "no broadcast has command {code:#04X}"),
             Self::Length { code, len } => write!(f, "broadcast {code:#04X} does not have {len} bytes"),
-            Self::UnknownBaudCode { code } => write!(f, "bit rate code {code} is not 0..=3"),
+            Self::UnknownBaudCode(code) => write!(f, "bit rate code {code} is not 0..=3"),
         }
     }
 }
@@ -124,7 +115,7 @@ impl BroadcastFrame {
     /// Understands a broadcast and keeps its padding.
     pub fn decode(frame: &Frame) -> Result<Self, BroadcastError> {
         if frame.id() != Id::Standard(BROADCAST_ID) || frame.is_remote() {
-            return Err(BroadcastError::NotBroadcast { id: frame.id() });
+            return Err(BroadcastError::NotBroadcast(frame.id()));
         }
         let data = frame.data();
         let code = *data.first().ok_or(BroadcastError::Empty)?;
@@ -137,11 +128,10 @@ impl BroadcastFrame {
             Some(Command::StartMotion) => Broadcast::StartMotion,
             Some(Command::Recalc) => {
                 let [_, rate] = data else { return Err(BroadcastError::Length { code, len: data.len() }) };
-                let rate =
-                    BaudRate::from_code(*rate).ok_or(BroadcastError::UnknownBaudCode { code: *rate })?;
+                let rate = BaudRate::from_code(*rate).ok_or(BroadcastError::UnknownBaudCode(*rate))?;
                 return Ok(Self { broadcast: Broadcast::Baud(rate), padded: false });
             }
-            _ => return Err(BroadcastError::UnknownCommand { code }),
+            _ => return Err(BroadcastError::UnknownCommand(code)),
         };
         match data {
             [_] => Ok(Self { broadcast, padded: false }),

@@ -69,27 +69,15 @@ pub enum Reply {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReplyError {
     /// Not a data frame on an ACK or STATE id.
-    NotAReply {
-        /// The id seen.
-        id: Id,
-    },
+    NotAReply(Id),
     /// No data.
     Empty,
     /// No answer begins with this byte.
-    UnknownCommand {
-        /// Byte 0.
-        code: u8,
-    },
+    UnknownCommand(u8),
     /// No parameter with this number.
-    UnknownParameter {
-        /// Byte 1.
-        code: u8,
-    },
+    UnknownParameter(u8),
     /// No motion with this number.
-    UnknownMotion {
-        /// Byte 1.
-        code: u8,
-    },
+    UnknownMotion(u8),
     /// Length that the answer does not have.
     Length {
         /// Byte 0, `None` for a STATE frame.
@@ -102,11 +90,11 @@ pub enum ReplyError {
 impl fmt::Display for ReplyError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::NotAReply { id } => write!(f, "{id} is not a data frame from a module"),
+            Self::NotAReply(id) => write!(f, "{id} is not a data frame from a module"),
             Self::Empty => f.write_str("answer without a command byte"),
-            Self::UnknownCommand { code } => write!(f, "answer to unknown command {code:#04X}"),
-            Self::UnknownParameter { code } => write!(f, "answer with unknown parameter {code:#04X}"),
-            Self::UnknownMotion { code } => write!(f, "answer with unknown motion {code:#04X}"),
+            Self::UnknownCommand(code) => write!(f, "answer to unknown command {code:#04X}"),
+            Self::UnknownParameter(code) => write!(f, "answer with unknown parameter {code:#04X}"),
+            Self::UnknownMotion(code) => write!(f, "answer with unknown motion {code:#04X}"),
             Self::Length { command: Some(command), len } => {
                 write!(f, "answer to {} does not have {len} bytes here", command.name())
             }
@@ -167,17 +155,17 @@ impl Reply {
                 }
                 _ => Err(ReplyError::Length { command: None, len: data.len() }),
             },
-            _ => Err(ReplyError::NotAReply { id: frame.id() }),
+            _ => Err(ReplyError::NotAReply(frame.id())),
         }
     }
 
     fn decode_ack(data: &[u8]) -> Result<Self, ReplyError> {
         let code = *data.first().ok_or(ReplyError::Empty)?;
-        let command = Command::from_code(code).ok_or(ReplyError::UnknownCommand { code })?;
+        let command = Command::from_code(code).ok_or(ReplyError::UnknownCommand(code))?;
         let wrong_length = ReplyError::Length { command: Some(command), len: data.len() };
         let parameter = || {
             let code = *data.get(1).ok_or(wrong_length)?;
-            Parameter::from_code(code).ok_or(ReplyError::UnknownParameter { code })
+            Parameter::from_code(code).ok_or(ReplyError::UnknownParameter(code))
         };
         match command {
             Command::GetParameter => {
@@ -189,7 +177,7 @@ impl Reply {
             Command::SetParameter => Ok(Self::SetAck { parameter: parameter()?, code: data.get(2).copied() }),
             Command::SetMotion => {
                 let code = *data.get(1).ok_or(wrong_length)?;
-                let (kind, ack) = MotionKind::from_code(code).ok_or(ReplyError::UnknownMotion { code })?;
+                let (kind, ack) = MotionKind::from_code(code).ok_or(ReplyError::UnknownMotion(code))?;
                 match (ack, data) {
                     (MotionAck::Simple, &[_, _, code]) => Ok(Self::MotionAck { kind, code }),
                     (MotionAck::Extended, &[_, _, a, b, c, d, short, dio]) => {
@@ -209,7 +197,7 @@ impl Reply {
                 8 => Ok(Self::Internal(bytes_at(data, 1).ok_or(wrong_length)?)),
                 _ => Err(wrong_length),
             },
-            Command::SavePosition | Command::StartMotion => Err(ReplyError::UnknownCommand { code }),
+            Command::SavePosition | Command::StartMotion => Err(ReplyError::UnknownCommand(code)),
             Command::Reset
             | Command::Home
             | Command::Halt

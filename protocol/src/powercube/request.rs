@@ -56,27 +56,15 @@ impl core::error::Error for KindMismatch {}
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RequestError {
     /// Not a data frame on a GET or PUT id.
-    NotARequest {
-        /// The id seen.
-        id: Id,
-    },
+    NotARequest(Id),
     /// No data.
     Empty,
     /// No addressed command with this byte.
-    UnknownCommand {
-        /// Byte 0.
-        code: u8,
-    },
+    UnknownCommand(u8),
     /// No parameter with this number.
-    UnknownParameter {
-        /// Byte 1.
-        code: u8,
-    },
+    UnknownParameter(u8),
     /// No motion with this number.
-    UnknownMotion {
-        /// Byte 1.
-        code: u8,
-    },
+    UnknownMotion(u8),
     /// Length that command, parameter or motion does not have.
     Length {
         /// Byte 0.
@@ -89,11 +77,11 @@ pub enum RequestError {
 impl fmt::Display for RequestError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::NotARequest { id } => write!(f, "{id} is not a data frame to a module"),
+            Self::NotARequest(id) => write!(f, "{id} is not a data frame to a module"),
             Self::Empty => f.write_str("request without a command byte"),
-            Self::UnknownCommand { code } => write!(f, "unknown command {code:#04X}"),
-            Self::UnknownParameter { code } => write!(f, "unknown parameter {code:#04X}"),
-            Self::UnknownMotion { code } => write!(f, "unknown motion {code:#04X}"),
+            Self::UnknownCommand(code) => write!(f, "unknown command {code:#04X}"),
+            Self::UnknownParameter(code) => write!(f, "unknown parameter {code:#04X}"),
+            Self::UnknownMotion(code) => write!(f, "unknown motion {code:#04X}"),
             Self::Length { command, len } => write!(f, "{} does not have {len} bytes here", command.name()),
         }
     }
@@ -181,15 +169,15 @@ impl AddressedRequest {
             Some(Address::Module(channel @ (Channel::Get | Channel::Put), module)) if !frame.is_remote() => {
                 (module, channel)
             }
-            _ => return Err(RequestError::NotARequest { id: frame.id() }),
+            _ => return Err(RequestError::NotARequest(frame.id())),
         };
         let data = frame.data();
         let code = *data.first().ok_or(RequestError::Empty)?;
-        let command = Command::from_code(code).ok_or(RequestError::UnknownCommand { code })?;
+        let command = Command::from_code(code).ok_or(RequestError::UnknownCommand(code))?;
         let wrong_length = RequestError::Length { command, len: data.len() };
         let parameter = || {
             let code = *data.get(1).ok_or(wrong_length)?;
-            Parameter::from_code(code).ok_or(RequestError::UnknownParameter { code })
+            Parameter::from_code(code).ok_or(RequestError::UnknownParameter(code))
         };
         let request = match command {
             Command::GetParameter => {
@@ -205,7 +193,7 @@ impl AddressedRequest {
             }
             Command::SetMotion => {
                 let code = *data.get(1).ok_or(wrong_length)?;
-                let (kind, ack) = MotionKind::from_code(code).ok_or(RequestError::UnknownMotion { code })?;
+                let (kind, ack) = MotionKind::from_code(code).ok_or(RequestError::UnknownMotion(code))?;
                 Request::Move(MotionRequest::from_wire(kind, ack, data).ok_or(wrong_length)?)
             }
             Command::SetStepInc => match data.len() {
@@ -221,7 +209,7 @@ impl AddressedRequest {
             },
             // Broadcasts only; no source sends them to one module.
             Command::SavePosition | Command::StartMotion => {
-                return Err(RequestError::UnknownCommand { code });
+                return Err(RequestError::UnknownCommand(code));
             }
             Command::Reset
             | Command::Home

@@ -5,7 +5,6 @@ use protocol::{Duration, Instant};
 /// Largest deviation of a received matrix from a rotation: from six decimals on the wire, with a margin for other senders.
 const ROTATION_TOLERANCE: f64 = 1e-3;
 
-/// Pose of one body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackedPose {
     /// When the cameras saw it, on the tracker's clock.

@@ -36,7 +36,6 @@ pub enum VrpnError {
     /// The server does not begin with a cookie of version 7.
     #[error("the server does not speak VRPN 7: it begins with '{0}'")]
     Cookie(String),
-    /// A length is impossible.
     #[error("message of {0} bytes; 24 to {MAX_MESSAGE_BYTES} are read")]
     Length(u32),
     /// The server names more senders or types than are kept.
@@ -47,7 +46,6 @@ pub enum VrpnError {
 /// What the stream holds.
 #[derive(Clone, Debug, PartialEq)]
 pub enum VrpnItem {
-    /// A pose of the tracker.
     Pose(TrackedPose),
     /// A pose with NaN, or with a quaternion that is not of unit length.
     NotAPose {

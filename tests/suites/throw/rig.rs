@@ -46,7 +46,6 @@ pub(crate) struct Outcome {
     pub(crate) violations: Vec<String>,
 }
 
-/// Limits of a drive.
 #[derive(Clone, Copy)]
 struct Limits {
     q_rad: (f64, f64),

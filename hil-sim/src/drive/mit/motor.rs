@@ -32,7 +32,6 @@ const TRANSISTORS_SHARE: f64 = 0.6;
 /// Most answers that wait; if a host requests faster than the bus carries, further answers are lost.
 const ANSWERS_MAX: usize = 16;
 
-/// One motor.
 #[derive(Clone, Debug)]
 pub struct MitMotor {
     options: MitOptions,

@@ -52,7 +52,6 @@ impl Error {
     }
 }
 
-/// One axis.
 #[derive(Clone, Debug)]
 pub struct OdriveAxis {
     options: OdriveOptions,
@@ -96,18 +95,24 @@ struct Limits {
     integral_gain: f64,
 }
 
+impl Limits {
+    fn of(options: &OdriveOptions) -> Self {
+        Self {
+            velocity_rev_s: options.velocity_max_rev_s,
+            current_a: options.current_max_a,
+            trapezoid: Trapezoid::default(),
+            position_gain: options.position_gain,
+            velocity_gain: options.velocity_gain,
+            integral_gain: options.integral_gain,
+        }
+    }
+}
+
 impl OdriveAxis {
     /// An axis with power whose joint stands at `q_rad`.
     pub fn new(options: OdriveOptions, q_rad: f64) -> Self {
         let mut axis = Self {
-            limits: Limits {
-                velocity_rev_s: options.velocity_max_rev_s,
-                current_a: options.current_max_a,
-                trapezoid: Trapezoid::default(),
-                position_gain: options.position_gain,
-                velocity_gain: options.velocity_gain,
-                integral_gain: options.integral_gain,
-            },
+            limits: Limits::of(&options),
             options,
             faults: OdriveFaults::default(),
             powered: false,
@@ -184,14 +189,7 @@ impl OdriveAxis {
     /// Switches the power off or on. What was not configured is lost, and whole turns, and without an absolute encoder the place in a turn.
     pub fn set_power(&mut self, now: Instant, on: bool) {
         let (options, axis) = (self.options, self.axis);
-        self.limits = Limits {
-            velocity_rev_s: options.velocity_max_rev_s,
-            current_a: options.current_max_a,
-            trapezoid: Trapezoid::default(),
-            position_gain: options.position_gain,
-            velocity_gain: options.velocity_gain,
-            integral_gain: options.integral_gain,
-        };
+        self.limits = Limits::of(&options);
         self.powered = on;
         (self.state, self.errors, self.disarm_reason, self.procedure) = (State::Idle, 0, 0, SUCCESS);
         (self.control, self.input) = (ControlMode::Position, InputMode::Direct);

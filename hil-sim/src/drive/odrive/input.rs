@@ -18,7 +18,6 @@ pub(super) struct SetPoint {
     pub(super) nm: f64,
 }
 
-/// Limits of a trapezoid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Trapezoid {
     /// turns/s.

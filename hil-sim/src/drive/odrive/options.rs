@@ -14,7 +14,6 @@ pub enum OdriveParameter {
     TorqueScale,
     /// Time-out of the watchdog, s.
     WatchdogTime,
-    /// Whether it is on.
     WatchdogOn,
     /// What the loop controls; read only.
     ControlMode,
@@ -94,7 +93,6 @@ impl OdriveOptions {
 pub struct OdriveFaults {
     /// The watchdog never strikes.
     pub watchdog_is_dead: bool,
-    /// Estimates are no numbers.
     pub estimates_are_nan: bool,
     /// Estimates hold what was measured last before.
     pub estimates_are_stale: bool,

@@ -86,7 +86,6 @@ pub struct BusUse {
     pub slots: Vec<Slot>,
 }
 
-/// Usage around a plan of `end_t_s`.
 #[must_use]
 pub fn usage(frames: &[BusFrame], clock: PlanClock, end_t_s: f64, times: BitTimes) -> BusUse {
     let steps = ((end_t_s + AFTER_S + BEFORE_S) / STEP_S).ceil() as usize;

@@ -46,7 +46,6 @@ pub struct JointLog {
 /// Data recorded of a group.
 #[derive(Clone, Debug, Default)]
 pub struct Heard {
-    /// One per joint.
     pub joints: Vec<JointLog>,
     /// The controller's own account, by time of the plan.
     pub group: Vec<(f64, GroupState)>,
@@ -89,7 +88,6 @@ impl Heard {
     }
 }
 
-/// All samples, by the clock of a plan.
 #[must_use]
 pub fn collect(samples: &Samples, clock: PlanClock) -> Heard {
     Heard {

@@ -87,7 +87,6 @@ impl Range {
     }
 }
 
-/// Timing of one joint.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct JointCoverage {
     /// Time between two motion commands.
@@ -129,9 +128,7 @@ pub struct Worst {
     pub joint: usize,
     /// Time of the plan, s.
     pub t_s: f64,
-    /// Which number.
     pub what: What,
-    /// The number, s.
     pub value_s: f64,
 }
 
@@ -149,7 +146,6 @@ pub struct Coverage {
     pub beyond_2_5_10_percent: [usize; 3],
     /// The number farthest outside.
     pub worst: Option<Worst>,
-    /// One per joint.
     pub joints: Vec<JointCoverage>,
 }
 

@@ -12,12 +12,10 @@ use super::{AFTER_S, BEFORE_S, Run};
 /// Distance of the points of predicted curves, s.
 const STEP_S: f64 = 0.005;
 
-/// Currents of one supply.
 #[derive(Clone, Debug, Serialize)]
 pub struct SupplyCurrents {
     /// Name in the robot file.
     pub name: String,
-    /// Names of the joints on it.
     pub joints: Vec<String>,
     pub limit_a: f64,
     /// Largest predicted current over the plan, A.

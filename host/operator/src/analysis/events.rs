@@ -40,11 +40,9 @@ pub struct FirstFault {
 /// A joint at the moment of a fault, from the last messages.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct FrozenJoint {
-    /// Position, rad.
     pub q_rad: Option<f64>,
     /// Reference minus position at the time of the position, rad.
     pub error_rad: Option<f64>,
-    /// Age of the position, s.
     pub age_s: Option<f64>,
     pub current_a: Option<f64>,
     /// Acceleration written last, rad/s².

@@ -68,7 +68,6 @@ pub const SPEED_BOUND_RAD_S: f64 = 0.1;
 pub struct Run<'a> {
     /// Measurements and reports.
     pub samples: &'a Samples,
-    /// The motion that was run.
     pub motion: &'a Motion,
     /// The plan of the throw, if the motion is one.
     pub throw: Option<&'a PlanFile>,
@@ -94,10 +93,7 @@ pub enum AnalysisError {
     NoRun,
     /// The robot file does not assign drives to joints.
     #[error("robot \"{robot}\" has no drives in its file, so the joint of an address is not known")]
-    NoDrives {
-        /// Name of the robot.
-        robot: String,
-    },
+    NoDrives { robot: String },
     /// No position of a drive was received during the run.
     #[error("{}joint {joint} has no position during the run", .module.map_or(String::new(), |module| format!("drive {module}, ")))]
     Silent {
@@ -181,7 +177,6 @@ pub struct PlanClock {
 }
 
 impl PlanClock {
-    /// Clock of a plan that began at `start`.
     #[must_use]
     pub const fn starting(start: Instant) -> Self {
         Self { start }
@@ -194,10 +189,6 @@ impl PlanClock {
     }
 }
 
-/// Analyses a run in a log.
-///
-/// # Errors
-/// [`AnalysisError`].
 pub fn analyse(run: &Run<'_>) -> Result<RunAnalysis, AnalysisError> {
     let Run { motion, samples, .. } = *run;
     let end_s = motion.duration_s();

@@ -16,14 +16,12 @@ const SIGMAS_99: f64 = 2.575_829_303_548_901;
 /// Square of the same distance in two dimensions.
 const CHI_SQUARE_99: f64 = 9.210_340_371_976_18;
 
-/// The release as the measured motion has it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ReleaseMotion {
     /// When the ball was free, in time of the plan, s.
     pub t_s: f64,
     /// Ball in the hand, m.
     pub position_m: [f64; 3],
-    /// Its velocity, m/s.
     pub velocity_m_s: [f64; 3],
     /// Where a ball released so lands, m.
     pub landing_m: Option<[f64; 3]>,

@@ -31,7 +31,6 @@ pub struct Answers {
     pub by_module: BTreeMap<u8, Distribution>,
     /// Requests that were not answered at all, or not before the same request was repeated.
     pub unanswered: usize,
-    /// Unsolicited answers.
     pub unasked: usize,
 }
 

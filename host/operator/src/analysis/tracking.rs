@@ -27,9 +27,7 @@ pub struct Sample {
     pub q_rad: f64,
     /// Estimated, rad/s.
     pub qd_rad_s: f64,
-    /// Reference, rad.
     pub q_ref_rad: f64,
-    /// Reference, rad/s.
     pub qd_ref_rad_s: f64,
     /// Reference minus measured, rad.
     pub error_rad: f64,
@@ -50,7 +48,6 @@ pub struct ErrorSize {
     pub at_release: Option<f64>,
 }
 
-/// Tracking of one joint.
 #[derive(Clone, Debug, Serialize)]
 pub struct JointTracking {
     /// Name in the robot file.
@@ -60,7 +57,6 @@ pub struct JointTracking {
     /// Positions measured during the plan.
     pub samples_in_plan: usize,
     pub position_error_rad: ErrorSize,
-    /// Speed error, rad/s.
     pub speed_error_rad_s: ErrorSize,
     /// Motion commands whose acceleration was at the joint's limit for control.
     pub commands_at_limit: usize,

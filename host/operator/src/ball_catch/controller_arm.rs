@@ -118,9 +118,6 @@ impl ControllerArm {
     }
 
     /// The arm as it stands; homed before, if it was not.
-    ///
-    /// # Errors
-    /// [`NoArm`].
     pub fn connect(mut session: Session, settings: &Settings) -> Result<Self, NoArm> {
         session.watch_stops();
         let node = session.find_controller(None)?;
@@ -149,9 +146,6 @@ impl ControllerArm {
     }
 
     /// Measured joint angles, rad.
-    ///
-    /// # Errors
-    /// As [`Session::measured_pose`].
     pub fn pose(&mut self) -> Result<Joints, OperatorError> {
         Ok(Joints::from_slice(&self.session.measured_pose(self.node)?))
     }
@@ -198,9 +192,6 @@ impl ControllerArm {
     }
 
     /// Runs a motion from where the arm stands to its end.
-    ///
-    /// # Errors
-    /// [`NoArm`].
     pub fn go(&mut self, motion: &Motion) -> Result<(), NoArm> {
         let Settings { cycle_period_us, robot_crc32, .. } = self.settings;
         let plan = encode_any(motion, cycle_period_us, robot_crc32, Some(&self.settings))?;
@@ -212,9 +203,6 @@ impl ControllerArm {
     }
 
     /// Orders the hand to open, or to close; while no motion runs.
-    ///
-    /// # Errors
-    /// As [`Session::order`].
     pub fn set_hand(&mut self, open: bool) -> Result<(), OperatorError> {
         let what = if open { "to open the hand" } else { "to close the hand" };
         self.session.order(self.node, what, GRIPPER, &Gripper { open }).map(drop)
@@ -236,9 +224,6 @@ impl ControllerArm {
     }
 
     /// Ends the session; what moves is halted before.
-    ///
-    /// # Errors
-    /// As [`Session::finish`].
     pub fn finish(mut self) -> Result<(), BusFailure> {
         self.session.halt_if_moving()?;
         self.session.finish()
@@ -250,17 +235,11 @@ impl ControllerArm {
     }
 
     /// Begins to take end states, for 20 s. The time of the trial is zero now.
-    ///
-    /// # Errors
-    /// [`NoArm`].
     pub fn begin(&mut self) -> Result<(), NoArm> {
         self.begin_for(STANDING)
     }
 
     /// As [`ControllerArm::begin`], for so long.
-    ///
-    /// # Errors
-    /// [`NoArm`].
     pub fn begin_for(&mut self, span: Duration) -> Result<(), NoArm> {
         self.stand(span)?;
         self.session.read_clock(self.node, &mut self.clock)?;
@@ -270,7 +249,6 @@ impl ControllerArm {
         Ok(())
     }
 
-    /// The session, its controller and what is known of its clock.
     pub fn parts(&mut self) -> (&mut Session, NodeId, &mut ControllerClock) {
         (&mut self.session, self.node, &mut self.clock)
     }
@@ -282,9 +260,6 @@ impl ControllerArm {
     }
 
     /// Begins a run whose end state is rest at `to`, in four seconds. The time of the trial begins again at zero.
-    ///
-    /// # Errors
-    /// [`NoArm`].
     pub fn begin_way(&mut self, to: &Joints) -> Result<(), NoArm> {
         self.stand(STANDING)?;
         self.zero = self.session.now();

@@ -66,9 +66,6 @@ impl<'a> Order<'a> {
 /// An arm that follows motions. Times are seconds on one clock.
 pub trait Executor {
     /// Takes over the motion of an order from its start on, or at least its state at its time; or leaves everything as it is.
-    ///
-    /// # Errors
-    /// It cannot be executed.
     fn take(&mut self, order: &Order<'_>, now_s: f64) -> Result<(), Refused>;
 
     /// A refusal that came later than the order.

@@ -53,7 +53,6 @@ pub fn actuation_s(period_us: u32) -> f64 {
 /// What the catcher waits for; times of the trial, s.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Expected {
-    /// A throw.
     Throw {
         start_s: f64,
 
@@ -62,7 +61,6 @@ pub enum Expected {
         /// When the catcher plans by the announced throw, before it sees a ball; `None` if nothing is announced.
         plans_s: Option<f64>,
     },
-    /// A ball from anywhere.
     Ball {
         /// None is waited for any longer.
         until_s: f64,

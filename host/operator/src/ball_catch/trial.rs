@@ -111,7 +111,6 @@ impl Default for TrialOptions {
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moment {
-    /// Time, s.
     pub t_s: f64,
     /// Joints of thrower and catcher, rad.
     pub q: [Joints; 2],

@@ -139,9 +139,6 @@ impl ArmOnBus {
     }
 
     /// Opens the bus and starts the controller; the arm is homed, if it was not, and stands.
-    ///
-    /// # Errors
-    /// [`WireError`].
     pub fn connect(&self, settings: &Settings) -> Result<ControllerArm, WireError> {
         let robot_source = self.robot.name().to_owned();
         let cell = Cell { robot_source, robot: self.robot.clone(), seed: 1, setup: SimSetup::default() };
@@ -177,9 +174,6 @@ pub fn meanwhile<R: Send>(
 }
 
 /// Lets a little time pass.
-///
-/// # Errors
-/// As [`meanwhile`].
 pub fn idle(session: &mut Session) -> Result<(), OperatorError> {
     session.pass(LOOK)?;
     session.heed_stops()?;
@@ -251,9 +245,6 @@ impl Eyes {
     }
 
     /// Leaves out what has come by `now`.
-    ///
-    /// # Errors
-    /// As [`Eyes::next`].
     pub fn skip(&mut self, now: Instant) -> Result<(), WireError> {
         while self.next(now)?.is_some() {}
         Ok(())

@@ -30,7 +30,6 @@ pub struct BusArgs {
     /// slcan:/dev/ttyACM0 or slcan://host:port.
     #[arg(long, value_parser = can_link::bus_of_option, default_value = "sim", value_name = "SPEC", help_heading = "Bus")]
     pub bus: BusSpec,
-    /// The simulated cell.
     #[command(flatten)]
     pub cell: CellArgs,
     /// Record every frame to PATH.log and PATH.mcap.
@@ -62,21 +61,14 @@ pub struct CellArgs {
 
 /// A robot with its simulated cell, read and checked.
 pub struct Cell {
-    /// What was given for the robot.
     pub robot_source: String,
-    /// The robot.
     pub robot: RobotModel,
-    /// Seed.
     pub seed: u64,
-    /// Options of the cell.
     pub setup: SimSetup,
 }
 
 impl CellArgs {
     /// Reads robot and scenario.
-    ///
-    /// # Errors
-    /// A file cannot be read or is refused.
     pub fn load(&self) -> Result<Cell, BusFailure> {
         let scenario = self.scenario.as_deref().map(Scenario::load).transpose();
         let scenario = scenario.map_err(|error| BusFailure::Scenario(Box::new(error)))?;
@@ -126,17 +118,11 @@ impl BusArgs {
     }
 
     /// As [`BusArgs::open`]; on the bus `sim` with the soft controller in the cell.
-    ///
-    /// # Errors
-    /// As [`BusArgs::open`].
     pub fn open_with_controller(&self) -> Result<Session, BusFailure> {
         self.open_with_controller_until(interrupt())
     }
 
     /// As [`BusArgs::open_with_controller`]; the session ends once `stop` is set.
-    ///
-    /// # Errors
-    /// As [`BusArgs::open`].
     pub fn open_with_controller_until(&self, stop: Arc<AtomicBool>) -> Result<Session, BusFailure> {
         let cell = self.cell.load()?;
         let settings =
@@ -146,17 +132,11 @@ impl BusArgs {
 
     /// Opens the session; on the bus `sim` with `cell` behind it. With `settings` a soft controller is on the bus: in
     /// the cell, or in a thread of this program.
-    ///
-    /// # Errors
-    /// As [`BusArgs::open`].
     pub fn open_cell(&self, cell: &Cell, settings: Option<&Settings>) -> Result<Session, BusFailure> {
         self.open_cell_until(cell, settings, interrupt())
     }
 
     /// As [`BusArgs::open_cell`]; the session ends once `stop` is set. For programs that have handlers of signals of their own.
-    ///
-    /// # Errors
-    /// As [`BusArgs::open`].
     pub fn open_cell_until(
         &self,
         cell: &Cell,
@@ -195,9 +175,6 @@ impl BusArgs {
     }
 
     /// Opens a session in virtual time with `cell` and the nodes `others` on its bus, independent of the bus of these options.
-    ///
-    /// # Errors
-    /// As [`BusArgs::open`].
     pub fn open_with_nodes(&self, cell: &Cell, others: OtherNodes) -> Result<Session, BusFailure> {
         let bus = SimBus::new(&cell.robot, &cell.setup, cell.seed, others)?;
         let medium = Medium::Sim(Box::new(bus));

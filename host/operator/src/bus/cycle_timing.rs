@@ -161,9 +161,6 @@ impl fmt::Display for CycleTiming {
 }
 
 /// Asks `modules` on `link` for [`SPAN`], in the calling thread with the priority of a controller.
-///
-/// # Errors
-/// The link has failed.
 pub fn measure(link: &mut dyn CanLink, clock: Clock, modules: &[ModuleId]) -> Result<CycleTiming, RunError> {
     let urgent = Urgent::request(Role::Controller);
     let mut probe = Probe::new(clock.now(), modules);

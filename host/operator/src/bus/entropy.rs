@@ -18,9 +18,6 @@ impl NoEntropy {
 
 /// Seed of a controller that runs on `clock`: random bytes, or [`Seed::FORESEEABLE`] on a manual clock. In virtual time
 /// nothing real moves, and a run must repeat byte for byte.
-///
-/// # Errors
-/// The operating system gives no random bytes.
 pub fn seed(clock: Clock) -> Result<Seed, NoEntropy> {
     if clock.is_manual() {
         return Ok(Seed::FORESEEABLE);
@@ -28,10 +25,6 @@ pub fn seed(clock: Clock) -> Result<Seed, NoEntropy> {
     Ok(Seed::from_entropy(bytes::<SEED_LEN>()?))
 }
 
-/// Random bytes.
-///
-/// # Errors
-/// The operating system gives no random bytes.
 pub fn bytes<const N: usize>() -> Result<[u8; N], NoEntropy> {
     let mut bytes = [0; N];
     getrandom::fill(&mut bytes).map_err(|error| NoEntropy(error.to_string()))?;

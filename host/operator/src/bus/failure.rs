@@ -10,10 +10,8 @@ pub enum BusFailure {
     /// The bus cannot be reached.
     #[error(transparent)]
     Open(#[from] can_link::OpenError),
-    /// The bus has failed.
     #[error(transparent)]
     Link(#[from] can_link::LinkError),
-    /// Waiting for the bus failed.
     #[error("cannot wait for the bus: {0}")]
     Wait(#[source] io::Error),
     /// The runner of a node ended.
@@ -27,12 +25,7 @@ pub enum BusFailure {
     Scenario(Box<hil_sim::scenario::ScenarioError>),
     /// A controller for drives that are not described, on a bus with real drives.
     #[error("the drives of {robot} are assumed ([generic_drives]), and {bus} has real ones")]
-    AssumedDrives {
-        /// Name of the robot.
-        robot: String,
-        /// The bus.
-        bus: can_link::BusSpec,
-    },
+    AssumedDrives { robot: String, bus: can_link::BusSpec },
     /// No controller can be made for the robot.
     #[error(transparent)]
     Settings(#[from] super::settings::NoSettings),
@@ -57,7 +50,6 @@ pub enum BusFailure {
     /// The recording cannot be written; the arm was stopped first where this session moved it.
     #[error("the recording cannot be written: {source}{}", if *.halted { " (the arm was halted first)" } else { "" })]
     Recording {
-        /// Error of the disk.
         source: io::Error,
         /// A halt was sent before the session ended.
         halted: bool,

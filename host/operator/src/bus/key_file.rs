@@ -17,26 +17,16 @@ const NOT_OWNER: u32 = 0o077;
 pub enum KeyFileError {
     /// It cannot be read or written.
     #[error("key file {path}: {source}")]
-    Io {
-        /// Path of the file.
-        path: PathBuf,
-        /// Error of the system.
-        source: io::Error,
-    },
+    Io { path: PathBuf, source: io::Error },
     /// Others can read or change it.
     #[error("key file {path}: others than its owner may use it (mode {mode:03o})")]
     Open {
-        /// Path of the file.
         path: PathBuf,
         /// Its permissions.
         mode: u32,
     },
-    /// It holds no key.
     #[error("key file {path}: not a key of {KEY_LEN} bytes in {} hexadecimal digits", 2 * KEY_LEN)]
-    NoKey {
-        /// Path of the file.
-        path: PathBuf,
-    },
+    NoKey { path: PathBuf },
 }
 
 impl KeyFileError {
@@ -55,7 +45,6 @@ impl KeyFileError {
     }
 }
 
-/// Which key.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct KeyArgs {
     /// File with the key of the controller, where it has one. Default: the file that the environment variable
@@ -66,9 +55,6 @@ pub struct KeyArgs {
 
 impl KeyArgs {
     /// The key, if one is named.
-    ///
-    /// # Errors
-    /// [`KeyFileError`].
     pub fn load(&self) -> Result<Option<Key>, KeyFileError> {
         let named = self.key_file.clone().or_else(|| std::env::var_os(ENVIRONMENT).map(PathBuf::from));
         named.map(|path| read(&path)).transpose()
@@ -93,9 +79,6 @@ pub fn read_bytes(path: &Path) -> Result<[u8; KEY_LEN], KeyFileError> {
 }
 
 /// As [`read_bytes`].
-///
-/// # Errors
-/// [`KeyFileError`].
 pub fn read(path: &Path) -> Result<Key, KeyFileError> {
     read_bytes(path).map(Key::new)
 }

@@ -31,9 +31,6 @@ pub struct LiveBus {
 
 impl LiveBus {
     /// Joins the bus that `spec` names.
-    ///
-    /// # Errors
-    /// The bus cannot be reached.
     pub fn open(spec: &BusSpec) -> Result<Self, BusFailure> {
         let clock = spec.clock();
         let mut link = can_link::open(spec, clock)?;
@@ -67,9 +64,6 @@ impl LiveBus {
     }
 
     /// Measures what the machine and the bus can keep, with requests to `modules`; the host node gets no frames meanwhile.
-    ///
-    /// # Errors
-    /// The bus has failed.
     pub(super) fn measure_cycle_timing(&mut self, modules: &[ModuleId]) -> Result<CycleTiming, BusFailure> {
         self.link.bear_late_frames(Duration::ZERO);
         let measured = cycle_timing::measure(&mut *self.link, self.clock, modules);

@@ -22,7 +22,6 @@ pub enum PeriodRequest {
     Any,
     /// This one, µs, with the gains that come with the program.
     Period(u32),
-    /// That of these gains.
     Gains(Box<GainsFile>),
 }
 
@@ -52,12 +51,7 @@ pub enum NoPeriod {
     },
     /// No period up to the longest one can be kept.
     #[error("no control period holds here: {timing}; the longest one is {} ms\n  {granted}", f64::from(*.longest_us) * 1e-3, timing = .timing, granted = .timing.granted)]
-    None {
-        /// Longest, µs.
-        longest_us: u32,
-        timing: Box<CycleTiming>,
-    },
-    /// No gains for the period.
+    None { longest_us: u32, timing: Box<CycleTiming> },
     #[error(transparent)]
     NoGains(#[from] NoGains),
 }
@@ -87,9 +81,6 @@ pub fn period_for(cycle: Duration, least_us: u32) -> u32 {
 }
 
 /// Decides. `usual_us` is the least period of the settings, used in virtual time.
-///
-/// # Errors
-/// [`NoPeriod`].
 pub fn choose(
     wish: PeriodRequest,
     timing: Option<&CycleTiming>,
@@ -168,9 +159,6 @@ pub fn usual_us(robot: &RobotModel, setup: &SimSetup, settings: &Settings) -> u3
 
 /// Settings for `robot` with gains for it and the usual period on the bus of `setup`. If its file has too little data to design gains, there
 /// are none, and a controller cannot be armed.
-///
-/// # Errors
-/// [`NoSettings`].
 pub fn settings_with_gains(robot: &RobotModel, setup: &SimSetup) -> Result<Settings, NoSettings> {
     let mut settings = settings_of(robot)?;
     if let Ok(choice) = choose(PeriodRequest::Any, None, robot, usual_us(robot, setup, &settings)) {

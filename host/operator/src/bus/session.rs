@@ -29,7 +29,6 @@ const HALT_TIME: Duration = Duration::from_millis(20);
 pub enum Ended {
     /// The condition came true.
     Done,
-    /// The time was up.
     TimedOut,
     /// Ctrl-C, SIGTERM or SIGHUP.
     Interrupted,
@@ -60,7 +59,6 @@ pub struct Session {
     controller_off: Rc<Cell<bool>>,
     /// It is a Cyphal node, with a node-ID that no other tool has.
     pub(crate) joined: bool,
-    /// Key of the controller, if it has one.
     pub(crate) key: Option<Key>,
     /// What this session uploaded last, and the SHA-256 of it.
     pub(crate) uploaded: Option<(Trajectory, Digest)>,
@@ -113,9 +111,6 @@ impl Session {
     /// Measures for [`super::cycle_timing::SPAN`] which control period this machine and this bus can keep, with
     /// requests to `modules` only; `None` in virtual time, which keeps every period. Recorders do not see the
     /// requests, and no soft controller may be on the bus yet.
-    ///
-    /// # Errors
-    /// The bus has failed.
     pub fn measure_cycle_timing(&mut self, modules: &[ModuleId]) -> Result<Option<CycleTiming>, BusFailure> {
         match &mut self.medium {
             Medium::Sim(_) => Ok(None),
@@ -177,12 +172,10 @@ impl Session {
         }
     }
 
-    /// Adds a recorder.
     pub fn add_tap(&mut self, tap: Box<dyn Tap>) {
         self.taps.push(tap);
     }
 
-    /// Errors of the bus so far.
     pub fn bus_errors(&self) -> &[(Instant, BusError)] {
         &self.bus_errors
     }
@@ -280,9 +273,6 @@ impl Session {
 
     /// Ends the job if another node or a person has stopped the arm since [`Session::watch_stops`]; waits for the
     /// controller's report of it. Nothing may be ordered before.
-    ///
-    /// # Errors
-    /// As [`Session::run`].
     pub fn heed_stops(&mut self) -> Result<(), BusFailure> {
         let until = self.now() + STOP_REST_MAX;
         while self.host_node().stops.is_pending() && !self.is_interrupted() {
@@ -292,9 +282,6 @@ impl Session {
     }
 
     /// Lets time pass, also after Ctrl-C; for work that must follow an interruption.
-    ///
-    /// # Errors
-    /// As [`Session::run`].
     pub fn pass(&mut self, span: Duration) -> Result<(), BusFailure> {
         let until = self.now() + span;
         while self.now() < until {
@@ -304,9 +291,6 @@ impl Session {
     }
 
     /// Halts everything on the bus and gives the frames time to leave.
-    ///
-    /// # Errors
-    /// As [`Session::run`].
     pub fn halt(&mut self, reason: Reason) -> Result<(), BusFailure> {
         self.host_node().halt(reason);
         // The controller's report of this halt is expected.
@@ -316,9 +300,6 @@ impl Session {
     }
 
     /// Halts everything if this session may have left something moving, as its end does.
-    ///
-    /// # Errors
-    /// As [`Session::run`].
     pub fn halt_if_moving(&mut self) -> Result<(), BusFailure> {
         if self.moves { self.halt(Reason::SHUTDOWN) } else { Ok(()) }
     }

@@ -18,17 +18,13 @@ const SLOW_CURRENT_SHARE: f64 = 0.5;
 pub enum NoSettings {
     /// Its file describes no drives.
     #[error("robot {robot} has no drives to control")]
-    NoDrives {
-        /// Name of the robot.
-        robot: String,
-    },
+    NoDrives { robot: String },
     /// A module that is the drive of no joint.
     #[error("module {module} is the drive of no joint of this robot")]
     NoSuchModule { module: ModuleId },
     /// Limits that do not go together.
     #[error("the limits of robot {robot} make no settings of a controller: {cause}")]
     Invalid {
-        /// Name of the robot.
         robot: String,
         /// Reason that the controller gives.
         cause: String,
@@ -84,9 +80,6 @@ const _: () = assert!(robot_model::JOINTS_MAX <= protocol::JOINTS_MAX);
 ///
 /// Gains belong to a robot. The built-in ones are kept for the robot that they were designed for, identified by its
 /// fingerprint. Any other robot gets no gains and no certificate, so that it cannot be armed before it was tuned.
-///
-/// # Errors
-/// [`NoSettings`].
 pub fn settings_of(model: &RobotModel) -> Result<Settings, NoSettings> {
     let robot = || model.name().to_owned();
     let mut settings = Settings::powercube6();

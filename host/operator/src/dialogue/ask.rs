@@ -12,7 +12,6 @@ use crate::node::drive_client::RequestFailed;
 /// Why a question has no answer.
 #[derive(Debug, thiserror::Error)]
 pub enum AskError {
-    /// The bus failed.
     #[error(transparent)]
     Bus(#[from] BusFailure),
     /// The module did not answer, or refused.
@@ -56,9 +55,6 @@ impl Session {
     }
 
     /// As [`Session::ask_all`]; `progress` gets the number of ended requests and of all requests.
-    ///
-    /// # Errors
-    /// As [`Session::ask_all`].
     pub fn ask_all_with(
         &mut self,
         questions: &[(ModuleId, Request)],
@@ -100,19 +96,11 @@ impl Session {
             .collect())
     }
 
-    /// Sends a request to one module.
-    ///
-    /// # Errors
-    /// [`AskError`].
     pub fn ask(&mut self, module: ModuleId, request: Request) -> Result<Reply, AskError> {
         let answer = self.ask_all(&[(module, request)])?.into_iter().next();
         Ok(answer.unwrap_or(Err(RequestFailed::NoAnswer { module, request, tries: 0 }))?)
     }
 
-    /// Reads a parameter.
-    ///
-    /// # Errors
-    /// [`AskError`].
     pub fn get(&mut self, module: ModuleId, parameter: Parameter) -> Result<Value, AskError> {
         let request = Request::Get(parameter);
         match self.ask(module, request)? {
@@ -123,25 +111,16 @@ impl Session {
     }
 
     /// Reads a number.
-    ///
-    /// # Errors
-    /// [`AskError`].
     pub fn get_f64(&mut self, module: ModuleId, parameter: Parameter) -> Result<f64, AskError> {
         Ok(self.get(module, parameter)?.as_f64().unwrap_or(f64::NAN))
     }
 
     /// Writes a float parameter.
-    ///
-    /// # Errors
-    /// [`AskError`].
     pub fn set_f32(&mut self, module: ModuleId, parameter: Parameter, value: f32) -> Result<(), AskError> {
         self.ask(module, Request::Set(parameter, Value::F32(value))).map(drop)
     }
 
     /// Gives a one-byte command.
-    ///
-    /// # Errors
-    /// [`AskError`].
     pub fn command(&mut self, module: ModuleId, command: SimpleCommand) -> Result<(), AskError> {
         self.ask(module, Request::Simple(command)).map(drop)
     }

@@ -97,9 +97,6 @@ impl Session {
     }
 
     /// Reads the clock of a controller once into `clock`.
-    ///
-    /// # Errors
-    /// As [`Session::read_clock`].
     pub fn look_at_clock(&mut self, node: NodeId, clock: &mut ControllerClock) -> Result<(), OperatorError> {
         let sent = self.now();
         let output = self.order(node, "the time", CLOCK, &())?;

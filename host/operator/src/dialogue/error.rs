@@ -23,19 +23,16 @@ pub enum OperatorError {
     /// Ctrl-C.
     #[error("interrupted")]
     Interrupted,
-    /// No controller.
     #[error("no controller is heard on this bus")]
     NoController,
     /// The request table is full or the message too long; does not happen to a single operator.
     #[error("cannot ask the controller: {0}")]
     Start(StartError),
-    /// It does not answer.
     #[error("controller {} does not answer", .node.get())]
     NoAnswer { node: NodeId },
     /// The answer cannot be read.
     #[error("the answer of controller {} cannot be read", .node.get())]
     Unreadable { node: NodeId },
-    /// The controller refuses.
     #[error("the controller refuses {what}: {}", refusal_text(.status, .refusal))]
     Refused {
         /// The order.
@@ -80,7 +77,6 @@ pub enum OperatorError {
     /// A robot that is led was stopped, or its program has ended.
     #[error("{}", robot_text(.cause, .joint, .by_itself))]
     RobotStopped {
-        /// Number of the cause.
         cause: u16,
         /// Axis, from 1; 0 = all.
         joint: u8,
@@ -94,7 +90,6 @@ pub enum OperatorError {
     /// A robot that sends telegrams but is not ready.
     #[error("the robot is not ready to be led after 10 s; {heard}")]
     RobotNotReady { heard: String },
-    /// The socket of a robot.
     #[error("{0}")]
     Socket(std::io::Error),
     /// It stopped, or reports a fault.
@@ -102,7 +97,6 @@ pub enum OperatorError {
     Stopped {
         /// Stopped or Fault.
         state: State,
-        /// Number of the cause.
         cause: u16,
         /// Joint, from 1; 0 = the group.
         joint: u8,

@@ -50,9 +50,6 @@ impl Session {
     }
 
     /// The freeze frame; `None` without a fault.
-    ///
-    /// # Errors
-    /// [`OperatorError`].
     pub fn freeze_frame(&mut self, node: NodeId) -> Result<Option<Frozen>, OperatorError> {
         let bytes = self.read_file(node, FREEZE_PATH)?;
         if bytes.is_empty() {
@@ -62,9 +59,6 @@ impl Session {
     }
 
     /// The last events, oldest first.
-    ///
-    /// # Errors
-    /// [`OperatorError`].
     pub fn trace(&mut self, node: NodeId) -> Result<Vec<TraceEntry>, OperatorError> {
         let bytes = self.read_file(node, TRACE_PATH)?;
         events(&bytes).ok_or(OperatorError::Unreadable { node })

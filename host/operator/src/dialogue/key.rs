@@ -23,9 +23,6 @@ impl Session {
     }
 
     /// Writes the key of a controller, or removes it with no bytes. The answer does not show whether it was accepted.
-    ///
-    /// # Errors
-    /// [`OperatorError`].
     pub fn write_key(&mut self, node: NodeId, bytes: &[u8]) -> Result<(), OperatorError> {
         let value = Value::unstructured(bytes).map_err(|_| OperatorError::Unreadable { node })?;
         self.authorize_register(node, KEY_REGISTER, &value)?;
@@ -34,9 +31,6 @@ impl Session {
     }
 
     /// True if the controller has a key.
-    ///
-    /// # Errors
-    /// [`OperatorError`].
     pub fn is_keyed(&mut self, node: NodeId) -> Result<bool, OperatorError> {
         Ok(self.register(node, KEYED_REGISTER)? == Numbers::Bit(vec![true]))
     }

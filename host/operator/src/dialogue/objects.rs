@@ -48,9 +48,6 @@ impl Session {
     }
 
     /// The type of a node (object 1000), which may still boot.
-    ///
-    /// # Errors
-    /// As [`Session::read_object`].
     pub fn find_node(&mut self, node: NodeId) -> Result<Result<Vec<u8>, Failure>, AskError> {
         let until = self.now() + BOOT_MAX;
         loop {

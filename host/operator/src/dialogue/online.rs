@@ -37,13 +37,11 @@ pub struct EndStates {
     pub at: Instant,
     /// Positions, base first, rad; within ±8.38 rad.
     pub q_rad: Vec<f64>,
-    /// Velocities, rad/s.
     pub qd_rad_s: Vec<f64>,
     /// Up to two events and when they happen, within 8.38 s of `at`; they replace all that are still to come.
     pub events: Vec<(Instant, Action)>,
 }
 
-/// What became of an end state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Answered {
     /// When the answer came, in our time.
@@ -57,9 +55,6 @@ pub struct Answered {
 impl Session {
     /// Begins the armed trajectory and returns as soon as it runs; the arm is halted if the session ends before
     /// [`Session::release_motion`].
-    ///
-    /// # Errors
-    /// [`OperatorError`].
     pub fn start_run(&mut self, node: NodeId, name: &Trajectory) -> Result<(), OperatorError> {
         self.guard_motion();
         let Trajectory { trajectory_crc64, length_bytes } = *name;

@@ -79,9 +79,6 @@ impl Session {
     }
 
     /// Waits until the controller has found its drives.
-    ///
-    /// # Errors
-    /// As [`Session::wait_for`].
     pub fn find_drives(&mut self) -> Result<(), OperatorError> {
         self.wait_for(FINDING_MAX, &|state| state != State::Boot)
     }
@@ -115,10 +112,6 @@ impl Session {
         }
     }
 
-    /// One request, with all its attempts.
-    ///
-    /// # Errors
-    /// [`OperatorError`].
     pub fn request(
         &mut self,
         node: NodeId,
@@ -210,9 +203,6 @@ impl Session {
     }
 
     /// Lets the joints of `mask` (bit 0 = first joint) find their zeros, and waits for the end.
-    ///
-    /// # Errors
-    /// [`OperatorError`].
     pub fn home_group(&mut self, node: NodeId, joint_mask: u8, limit: Duration) -> Result<(), OperatorError> {
         self.guard_motion();
         self.order(node, "homing", command::HOME, &Home { joint_mask })?;
@@ -224,9 +214,6 @@ impl Session {
     }
 
     /// Stores a trajectory file in the controller and commits it: checked there, and named by its hash.
-    ///
-    /// # Errors
-    /// [`OperatorError`].
     pub fn upload(
         &mut self,
         node: NodeId,
@@ -300,35 +287,18 @@ impl Session {
     }
 
     /// Back to Ready.
-    ///
-    /// # Errors
-    /// [`OperatorError`].
     pub fn disarm(&mut self, node: NodeId) -> Result<(), OperatorError> {
         self.order(node, "to disarm", command::DISARM, &()).map(drop)
     }
 
     /// Runs the armed trajectory and follows it to its end; `progress` gets each message of the controller's state
     /// with the time of its arrival. Ctrl-C orders a stop along the path, and a halt if the controller does not
-    /// obey.
-    ///
-    /// # Errors
-    /// [`OperatorError`]; what moved stands.
-    pub fn run_trajectory(
-        &mut self,
-        node: NodeId,
-        name: &Trajectory,
-        limit: Duration,
-        progress: &mut dyn FnMut(Instant, &GroupState),
-    ) -> Result<GroupState, OperatorError> {
-        self.run_trajectory_at(node, name, None, limit, &[], progress)
-    }
-
-    /// As [`Session::run_trajectory`]; the plan begins at `start` of the controller's clock
+    /// obey. The plan begins at once, or at `start` of the controller's clock
     /// ([`ControllerClock`](super::clock::ControllerClock)), at least two control periods and at most 30 s ahead. It goes on with
     /// `segments` while it runs.
     ///
     /// # Errors
-    /// [`OperatorError::NotStarted`] if the arming ended before, and as [`Session::run_trajectory`].
+    /// [`OperatorError::NotStarted`] if the arming ended before, and the others; what moved stands.
     pub fn run_trajectory_at(
         &mut self,
         node: NodeId,

@@ -18,7 +18,6 @@ const CLAIM: Duration = Duration::from_millis(1_200);
 /// Who else is on the bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Presence {
-    /// The controller on the bus.
     pub controller: Option<NodeId>,
     /// Another node sends requests or orders to drives.
     pub drives_are_asked: bool,
@@ -80,9 +79,6 @@ impl Session {
 
     /// As [`Session::listen`]. If modules get requests and no controller was found, this session becomes a node, so
     /// that a `cubectl arm monitor` gives way, and listens once more.
-    ///
-    /// # Errors
-    /// As [`Session::listen`].
     pub fn claim(&mut self) -> Result<Presence, AskError> {
         let present = self.listen()?;
         if present.controller.is_some() || present.tool || !present.drives_are_asked {
@@ -94,9 +90,6 @@ impl Session {
 
     /// Listens for `span`, at least [`OTHERS_LISTEN`], or with `until_told` until a controller was found and had
     /// time to show its host. Nothing is sent; before it returns the session may send again.
-    ///
-    /// # Errors
-    /// As [`Session::listen`].
     pub fn listen_for(&mut self, span: Duration, until_told: bool) -> Result<Presence, AskError> {
         let (begun, before) = (self.now(), self.host_node().tally());
         let heard_since = |at: Instant| at > begun;

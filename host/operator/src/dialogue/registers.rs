@@ -152,18 +152,11 @@ impl Session {
         self.access(node, name, Value::EMPTY).map(|told| told.value)
     }
 
-    /// A register of `node` with its properties.
-    ///
-    /// # Errors
-    /// As [`Session::register`].
     pub fn told_register(&mut self, node: NodeId, name: &str) -> Result<RegisterEntry, OperatorError> {
         self.access(node, name, Value::EMPTY)
     }
 
     /// Names of all registers of `node`, in its order.
-    ///
-    /// # Errors
-    /// [`OperatorError`].
     pub fn register_names(&mut self, node: NodeId) -> Result<Vec<String>, OperatorError> {
         let mut names = Vec::new();
         for index in 0..REGISTERS_MAX {
@@ -179,9 +172,6 @@ impl Session {
     }
 
     /// The number of a register of the group.
-    ///
-    /// # Errors
-    /// As [`Session::register`].
     pub fn natural(&mut self, node: NodeId, name: &str) -> Result<u64, OperatorError> {
         match self.register(node, name)? {
             Numbers::Natural(numbers) if numbers.len() == 1 => Ok(numbers[0]),

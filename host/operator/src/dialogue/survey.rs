@@ -16,20 +16,16 @@ pub struct ModuleReport {
     /// Address.
     pub module: ModuleId,
     pub version: FirmwareVersion,
-    /// Serial number.
     pub serial: Option<u32>,
     /// Configuration word.
     pub config: Option<Config>,
     /// Set-up word.
     pub setup: Option<Setup>,
-    /// State word.
     pub state: Option<CubeState>,
     /// Position, rad (linear modules: m).
     pub position_rad: Option<f64>,
     pub current_a: Option<f64>,
-    /// Motor supply, V.
     pub motor_v: Option<f64>,
-    /// Logic supply, V.
     pub logic_v: Option<f64>,
     /// Temperature, degrees Celsius.
     pub temperature_c: Option<f64>,
@@ -91,9 +87,6 @@ pub fn condition(state: Option<CubeState>) -> String {
 pub type OnSurveyProgress<'a> = &'a mut dyn FnMut(&'static str, usize, usize);
 
 /// Finds the modules among `candidates` by requests for their version, then requests the other data from each one found.
-///
-/// # Errors
-/// The bus failed, or Ctrl-C.
 pub fn survey(
     session: &mut Session,
     candidates: impl IntoIterator<Item = ModuleId>,

@@ -51,7 +51,6 @@ pub(crate) fn reader(robot: &RobotModel) -> Option<Box<dyn Reader + '_>> {
 /// What a frame says of a joint.
 pub(crate) struct Measured {
     pub(crate) joint: usize,
-    /// When it was measured.
     pub(crate) at: Instant,
     pub(crate) q_rad: f64,
     pub(crate) temperature_c: Option<f64>,

@@ -33,7 +33,6 @@ pub enum Difference {
 /// A difference and where it is.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finding {
-    /// The object.
     pub object: Object,
     /// Its name in the sheet; empty if it has none.
     pub name: String,
@@ -134,9 +133,6 @@ struct Wanted {
 }
 
 /// Compares. `read` asks the node for an object.
-///
-/// # Errors
-/// Those of `read`.
 pub fn compare<E>(
     eds: &Eds,
     node: NodeId,

@@ -16,12 +16,10 @@ use canopen_protocol::{NodeId, Object};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Number {
     value: i64,
-    /// The number of the node is added.
     adds_node: bool,
 }
 
 impl Number {
-    /// The value for a node.
     #[must_use]
     pub fn of(self, node: NodeId) -> i64 {
         self.value.saturating_add(if self.adds_node { node.get().into() } else { 0 })
@@ -66,7 +64,6 @@ impl Entry {
         })
     }
 
-    /// The type has a sign.
     #[must_use]
     pub const fn is_signed(&self) -> bool {
         matches!(self.data_type, 0x02..=0x04 | 0x10 | 0x12..=0x15)
@@ -89,7 +86,6 @@ pub struct Identity {
 pub struct Eds {
     /// See [`Identity`].
     pub identity: Identity,
-    /// Its objects.
     pub entries: BTreeMap<Object, Entry>,
 }
 
@@ -99,6 +95,5 @@ pub struct Eds {
 pub struct EdsError {
     /// From 1.
     pub line: usize,
-    /// What.
     pub problem: String,
 }

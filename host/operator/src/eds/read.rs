@@ -6,7 +6,6 @@ use canopen_protocol::Object;
 
 use super::{Eds, EdsError, Entry, Identity, Number};
 
-/// A value and its line.
 type Values = BTreeMap<String, (usize, String)>;
 
 /// Sections that only name, count or comment.

@@ -29,7 +29,6 @@ const CONVERGED: f64 = 1e-6;
 pub struct Sample {
     /// Time of the exposure, s.
     pub t_s: f64,
-    /// Centre, m.
     pub p_m: Vector3<f64>,
 }
 
@@ -59,15 +58,12 @@ pub struct Air {
 pub struct FlightPrior {
     /// Time that position and velocity belong to, s.
     pub t_s: f64,
-    /// Position, m.
     pub p_m: Vector3<f64>,
-    /// Velocity, m/s.
     pub v_m_s: Vector3<f64>,
     /// Covariance of both.
     pub covariance: SMatrix<f64, 6, 6>,
 }
 
-/// An estimated flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Flight {
     /// Time of the unknowns, s.

@@ -37,18 +37,13 @@ pub enum ExperimentError {
     /// A question failed.
     #[error(transparent)]
     Ask(#[from] AskError),
-    /// Not homed.
     #[error("module {module} is not homed, so that its position is not known; nothing moved")]
-    NotHomed {
-        /// Address of the module.
-        module: ModuleId,
-    },
+    NotHomed { module: ModuleId },
     /// An error of the drive, in the middle of it.
     #[error(
         "joint {joint} is blocked or in error: module {module} reports {state}; nothing is concluded, everything was halted"
     )]
     Drive {
-        /// Joint number.
         joint: usize,
         module: ModuleId,
         /// What it reports.
@@ -59,7 +54,6 @@ pub enum ExperimentError {
         "joint {joint} is blocked: it moved {moved_rad:.4} rad of {wanted_rad:.3} rad and draws {current_a:.1} A; nothing is concluded, everything was halted"
     )]
     Blocked {
-        /// Joint number.
         joint: usize,
         /// Way so far.
         moved_rad: f64,
@@ -73,7 +67,6 @@ pub enum ExperimentError {
         "joint {joint} drew {current_a:.1} A, more than the {bound_a:.1} A allowed; nothing is concluded, everything was halted"
     )]
     OverCurrent {
-        /// Joint number.
         joint: usize,
         /// What it drew.
         current_a: f64,
@@ -83,13 +76,7 @@ pub enum ExperimentError {
     #[error(
         "joint {joint} can only turn from {low_rad:.2} to {high_rad:.2} rad here before a limit or a collision; {needed_rad:.2} rad are needed"
     )]
-    NoRoom {
-        /// Joint number.
-        joint: usize,
-        low_rad: f64,
-        high_rad: f64,
-        needed_rad: f64,
-    },
+    NoRoom { joint: usize, low_rad: f64, high_rad: f64, needed_rad: f64 },
 }
 
 impl ExperimentError {
@@ -121,7 +108,6 @@ impl From<BusFailure> for ExperimentError {
     }
 }
 
-/// Bounds of an experiment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
     /// Largest current, as a share of the drive's own maximum, 0..=1.
@@ -183,9 +169,6 @@ impl<'a> Experiment<'a> {
     }
 
     /// Angles of all joints, rad.
-    ///
-    /// # Errors
-    /// [`ExperimentError`].
     pub fn positions(&mut self) -> Result<JointVec, ExperimentError> {
         let questions: Vec<_> =
             self.drives.iter().map(|drive| (drive.module(), Request::Get(Parameter::ActPos))).collect();
@@ -203,9 +186,6 @@ impl<'a> Experiment<'a> {
     }
 
     /// Goes to a pose, one joint after the other.
-    ///
-    /// # Errors
-    /// [`ExperimentError`].
     pub fn go(&mut self, pose: &JointVec, order: &[usize]) -> Result<(), ExperimentError> {
         for &i in order {
             (self.progress)(&format!("joint {} to {:.2} rad", i + 1, pose[i]));

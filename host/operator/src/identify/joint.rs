@@ -11,7 +11,6 @@ use tuner::identify::findings::{Findings, Holds, Measured, Subject};
 use tuner::identify::poses::{HOLDS, Ways};
 use tuner::model::DriveLag;
 
-/// Requested experiment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointExperiments {
     /// Joint number from 1.
@@ -28,27 +27,15 @@ pub enum JointError {
     /// On the bus.
     #[error(transparent)]
     Experiment(#[from] ExperimentError),
-    /// No drives in the robot file.
     #[error("robot {robot} has no drives; give each [[joint]] of its file a [joint.drive] table")]
     NoDrives { robot: String },
     #[error("robot {robot} has joints 1 to {joints}, not {asked}")]
-    NoSuchJoint {
-        robot: String,
-        /// Joints it has.
-        joints: usize,
-        asked: usize,
-    },
+    NoSuchJoint { robot: String, joints: usize, asked: usize },
     /// The settings are of another arm.
     #[error(
         "{source_of_it} know no drive of address {address}, which robot {robot} has at joint {joint}; nothing moved"
     )]
-    NoSuchDrive {
-        source_of_it: String,
-        robot: String,
-        /// Joint number.
-        joint: usize,
-        address: u8,
-    },
+    NoSuchDrive { source_of_it: String, robot: String, joint: usize, address: u8 },
 }
 
 impl JointError {

@@ -15,11 +15,9 @@ use crate::dialogue::registers::{Numbers, settings_of};
 /// Source of the mounting of the drives.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Source {
-    /// A controller on the bus.
     Controller(NodeId),
     /// A file of `cubectl controller registers export`.
     File(String),
-    /// No source.
     Assumed,
 }
 
@@ -62,15 +60,10 @@ impl Mounting {
         Ok(Self { settings: settings_of(is_of_mounting, read)?, source })
     }
 
-    /// From a controller on the bus.
-    ///
-    /// # Errors
-    /// [`OperatorError`].
     pub fn of_controller(session: &mut Session, node: NodeId) -> Result<Self, OperatorError> {
         Self::of(Source::Controller(node), &mut |name| session.register(node, name))
     }
 
-    /// The source.
     #[must_use]
     pub const fn source(&self) -> &Source {
         &self.source

@@ -176,7 +176,6 @@ const SENSOR_CYCLES: f64 = 2.0;
 /// The ball is in the hand for at least this time before its release: the arm moves.
 const HELD: Duration = Duration::from_secs(1);
 
-/// The gripper, as it is described.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GripperKnown {
     /// Bit of the outputs that opens it.

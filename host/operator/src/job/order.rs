@@ -42,7 +42,6 @@ pub enum Extent {
     Ready,
     /// The program is in the controller.
     Upload,
-    /// It has run.
     Run,
     /// The arm is back where it stood.
     Back,

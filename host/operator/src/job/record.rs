@@ -21,7 +21,6 @@ use planner::plan::Joints;
 use planner::way::WayError;
 use tuner::gains::gains_file::GainsFileError;
 
-/// A step of the job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
     /// A controller has sent a message.
@@ -85,7 +84,6 @@ pub enum JobError {
     /// The bus, the controller, or Ctrl-C.
     #[error(transparent)]
     Operator(#[from] OperatorError),
-    /// No way to the start.
     #[error("{0}")]
     Way(#[from] WayError),
     /// A motion is nothing for a controller.
@@ -99,14 +97,12 @@ pub enum JobError {
         /// Of the gains, µs.
         gains_us: f64,
     },
-    /// Gains for another number of joints.
     #[error("the gains are for joints {found}, the robot has {wanted}")]
     GainsJoints {
         /// Numbers in the file.
         found: String,
         wanted: usize,
     },
-    /// Gains of another robot.
     #[error("{0}")]
     GainsRobot(GainsFileError),
     /// The controller was started for another number of joints.
@@ -118,7 +114,6 @@ pub enum JobError {
     /// Two drives answer where one should.
     #[error("two modules answer at address {addresses}")]
     Double { addresses: String },
-    /// A person declined.
     #[error("not confirmed; {}", if *.moved { "the arm stands at the start" } else { "nothing has moved" })]
     Declined {
         /// The arm has homed or gone to the start before.
@@ -170,7 +165,6 @@ pub struct Record {
     pub steps: Vec<(Step, Instant, Instant)>,
     /// Where the arm stands, rad; of a job that goes as far as [`super::Extent::Ready`].
     pub pose: Option<Joints>,
-    /// The step at work.
     pub at_work: Option<(Step, Instant)>,
     /// Control period, µs.
     pub period_us: u64,
@@ -220,7 +214,6 @@ pub struct Record {
 /// Where the ball is, as far as an observer watches it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BallOutcome {
-    /// The ball is not observed.
     #[default]
     NotObserved,
     /// Still in the hand when the job ended.

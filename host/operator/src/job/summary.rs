@@ -14,7 +14,6 @@ use crate::bus::soft::SoftReport;
 use planner::plan::file::VERSION as PLAN_VERSION;
 use tuner::gains::choose::GainsFrom;
 
-/// Version of the file.
 pub const VERSION: u32 = 3;
 
 /// Text for a run whose timing cannot be judged.
@@ -23,7 +22,6 @@ pub const NOT_COMPARED: &str = "the timing is not compared with a certificate: n
 /// What only the caller knows.
 #[derive(Clone, Debug, Default)]
 pub struct Circumstances<'a> {
-    /// Bus as text.
     pub bus: &'a str,
     /// What supplied the time: `virtual time` or `real time`.
     pub time: &'a str,
@@ -31,13 +29,11 @@ pub struct Circumstances<'a> {
     pub controller: &'a str,
     /// Seed of planner and cell, if one was used.
     pub seed: Option<u64>,
-    /// Exit code of the program.
     pub exit_code: u8,
     /// What ended the job early, as people read it.
     pub cause: Option<String>,
     /// What to do then.
     pub next: Vec<String>,
-    /// Errors that the bus reported.
     pub bus_errors: usize,
     /// Time of each step by the wall, in the order of the record.
     pub wall_s: &'a [f64],

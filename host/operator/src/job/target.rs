@@ -61,9 +61,6 @@ impl Target {
     }
 
     /// The way there; `None` if the arm is there.
-    ///
-    /// # Errors
-    /// [`WayError`].
     pub fn way(
         &self,
         arm: &Arm,

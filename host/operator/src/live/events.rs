@@ -8,7 +8,6 @@ use serde::Serialize;
 
 use crate::log::watch::{LogEvent, Severity};
 
-/// Events kept.
 const KEPT: usize = 200;
 /// The same within this time is a repetition. A jog is ordered twenty times a second.
 const REPEATS_WITHIN: Duration = Duration::from_secs(1);
@@ -22,9 +21,7 @@ pub struct EventView {
     pub t_s: f64,
     /// `info`, `warning` or `error`.
     pub severity: Severity,
-    /// Source of the event.
     pub source: String,
-    /// What.
     pub text: String,
 }
 

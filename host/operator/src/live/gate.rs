@@ -10,7 +10,6 @@ use std::net::SocketAddr;
 /// A request that is answered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wanted {
-    /// The page.
     Page,
     /// The report of the job that is over.
     Report,
@@ -18,7 +17,6 @@ pub enum Wanted {
     Live,
     /// A WebSocket of a robotics viewer.
     Viewer,
-    /// Stop.
     Stop,
 }
 
@@ -54,7 +52,6 @@ impl Refused {
 /// Properties of a request.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Asked<'a> {
-    /// Method.
     pub method: &'a str,
     /// Path, with its query.
     pub path: &'a str,
@@ -64,14 +61,10 @@ pub struct Asked<'a> {
     pub origin: Option<&'a str>,
     /// It requests a WebSocket.
     pub upgrade: bool,
-    /// Protocols offered with it.
     pub protocols: Option<&'a str>,
 }
 
 /// Judges a request at the port `own`; pages of `allowed` origins may read too.
-///
-/// # Errors
-/// [`Refused`].
 pub fn judge(asked: &Asked<'_>, own: SocketAddr, allowed: &[String]) -> Result<Wanted, Refused> {
     let names = names(own);
     if !asked.host.is_some_and(|host| names.iter().any(|name| name.eq_ignore_ascii_case(host))) {

@@ -20,11 +20,9 @@ use super::viewer::{PROTOCOLS, Viewer};
 pub const PERIOD: Duration = Duration::from_millis(20);
 /// Connections at once; one more gets a refusal.
 pub const CONNECTIONS_MAX: usize = 32;
-/// Longest request, bytes.
 const REQUEST_MAX_BYTES: usize = 16 * 1024;
 /// Bytes that are taken in after an answer.
 const LEFT_OVER_MAX_BYTES: usize = 256 * 1024;
-/// Headers of a request.
 const HEADERS_MAX: usize = 64;
 /// A connection without a request by then is closed.
 const REQUEST_WITHIN: Duration = Duration::from_secs(5);
@@ -69,7 +67,6 @@ impl ServeError {
 struct Ended {
     /// In words.
     text: String,
-    /// Whether `/report` shows the report.
     report: bool,
 }
 
@@ -81,7 +78,6 @@ struct Shown<'a> {
     ended: Option<Ended>,
 }
 
-/// What all connections share.
 struct Shared {
     job: Mutex<Option<(Ended, String)>>,
     state: Arc<Mutex<LiveState>>,
@@ -102,9 +98,6 @@ pub struct LiveServer {
 impl LiveServer {
     /// Serves `page` and what `state` holds at `address`, which must be of the loopback; port 0 is any that is free. A page that
     /// stops sets `stop`. Pages of `origins` (`https://viewer.example`) may read too.
-    ///
-    /// # Errors
-    /// [`ServeError`].
     pub fn start(
         address: SocketAddr,
         state: Arc<Mutex<LiveState>>,
@@ -145,7 +138,6 @@ impl LiveServer {
         format!("http://{}/", self.shared.own)
     }
 
-    /// Address of the port.
     #[must_use]
     pub fn address(&self) -> SocketAddr {
         self.shared.own

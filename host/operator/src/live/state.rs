@@ -31,11 +31,9 @@ pub struct Snapshot {
     pub t_s: f64,
     /// Unix time, s; zero in virtual time.
     pub unix_s: f64,
-    /// Frames seen.
     pub frames: u64,
     /// Share of the bus that was taken in the last half second, or since the beginning, without stuff bits, %.
     pub load_percent: f64,
-    /// Errors that the bus reported.
     pub bus_errors: u64,
     /// The last stop and who obeys it, until it is over.
     pub stop: Option<StopView>,
@@ -67,19 +65,15 @@ pub struct LinkView {
 /// A controller by its last report.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ControllerView {
-    /// Cyphal node-ID.
     pub node_id: u8,
     /// State of the group; `not heard for N s` if the message is old.
     pub state: String,
     /// How the state is shown.
     pub tone: Tone,
-    /// Age of the message, s.
     pub age_s: f64,
     /// Nothing here need be so any more.
     pub old: bool,
-    /// The latched fault.
     pub fault: Option<FaultView>,
-    /// Time of the plan, s.
     pub plan_s: f64,
     /// Control period, µs.
     pub period_us: u16,
@@ -89,7 +83,6 @@ pub struct ControllerView {
     pub replies_missed: u16,
     /// Cycles in which an acceleration was clipped, since start.
     pub cycles_saturated: u16,
-    /// The gripper is ordered to be open.
     pub gripper_open: bool,
     /// The host's heartbeat is fresh.
     pub host_alive: bool,
@@ -113,11 +106,9 @@ pub struct FaultView {
 pub struct JointView {
     /// Name in the robot file.
     pub name: String,
-    /// Address of its module.
     pub module: Option<u8>,
     /// Angle that the drive reported last, rad.
     pub q_rad: Option<f64>,
-    /// Age of the angle, s.
     pub age_s: Option<f64>,
     /// Nothing here need be so any more.
     pub old: bool,
@@ -294,7 +285,6 @@ impl LiveState {
         }
     }
 
-    /// An error of the bus.
     pub fn bus_error(&mut self, at: Instant, error: &BusError) {
         self.advance_to(at);
         self.bus_errors += 1;
@@ -411,7 +401,6 @@ impl LiveState {
     }
 }
 
-/// How a state is shown.
 const fn tone(state: State) -> Tone {
     match state {
         State::Ready | State::Running => Tone::Good,

@@ -51,7 +51,6 @@ pub(super) struct Stopping {
 }
 
 impl Stopping {
-    /// A joint has an angle.
     pub(super) fn angle(&mut self, number: u8, at: Instant, q_rad: f64) {
         let angle = self.angles.entry(number).or_insert(Angle { heard: at, q_rad, since: at });
         angle.heard = at;

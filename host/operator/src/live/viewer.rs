@@ -49,7 +49,6 @@ const CHANNELS: [(Channel, &str, &str); 5] = [
 /// One viewer: what it subscribed to.
 #[derive(Debug, Default)]
 pub struct Viewer {
-    /// Channel of each subscription.
     subscriptions: BTreeMap<u32, Channel>,
     scene_sent_s: Option<f64>,
     last_event: u64,
@@ -75,7 +74,6 @@ impl Viewer {
         [info.to_string(), json!({"op": "advertise", "channels": channels}).to_string()]
     }
 
-    /// Number of the last event that was sent.
     #[must_use]
     pub const fn last_event(&self) -> u64 {
         self.last_event
@@ -104,7 +102,6 @@ impl Viewer {
         }
     }
 
-    /// The messages that a snapshot makes.
     pub fn messages(&mut self, snapshot: &Snapshot, machine: &Machine) -> Vec<Vec<u8>> {
         let time = Time::of(snapshot);
         let scene_due = self.scene_sent_s.is_none_or(|sent_s| snapshot.t_s - sent_s >= SCENE_EVERY_S);

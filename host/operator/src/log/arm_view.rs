@@ -149,7 +149,6 @@ impl ArmView {
     }
 }
 
-/// What is thrown.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Thrown {
     Ball {

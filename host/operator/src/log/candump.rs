@@ -30,10 +30,6 @@ impl<W: Write> Log<W> {
         Self { out: io::BufWriter::new(out), bus, zero_unix }
     }
 
-    /// Writes a frame.
-    ///
-    /// # Errors
-    /// The medium's.
     pub fn frame(&mut self, at: Instant, way: Way, frame: &Frame) -> io::Result<()> {
         let Ok(bus) = BusName::new(&self.bus) else { return Ok(()) };
         let direction = Some(match way {
@@ -46,9 +42,6 @@ impl<W: Write> Log<W> {
     }
 
     /// Writes an error of the bus as candump does: an error frame.
-    ///
-    /// # Errors
-    /// The medium's.
     pub fn bus_error(&mut self, at: Instant, error: &BusError) -> io::Result<()> {
         let id = 0x2000_0000 | error.class & 0x1FFF_FFFF;
         let details: String = error.details.iter().map(|byte| format!("{byte:02X}")).collect();
@@ -58,15 +51,11 @@ impl<W: Write> Log<W> {
     }
 
     /// Hands everything to the operating system.
-    ///
-    /// # Errors
-    /// The medium's.
     pub fn flush(&mut self) -> io::Result<()> {
         self.out.flush()
     }
 }
 
-/// A frame of a log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Line {
     /// Number in the file, from 1.
@@ -120,7 +109,6 @@ pub enum ReadError {
     /// The medium.
     #[error("{0}")]
     Io(#[from] io::Error),
-    /// A line that is not a frame.
     #[error("line {line}: {error}")]
     Line {
         /// Number, from 1.
@@ -136,7 +124,6 @@ pub enum ReadError {
         /// Its time stamp.
         at: Instant,
     },
-    /// No line of a log is that long.
     #[error("line {line} has more than {LINE_MAX_BYTES} bytes")]
     LongLine {
         /// Number, from 1.

@@ -65,7 +65,6 @@ pub enum Fact {
         /// Number of the command.
         number: u16,
     },
-    /// The answer to it.
     Answer {
         from: NodeId,
         /// Number of the command, if it was seen.

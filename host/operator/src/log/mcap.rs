@@ -81,9 +81,6 @@ fn about(zero_unix: Duration, machine: Option<&Machine>) -> Metadata {
 impl<W: Write + Seek> Log<W> {
     /// Begins the file. `zero_unix` is the Unix time at the session's time zero; zero in virtual time. Without a machine there are
     /// no joints, frames and bodies.
-    ///
-    /// # Errors
-    /// The medium's.
     pub fn new(out: W, zero_unix: Duration, machine: Option<Machine>) -> io::Result<Self> {
         let mut writer = WriteOptions::new()
             .compression(None)
@@ -128,9 +125,6 @@ impl<W: Write + Seek> Log<W> {
     }
 
     /// Writes a frame, and its content; true if it has changed the state of the controller.
-    ///
-    /// # Errors
-    /// The medium's.
     pub fn frame(&mut self, at: Instant, way: Way, frame: &Frame) -> io::Result<bool> {
         let before = self.state;
         let sent = way == Way::Sent;
@@ -180,9 +174,6 @@ impl<W: Write + Seek> Log<W> {
     }
 
     /// Writes the angles of all joints, rad, with frames and bodies of the arm; nothing without a machine.
-    ///
-    /// # Errors
-    /// The medium's.
     pub fn joints(&mut self, at: Instant, q_rad: &[f64]) -> io::Result<()> {
         self.arm_at(at, &q_rad.iter().copied().map(Some).collect())
     }
@@ -203,27 +194,17 @@ impl<W: Write + Seek> Log<W> {
     }
 
     /// Writes where a ball or disc is that flies or lies, m, in the frame `room`.
-    ///
-    /// # Errors
-    /// The medium's.
     pub fn thrown(&mut self, at: Instant, p_m: [f64; 3], shape: &Thrown) -> io::Result<()> {
         let body = thrown_at(at + self.zero_unix, p_m, shape);
         self.put(shape.topic(), self.schemas.scene, at, body)
     }
 
     /// Writes where the frame `room` is, seen from the base of the arm.
-    ///
-    /// # Errors
-    /// The medium's.
     pub fn room(&mut self, at: Instant, x_br: &Pose) -> io::Result<()> {
         let frames = room_at(at + self.zero_unix, x_br);
         self.put("/tf", self.schemas.transforms, at, frames)
     }
 
-    /// Writes an error of the bus.
-    ///
-    /// # Errors
-    /// The medium's.
     pub fn bus_error(&mut self, at: Instant, error: &BusError) -> io::Result<()> {
         let message = Message::default()
             .uint(1, at.as_micros())
@@ -233,17 +214,11 @@ impl<W: Write + Seek> Log<W> {
     }
 
     /// Closes the current chunk and hands everything to the operating system.
-    ///
-    /// # Errors
-    /// The medium's.
     pub fn flush(&mut self) -> io::Result<()> {
         self.writer.flush().map_err(io_error)
     }
 
     /// Writes the summary; nothing can be added afterwards.
-    ///
-    /// # Errors
-    /// The medium's.
     pub fn finish(&mut self) -> io::Result<()> {
         self.writer.finish().map(drop).map_err(io_error)
     }

@@ -47,7 +47,6 @@ pub struct LastHeard {
     pub position: Option<(Instant, f64)>,
     pub current_a: Option<f64>,
     pub short_state: Option<ShortState>,
-    /// State word.
     pub state: Option<CubeState>,
     /// Target of the last ramp ordered, rad.
     pub ramp_target_rad: Option<f64>,
@@ -60,10 +59,8 @@ pub struct LastHeard {
 pub struct FreezeFrame {
     /// When the controller reported it.
     pub at: Instant,
-    /// Reported state.
     pub group: GroupState,
     pub before: State,
-    /// Drives by address.
     pub drives: BTreeMap<u8, LastHeard>,
     /// The last frames, oldest first.
     pub frames: Vec<(Instant, Frame)>,
@@ -139,7 +136,6 @@ impl Watch {
         }
     }
 
-    /// Takes the next frame.
     pub fn take(&mut self, at: Instant, frame: &Frame) -> Notes {
         if self.frames.len() == FRAMES_KEPT {
             self.frames.pop_front();
@@ -357,7 +353,6 @@ impl Watch {
     }
 }
 
-/// A cause as text, with its joint.
 fn cause_text(code: u16, joint: u8) -> String {
     let place = if joint == 0 { String::new() } else { format!("joint {joint}: ") };
     match Cause::from_code(code).and_then(Cause::info) {

@@ -58,16 +58,13 @@ pub enum RequestFailed {
     /// Nothing came.
     #[error("module {module} does not answer {} ({tries} attempts)", what(.request))]
     NoAnswer {
-        /// Module of the request.
         module: ModuleId,
         request: Request,
         /// How often.
         tries: u8,
     },
-    /// The module refused.
     #[error("module {module} refuses {} (code {code:#04X})", what(.request))]
     Refused {
-        /// Module of the request.
         module: ModuleId,
         request: Request,
         /// Byte 2 of its answer.
@@ -82,7 +79,6 @@ pub enum RequestFailed {
 }
 
 impl RequestFailed {
-    /// Module of the request.
     pub const fn module(&self) -> ModuleId {
         match self {
             Self::NoAnswer { module, .. } | Self::Refused { module, .. } | Self::QueueFull { module } => {
@@ -108,7 +104,6 @@ pub fn what(request: &Request) -> String {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outcome {
     pub ticket: Ticket,
-    /// Module of the request.
     pub module: ModuleId,
     /// The answer, or the reason why there is no answer.
     pub result: Result<Reply, RequestFailed>,
@@ -185,7 +180,6 @@ impl DriveClient {
         self.lane(module).extra
     }
 
-    /// Policy in force.
     pub const fn policy(&self) -> Policy {
         self.policy
     }
@@ -236,7 +230,6 @@ impl DriveClient {
         self.done.pop_front()
     }
 
-    /// Takes an answer of a module.
     pub fn take_reply(&mut self, now: Instant, module: ModuleId, reply: &Reply) {
         let linger = self.policy.linger;
         let lane = &mut self.lanes[index(module)];

@@ -23,12 +23,9 @@ use super::stop_watch::{StopSeen, StopWatch};
 pub struct Heard {
     /// Time of the last answer.
     pub at: Instant,
-    /// Frames from it.
     pub frames: u64,
     pub position_rad: Option<f32>,
-    /// Time of the position.
     pub position_at: Instant,
-    /// State word.
     pub state: Option<CubeState>,
     pub current_a: Option<f32>,
     /// The last position came with NOT_OK set.
@@ -44,7 +41,6 @@ impl Heard {
 /// Counts of what the host node saw.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
-    /// Frames received.
     pub received: u64,
     /// Of these, with 29-bit ids.
     pub extended: u64,
@@ -54,7 +50,6 @@ pub struct Tally {
     pub of_master: u64,
     /// Frames of other host tools, by their node-IDs: another `cubectl`.
     pub tools: u64,
-    /// Frames sent.
     pub sent: u64,
     /// Frames from drives that are no valid answer.
     pub malformed: u64,
@@ -84,7 +79,6 @@ pub struct HostNode {
     mute: bool,
     /// Requests and answers of each module, of any node.
     talks: BTreeMap<ModuleId, (u32, u32)>,
-    /// Stops of others.
     pub(crate) stops: StopWatch,
 }
 
@@ -181,9 +175,6 @@ impl HostNode {
     }
 
     /// Sends a new end state to the controller.
-    ///
-    /// # Errors
-    /// No room in the queue.
     pub(crate) fn publish_target(&mut self, message: &TargetState) -> Result<(), SendError> {
         self.link();
         let now = self.now;

@@ -18,7 +18,6 @@ const REPORT_MAX: Duration = Duration::from_millis(300);
 /// An arm that was stopped stands by then.
 pub(crate) const REST_MAX: Duration = Duration::from_secs(3);
 
-/// What showed the stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum StopSource {
     /// A stop message of this node.

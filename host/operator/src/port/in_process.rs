@@ -59,7 +59,6 @@ pub struct InProcess {
     kept: Option<Kept>,
     /// Once set, no more time passes.
     stop: Option<Arc<AtomicBool>>,
-    /// Stops of others.
     stops: StopWatch,
     /// The next run is a throw that releases this long after its start.
     release_after: Option<Duration>,

@@ -20,9 +20,6 @@ pub trait Interactive: Operator {
     fn start(&mut self, name: &Trajectory) -> Result<(), OperatorError>;
 
     /// Compares the clocks anew, before [`Interactive::start`].
-    ///
-    /// # Errors
-    /// Those of the link.
     fn read_clock(&mut self) -> Result<(), OperatorError> {
         Ok(())
     }
@@ -31,9 +28,6 @@ pub trait Interactive: Operator {
     fn clock_offset_us(&mut self, ours: Instant) -> Option<f64>;
 
     /// Compares the clocks again; every few seconds.
-    ///
-    /// # Errors
-    /// Those of the link.
     fn look_at_clock(&mut self) -> Result<(), OperatorError> {
         Ok(())
     }
@@ -62,9 +56,6 @@ pub trait Interactive: Operator {
     fn needs_times(&self) -> bool;
 
     /// Clears the latched fault of the controller; nothing without one.
-    ///
-    /// # Errors
-    /// Those of the controller and the link.
     fn clear_fault(&mut self) -> Result<(), OperatorError>;
 
     /// Stops that others gave before are over; the next one ends a job again.

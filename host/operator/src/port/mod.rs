@@ -43,7 +43,6 @@ pub struct BallSeen {
 }
 
 impl BallSeen {
-    /// The ball of a cell.
     #[must_use]
     pub fn of(cell: &hil_sim::Cell) -> Self {
         let report = cell.throw();
@@ -74,9 +73,6 @@ pub trait Operator {
     fn heed_stops(&mut self) -> Result<(), OperatorError>;
 
     /// Lets time pass, also after an interruption.
-    ///
-    /// # Errors
-    /// Those of the link.
     fn pass(&mut self, span: Duration) -> Result<(), OperatorError>;
 
     /// Last report of the controller.
@@ -113,9 +109,6 @@ pub trait Operator {
     fn set_gripper(&mut self, open: bool) -> Result<(), OperatorError>;
 
     /// Lets the joints of `mask` (bit 0 = first joint) find their zeros, and waits for the end.
-    ///
-    /// # Errors
-    /// [`OperatorError`].
     fn home(&mut self, mask: u8, limit: Duration) -> Result<(), OperatorError>;
 
     /// Stores the file of a motion in the controller and commits it; its segments follow while it runs. `progress` gets bytes
@@ -159,17 +152,11 @@ pub trait Operator {
     ) -> Result<(), OperatorError>;
 
     /// The time of the controller's clock at `ours`, and its uncertainty. A controller in this program has the same clock.
-    ///
-    /// # Errors
-    /// Those of the link.
     fn controller_time(&mut self, ours: Instant) -> Result<(Instant, Duration), OperatorError> {
         Ok((ours, Duration::ZERO))
     }
 
     /// Stops the arm along its path, and waits until it stands.
-    ///
-    /// # Errors
-    /// Those of the link.
     fn stop(&mut self) -> Result<(), OperatorError>;
 
     /// Keeps samples from now on, and forgets those before.
@@ -185,9 +172,6 @@ pub trait Operator {
     }
 
     /// Does `work`, which takes long; a robot that waits for answers gets them meanwhile.
-    ///
-    /// # Errors
-    /// Those of the link.
     fn meanwhile(&mut self, work: &mut (dyn FnMut() + Send)) -> Result<(), OperatorError> {
         work();
         Ok(())

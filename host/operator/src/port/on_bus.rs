@@ -24,7 +24,6 @@ use planner::throw::Arm;
 /// A stop along the path takes at most this long.
 const STOP_MAX: Duration = Duration::from_secs(10);
 
-/// A controller on a bus.
 pub struct OnBus<'a> {
     session: &'a mut Session,
     /// The requested controller; `None`: the one on the bus.

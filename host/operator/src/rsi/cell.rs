@@ -29,7 +29,6 @@ pub struct Seen {
     pub landing: Option<Landing>,
     /// What stopped the robot.
     pub fault: Option<FaultCause>,
-    /// Late answers.
     pub late: u64,
     /// Answers that were refused.
     pub refused: u64,
@@ -38,17 +37,11 @@ pub struct Seen {
 }
 
 /// Runs a station against the robot of a scenario until the throw has ended.
-///
-/// # Errors
-/// The scenario makes no robot.
 pub fn run(scenario: &KrcScenario, station: &mut Station) -> Result<Seen, KrcError> {
     run_with(scenario, station, &mut |_, station| !station.stage().is_end())
 }
 
 /// As [`run`]; `each` is called at every step, and the run ends some time after it returns false.
-///
-/// # Errors
-/// The scenario makes no robot.
 pub fn run_with(
     scenario: &KrcScenario,
     station: &mut Station,
@@ -80,9 +73,6 @@ pub struct SimulatedRobot {
 
 impl SimulatedRobot {
     /// The robot, whose program has just begun.
-    ///
-    /// # Errors
-    /// The scenario makes no robot.
     pub fn new(scenario: &KrcScenario) -> Result<Self, KrcError> {
         let mut krc = scenario.controller()?;
         krc.start()?;

@@ -42,7 +42,6 @@ const CYCLES_MIN: usize = 100;
 /// Openings below which no gripper delay is concluded.
 const OPENINGS_MIN: usize = 4;
 
-/// Lag of the axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeasuredLag {
     /// Dead time, s.
@@ -58,7 +57,6 @@ pub struct MeasuredLag {
     pub residual_deg: f64,
     /// Motion of the axes over the same cycles, root mean square about its mean, deg.
     pub motion_deg: f64,
-    /// Cycles used.
     pub cycles: usize,
 }
 
@@ -70,7 +68,6 @@ impl MeasuredLag {
     }
 }
 
-/// Delay of the gripper.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeasuredGripper {
     /// From the output in force to open fingers, mean, s.
@@ -163,9 +160,6 @@ pub fn wiggle(q_rad: &Axes, swing_rad: f64) -> Motion {
 const GAP_MAX: u64 = 2;
 
 /// The lag that fits best; `period_s` is the period of the cycles.
-///
-/// # Errors
-/// [`Unclear`].
 pub fn lag(cycles: &[Cycle], period_s: f64) -> Result<MeasuredLag, Unclear> {
     let cycles = &without_gaps(cycles, period_s, GAP_MAX);
     let reach = ((DEAD_MAX_S + 6.0 * CONSTANT_MAX_S) / period_s) as usize + SMOOTHING_MAX;
@@ -300,9 +294,6 @@ fn differ(
 }
 
 /// The delay of the gripper, from the outputs and the finger sensor.
-///
-/// # Errors
-/// [`Unclear`].
 pub fn gripper(cycles: &[Cycle], period_s: f64, output_bit: u8) -> Result<MeasuredGripper, Unclear> {
     let numbers = numbers(cycles, period_s);
     let open = |cycle: &Cycle| is_set(cycle.outputs, output_bit);

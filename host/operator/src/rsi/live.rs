@@ -81,9 +81,6 @@ struct Arrived {
 
 impl Port {
     /// Opens the port at an address of this machine.
-    ///
-    /// # Errors
-    /// The address is not available.
     pub fn bind(tcp: bool, address: SocketAddr) -> io::Result<Self> {
         if !tcp {
             return UdpSocket::bind(address).map(Self::Udp);
@@ -94,9 +91,6 @@ impl Port {
     }
 
     /// Where it is.
-    ///
-    /// # Errors
-    /// The system does not report it.
     pub fn local_addr(&self) -> io::Result<SocketAddr> {
         match self {
             Self::Udp(socket) => socket.local_addr(),
@@ -296,9 +290,6 @@ impl<P: BorrowMut<Port>> Live<P> {
     }
 
     /// Waits some hundredths of a second for a telegram or a deadline of the station, and serves it.
-    ///
-    /// # Errors
-    /// The socket fails.
     pub fn step(&mut self, station: &mut Station) -> io::Result<()> {
         let left = match station.poll_timeout().filter(|_| !self.leaving) {
             Some(due) => match self.clock.left(Some(due)) {
@@ -351,9 +342,6 @@ impl<P: BorrowMut<Port>> Live<P> {
     }
 
     /// Stops what moves, then orders the robot's program to end and reads until it has; `log` gets the input and the output.
-    ///
-    /// # Errors
-    /// The socket fails.
     pub fn leave(&mut self, station: &mut Station, log: &mut dyn FnMut(Vec<Line>)) -> io::Result<()> {
         let mut ends_at = self.now() + AFTER;
         if !station.stage().is_end() {
@@ -389,9 +377,6 @@ impl<P: BorrowMut<Port>> Live<P> {
 
 /// Serves until the throw has ended, or the host returns false; then the arm is stopped first. At the end the
 /// robot's program is ordered to end.
-///
-/// # Errors
-/// The socket fails.
 pub fn serve(
     port: &mut Port,
     station: &mut Station,

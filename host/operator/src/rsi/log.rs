@@ -39,9 +39,7 @@ pub enum Entry {
     NewConnection,
     /// A telegram that waited behind a newer one.
     Waited(Vec<u8>),
-    /// The newest telegram.
     Telegram(Vec<u8>),
-    /// The answer to it.
     Answer(Vec<u8>),
     /// A deadline.
     Timeout,

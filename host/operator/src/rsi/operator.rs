@@ -68,7 +68,6 @@ pub struct Led {
     pub path_delay_s: f64,
     /// How far the axes were from their path at a release that was not given for that, rad.
     pub release_withheld_rad: Option<f64>,
-    /// Answers to telegrams.
     pub answers: u64,
     /// What the simulated robot did.
     pub seen: Option<Seen>,

@@ -75,7 +75,6 @@ pub enum NoStation {
         /// What is in the way.
         what: String,
     },
-    /// No gripper.
     #[error("the robot has no output that opens the gripper")]
     NoGripper,
 }
@@ -164,18 +163,12 @@ pub fn prepare(scenario: &mut KrcScenario, arm: &Arm, plan: &FollowPlan) {
 }
 
 /// Whether the robot's program can be led at all: absolute corrections of the axes, and what [`Wire`] needs.
-///
-/// # Errors
-/// [`NoStation`].
 pub fn can_be_led(scenario: &KrcScenario) -> Result<(), NoStation> {
     wire(scenario).map(drop)
 }
 
 /// The station that throws a plan with the robot that `scenario` describes, from the start pose of the robot's program on:
 /// first along `ways` (from rest to rest, the last one to the start of the plan), then along the plan.
-///
-/// # Errors
-/// [`NoStation`].
 pub fn station(
     scenario: &KrcScenario,
     arm: &Arm,
@@ -192,9 +185,6 @@ pub fn station(
 }
 
 /// As [`station`], with all its `motions`: empty for a station that gets them one after the other.
-///
-/// # Errors
-/// [`NoStation`].
 pub fn station_for(
     scenario: &KrcScenario,
     arm: &Arm,
@@ -213,9 +203,6 @@ pub fn station_for(
 }
 
 /// The station that holds the robot where its program starts, or leads it along motions from rest to rest.
-///
-/// # Errors
-/// [`NoStation`].
 pub fn leading(
     scenario: &KrcScenario,
     arm: &Arm,
@@ -239,9 +226,6 @@ fn built(
 }
 
 /// As [`leading`], for a robot whose lag is not known yet: axes much later than described do not end the run.
-///
-/// # Errors
-/// [`NoStation`].
 pub fn exploring(scenario: &KrcScenario, arm: &Arm, motions: &[Motion]) -> Result<Station, NoStation> {
     for motion in motions {
         free_from_start(arm, motion)?;
@@ -276,9 +260,6 @@ fn free_from_start(arm: &Arm, motion: &Motion) -> Result<(), NoStation> {
 }
 
 /// A station for a recorded exchange, and the plan that was run, if one was. The log has its trajectories.
-///
-/// # Errors
-/// [`NoStation`].
 pub fn replay_station(
     scenario: &KrcScenario,
     arm: &Arm,

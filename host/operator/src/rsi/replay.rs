@@ -24,7 +24,6 @@ pub struct Replayed {
     pub telegrams: usize,
     /// Answers that were the same, byte for byte.
     pub same: usize,
-    /// The first difference.
     pub difference: Option<Difference>,
 }
 

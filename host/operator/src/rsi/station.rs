@@ -78,14 +78,10 @@ const READY_WITHIN: Duration = Duration::from_secs(10);
 /// New starts of a robot's program within one exchange, above which its start pose is believed to move.
 const START_MOVES: u64 = 5;
 
-/// Counts of a station.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Answers sent.
     pub answers: u64,
-    /// Telegrams with axes.
     pub with_axes: u64,
-    /// Telegrams without axes.
     pub without_axes: u64,
     /// Datagrams that were no telegram.
     pub unreadable: u64,
@@ -166,7 +162,6 @@ impl Station {
         }
     }
 
-    /// The controller, for its reports.
     pub(super) const fn controller(&self) -> &Controller<RamStorage, Spline, Rsi> {
         &self.controller
     }
@@ -187,7 +182,6 @@ impl Station {
         &self.stage
     }
 
-    /// State of the controller.
     #[must_use]
     pub fn state(&self) -> StateKind {
         self.controller.state().kind()

@@ -25,10 +25,7 @@ pub enum ConfigUnfit {
     },
     /// Nothing opens the gripper.
     #[error("the RSI configuration receives no {name}")]
-    NoOutput {
-        /// Name that was looked for.
-        name: String,
-    },
+    NoOutput { name: String },
     /// The robot does not send its axes.
     #[error("the RSI configuration sends no actual axes")]
     NoPositions,
@@ -76,9 +73,6 @@ pub struct Wire {
 
 impl Wire {
     /// For a configuration; `names` are the names of its scalars that are used here.
-    ///
-    /// # Errors
-    /// [`ConfigUnfit`].
     pub fn new(config: &Config, names: &Names<'_>) -> Result<Self, ConfigUnfit> {
         if config.only_send {
             return Err(ConfigUnfit::OnlySend);
@@ -100,9 +94,6 @@ impl Wire {
     }
 
     /// Reads a telegram; `new_connection`: it came from another socket than the one before.
-    ///
-    /// # Errors
-    /// It is not a telegram of a robot, or a value is not a number.
     pub fn read(&self, bytes: &[u8], new_connection: bool) -> Result<(Telegram, Ipoc), ReadError> {
         let document = Document::parse(bytes, Root::Rob)?;
         let state = RobotState::read(&document)?;
@@ -124,9 +115,6 @@ impl Wire {
     }
 
     /// Writes an answer to a telegram with this number, with the digits that it had.
-    ///
-    /// # Errors
-    /// A name or value of the configuration cannot be written.
     pub fn write(&self, ipoc: Ipoc, answer: &Answer) -> Result<Vec<u8>, WriteError> {
         let place_of =
             |entry: &ReceiveEntry| self.config.receive.iter().position(|other| other.tag == entry.tag);

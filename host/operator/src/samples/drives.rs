@@ -24,7 +24,6 @@ impl Drives {
         Some(Self { address, inverted: vec![false; arm.n()], offset_rad: vec![0.0; arm.n()] })
     }
 
-    /// Joint that a drive moves.
     #[must_use]
     pub fn joint_of(&self, module: ModuleId) -> Option<usize> {
         self.address.iter().position(|address| *address == module.get())

@@ -29,7 +29,6 @@ pub struct At {
 /// A ramp that a drive was ordered to make.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RampOrder {
-    /// When the order was given.
     pub at: Instant,
     /// Angle of the joint to ramp to, rad.
     pub target_rad: f64,
@@ -39,7 +38,6 @@ pub struct RampOrder {
     pub a_rad_s2: Option<f64>,
 }
 
-/// What is known of one joint.
 #[derive(Clone, Debug, Default)]
 pub struct JointSamples {
     /// Measured angles, rad.
@@ -48,7 +46,6 @@ pub struct JointSamples {
     pub currents: Vec<At>,
     /// Temperatures of the drive, degrees Celsius.
     pub temperatures: Vec<At>,
-    /// Orders to the drive.
     pub orders: Vec<RampOrder>,
     /// Reports of the controller about the joint.
     pub told: Vec<(Instant, JointSample)>,
@@ -82,7 +79,6 @@ pub struct JointFreeze {
 pub struct Freeze {
     /// When the controller reported it.
     pub at: Instant,
-    /// Reported state.
     pub group: GroupState,
     pub before: State,
     /// The joints, base first.
@@ -91,23 +87,19 @@ pub struct Freeze {
     pub frames: Vec<(Instant, String)>,
 }
 
-/// A frame of a bus and when it was received.
 #[derive(Clone, Copy, Debug)]
 pub struct BusFrame {
     /// End of the frame.
     pub at: Instant,
-    /// The frame.
     pub frame: Frame,
 }
 
-/// What only a bus has.
 #[derive(Clone, Debug)]
 pub struct BusLog {
     /// Its frames, in ascending time.
     pub frames: Vec<BusFrame>,
     /// How long bits take on it.
     pub bit_times: BitTimes,
-    /// Which drive is which joint.
     pub drives: Drives,
 }
 
@@ -160,7 +152,6 @@ pub struct Cycle {
 pub struct Samples {
     /// The joints, base first.
     pub joints: Vec<JointSamples>,
-    /// States of the group.
     pub group: Vec<GroupTold>,
     /// When the gripper was ordered to open or to close.
     pub gripper_ordered: Vec<Instant>,

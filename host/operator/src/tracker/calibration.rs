@@ -43,7 +43,6 @@ pub struct RoomToRobot {
     pub translation_m: Vector3<f64>,
 }
 
-/// A solved calibration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solved {
     /// The transform.
@@ -235,10 +234,6 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Reads a file.
-    ///
-    /// # Errors
-    /// It cannot be read, or its content is something else.
     pub fn load(path: &Path) -> Result<Self, FileError> {
         let file = path.display().to_string();
         let text = read_text(path, DESCRIPTION_MAX_BYTES)
@@ -247,9 +242,6 @@ impl Calibration {
     }
 
     /// Reads a text; `file` is its name in errors. Results in the file are for people: they are computed again.
-    ///
-    /// # Errors
-    /// The content is something else.
     pub fn from_toml(file: &str, text: &str) -> Result<Self, FileError> {
         let source = Source { file, text };
         let document = source.parse()?;

@@ -32,11 +32,9 @@ pub enum Place {
         /// Command channel of the tracker, `HOST:PORT`; `None`: it measures and sends by itself.
         commands: Option<String>,
     },
-    /// A VRPN server.
     Vrpn {
         /// `HOST:PORT` of the server.
         server: String,
-        /// Name of the tracker at it.
         tracker: String,
     },
 }
@@ -96,7 +94,6 @@ pub enum TrackerError {
     #[error("{place}: {error}")]
     Socket {
         place: String,
-        /// Error of the system.
         error: io::Error,
         /// What to do.
         next: &'static str,
@@ -111,13 +108,11 @@ pub enum TrackerError {
         /// What is wrong.
         what: String,
     },
-    /// The tracker refuses a command.
     #[error("{place}: the tracker answers \"{answer}\" to \"{command}\"")]
     Refused {
         place: String,
         /// Request.
         command: String,
-        /// Answer of the tracker.
         answer: String,
     },
     /// Frames come, but the target cannot be used.
@@ -143,10 +138,6 @@ impl TrackerError {
     }
 }
 
-/// Measures a target.
-///
-/// # Errors
-/// [`TrackerError`].
 pub fn measure(
     place: &Place,
     wish: &TargetRequest,

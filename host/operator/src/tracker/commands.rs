@@ -4,7 +4,6 @@ use std::io::{self, ErrorKind, Read, Write};
 
 use tracker_protocol::dtrack::{Answer, Command, Messages};
 
-/// A command was not done.
 #[derive(Debug, thiserror::Error)]
 pub enum CommandError {
     /// The stream failed, or an answer did not come in time.
@@ -13,12 +12,10 @@ pub enum CommandError {
     /// An answer is not valid.
     #[error("\"{0}\" is not an answer to a command")]
     Unreadable(String),
-    /// The tracker refuses.
     #[error("the tracker answers \"{answer}\" to \"{command}\"")]
     Refused {
         /// Request.
         command: String,
-        /// Answer of the tracker.
         answer: String,
     },
 }

@@ -25,7 +25,6 @@ pub enum FrameError {
     /// Nothing comes.
     #[error("no frame within {} s", FRAME_LIMIT.as_secs_f64())]
     Silent,
-    /// It is not a frame.
     #[error("{0}")]
     Unreadable(String),
     /// Frames come, but the target cannot be used.
@@ -33,7 +32,6 @@ pub enum FrameError {
     NoTarget(#[from] NoTarget),
 }
 
-/// Datagrams of DTrack.
 #[derive(Clone, Debug)]
 pub struct DTrackFrames {
     wish: TargetRequest,
@@ -72,9 +70,6 @@ impl DTrackFrames {
     }
 
     /// Takes the next datagram; the target once there are enough.
-    ///
-    /// # Errors
-    /// No target is possible.
     pub fn push(&mut self, now: Instant, datagram: &[u8]) -> Result<Option<Target>, FrameError> {
         let frame = match DataFrame::parse(datagram) {
             Ok(frame) => frame,
@@ -182,9 +177,6 @@ impl VrpnFrames {
     }
 
     /// Takes the next piece of the stream; the target once there are enough poses.
-    ///
-    /// # Errors
-    /// No target is possible.
     pub fn push(&mut self, now: Instant, piece: &[u8]) -> Result<Option<Target>, FrameError> {
         let items = self.client.push(piece).map_err(|error| FrameError::Unreadable(error.to_string()))?;
         let body = self.wish.body;
@@ -208,9 +200,6 @@ impl VrpnFrames {
     }
 
     /// Whether it makes sense to wait longer. For a lost body the server simply sends no more reports.
-    ///
-    /// # Errors
-    /// The body has not reported for too long.
     pub fn wait(&self, now: Instant) -> Result<(), FrameError> {
         if now.saturating_since(self.heard) < FRAME_LIMIT {
             return Ok(());

@@ -7,10 +7,8 @@ use tracker_protocol::TrackedPose;
 /// Longest time in which all frames come late.
 const LATE_MAX: Duration = Duration::from_secs(1);
 
-/// Request to the tracker.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TargetRequest {
-    /// Number of the body.
     pub body: u32,
     /// The point on the body, m, in its frame.
     pub offset_m: [f64; 3],
@@ -140,7 +138,6 @@ pub struct Estimator {
 }
 
 impl Estimator {
-    /// For a wish.
     #[must_use]
     pub fn new(wish: TargetRequest) -> Self {
         Self {

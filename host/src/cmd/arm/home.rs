@@ -19,7 +19,6 @@ use operator::dialogue::zero_check::ZeroCheck;
 /// Period of looking at the drives while a zero is compared, µs: the shortest one.
 const VERIFY_MONITOR_US: u32 = 4_000;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl home\n  cubectl home --bus can0 --modules 6\n  cubectl home --bus can0 --speed-rad-s 0.05 --force\n  cubectl home --bus can0 --verify             # have drives lost encoder counts?\n\nA controller does it: one that is heard on the bus, else one in this program. One joint after the other, the hand before\nthe base, at reduced speed and with the current of each drive limited. Joints that are homed already are left alone; drives\nwith absolute encoders always are homed. Ctrl-C halts everything; so does the controller if this program dies.\n\nA drive knows its position only from counting. If counts are lost (a loose encoder cable, a dip of its supply) it reports a\nwrong position, follows every path with small errors, and its limits are off by as much. Nothing in its answers shows\nthat until the switch is found again: --verify compares then. With an offset the exit code is 9."
@@ -28,7 +27,6 @@ pub struct Args {
     /// Bus options; `--robot` names the arm where the controller runs in this program.
     #[command(flatten)]
     pub bus: BusArgs,
-    /// Which controller.
     #[command(flatten)]
     pub controller: ControllerArgs,
     /// The joints of these modules. Default: all. A controller in this program then needs no others to be there.
@@ -145,9 +143,6 @@ findings.join("\n")).next("what was thrown or taught since that zero is off by a
 }
 
 /// Homes what is not homed, as `cubectl home` does, before a verb that speaks to the drives itself.
-///
-/// # Errors
-/// As [`run`].
 pub(in crate::cmd) fn home_first(bus: &BusArgs) -> Result<(), ExpectedError> {
     let args = Args {
         bus: BusArgs { record: None, ..bus.clone() },
@@ -230,7 +225,6 @@ fn home_all(
     Ok((rows, findings))
 }
 
-/// An error of one module.
 pub(in crate::cmd) fn at(module: ModuleId, error: OperatorError) -> ExpectedError {
     let stopped = matches!(error, OperatorError::Stopped { .. });
     let mut expected = ExpectedError::from(error);

@@ -28,7 +28,6 @@ use planner::follow::limits::AXES;
 use planner::plan::Arm;
 use tuner::identify::findings::Findings;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl arm identify --joint 2\n  cubectl arm identify --joint 2 --bus can0 --home --out joint2.toml --report joint2.html\n  cubectl arm identify --robot kr16_2 --bus rsi:udp://0.0.0.0:49152 --out robot.toml   # lag and gripper; empty hand\n\nThe joint turns to and fro at up to --speed-share of its largest speed, within its soft limits and where the robot model shows\nno collision; for K_M the others may be brought to a pose in which gravity loads it. Keep clear. On every bus but `sim` it asks\nfirst; without a terminal it needs --yes. Ctrl-C halts everything.\nExit code 9: something could not be concluded; the text says what and why."

@@ -19,7 +19,6 @@ use operator::dialogue::registers::Numbers;
 /// Fastest jog, rad/s: slow enough to step aside.
 pub const SPEED_MAX_RAD_S: f64 = 0.25;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl jog 3 --bus can0               # hold a key: + or l up, - or h down; any other key or Ctrl-C ends\n  cubectl jog 3 --bus can0 --for-s 1.5 --speed-rad-s -0.1\n\nA controller does it: one that is heard on the bus, else one in this program, for this module alone. The module moves only\nwhile the key is held. If this program dies it stops within 0.2 s by itself."
@@ -31,7 +30,6 @@ pub struct Args {
     /// Bus options; `--robot` names the arm where the controller runs in this program.
     #[command(flatten)]
     pub bus: BusArgs,
-    /// Which controller.
     #[command(flatten)]
     pub controller: ControllerArgs,
     /// Speed, rad/s, at most 0.25; with --for-s the sign is the direction.
@@ -57,10 +55,6 @@ fn speed(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// The bus, a controller that refuses, a drive in error, or a joint that does not stand still afterwards.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if args.time.is_none() && !std::io::stdin().is_terminal() {
         return Err(ExpectedError::new(

@@ -33,10 +33,6 @@ pub enum ArmVerb {
     Pose(pose::PoseVerb),
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// As the verbs.
 pub fn run(verb: &ArmVerb) -> Result<(), ExpectedError> {
     match verb {
         ArmVerb::Status(args) => status::run(args),

@@ -25,13 +25,11 @@ use operator::node::host_node::HostNode;
 const PAGE_ROUND: Duration = Duration::from_millis(20);
 const ROUND: Duration = Duration::from_millis(200);
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl arm monitor --bus can0\n  cubectl arm monitor --bus can0 --listen > log.txt\n  cubectl arm monitor --bus can0 --json | jq .joints[2].q_rad\n  cubectl arm monitor --bus can0 --web              # a live page with the arm, charts and a stop button\n\nA line for the controller, one for each joint and module that was heard, and one for each event since the last period.\n--json prints the same as one object per period. What was not heard for a second is shown as old."
 )]
 pub struct Args {
-    /// Bus options.
     #[command(flatten)]
     pub bus: BusArgs,
     /// These modules. Default: all that are there.
@@ -49,15 +47,10 @@ pub struct Args {
     /// One JSON object per line and period.
     #[arg(long)]
     pub json: bool,
-    /// Live view in a browser.
     #[command(flatten)]
     pub web: WebArgs,
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// The bus cannot be reached or is lost, or nobody answers.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let cell = args.bus.cell.load()?;
     let mut session = args.bus.open_cell(&cell, None)?;

@@ -19,7 +19,6 @@ pub enum PoseVerb {
     Remove(RemoveArgs),
 }
 
-/// Arguments of `save`.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl arm pose save park --bus can0\n  cubectl arm pose save park --joints 0,-90deg,90deg,0,0,0 --robot powercube6"
@@ -30,10 +29,8 @@ pub struct SaveArgs {
     /// These joint angles, base first, instead of where the arm stands: rad, or degrees with `deg`.
     #[arg(long, value_name = "ANGLE,..", allow_hyphen_values = true)]
     pub joints: Option<Angles>,
-    /// File with named poses.
     #[command(flatten)]
     pub poses: PosesArgs,
-    /// Bus options.
     #[command(flatten)]
     pub bus: BusArgs,
     /// Cyphal node-ID of the controller. Default: the one that is heard.
@@ -41,11 +38,9 @@ pub struct SaveArgs {
     pub controller: Option<NodeId>,
 }
 
-/// Arguments of `list`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  cubectl arm pose list --poses cell.toml")]
 pub struct ListArgs {
-    /// File with named poses.
     #[command(flatten)]
     pub poses: PosesArgs,
     /// Print JSON.
@@ -53,7 +48,6 @@ pub struct ListArgs {
     pub json: bool,
 }
 
-/// Arguments of `remove`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  cubectl arm pose remove park --robot powercube6")]
 pub struct RemoveArgs {
@@ -62,15 +56,10 @@ pub struct RemoveArgs {
     /// Robot that it is of.
     #[arg(long, default_value = "powercube6")]
     pub robot: String,
-    /// File with named poses.
     #[command(flatten)]
     pub poses: PosesArgs,
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// The file, the bus, or angles that are no pose of the arm.
 pub fn run(verb: &PoseVerb) -> Result<(), ExpectedError> {
     match verb {
         PoseVerb::Save(args) => save(args),

@@ -12,13 +12,11 @@ use operator::bus::BusArgs;
 use operator::dialogue::survey::{ModuleReport, condition};
 use operator::interrupt::interrupt;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl arm status --bus can0\n  cubectl arm status --bus slcan:/dev/ttyACM0 --modules 1-6 --json\n\nBeside a controller or another host nothing is sent: what they ask the modules is heard and printed.\nIf a module that must answer does not, the table of the others is followed by an error, code 8. On a real bus for which no robot\nwas named with --robot the modules of powercube6 are only a guess: then a note names what is missing, code 0."
 )]
 pub struct Args {
-    /// Bus options.
     #[command(flatten)]
     pub bus: BusArgs,
     /// These modules; each must answer. Default: all that are there; those of the robot must answer.
@@ -29,10 +27,6 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// The bus cannot be reached, nobody answers, or a module that must be there does not.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if let Some((spec, described, arm)) = crate::cmd::rsi::robot_on(&args.bus)? {
         return crate::cmd::rsi::status(&spec, &described, &arm, args.json);
@@ -86,7 +80,6 @@ fn heard(bus: &str, beside: &Beside) {
     }
 }
 
-/// Prints what the modules answered.
 fn answered(bus: &str, found: &[ModuleReport]) {
     let number = |value: Option<f64>, digits| value.map_or("-".to_owned(), |v| fixed(v, digits));
     console::line!("{bus}: {}", counted(found.len(), "module"));

@@ -18,14 +18,12 @@ use operator::machine::Machine;
 /// How often the halt is said, 5 ms apart: a frame may be lost.
 pub(in crate::cmd) const TIMES: usize = 3;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example:\n  cubectl stop --bus can0\n\nThe halt is sent before anything else; only then it looks which joints stand. A robot file, a scenario or a recording \
 that cannot be opened is reported after the halt."
 )]
 pub struct Args {
-    /// Bus options.
     #[command(flatten)]
     pub bus: BusArgs,
 }

@@ -14,7 +14,6 @@ use crate::report::ball_catch as report;
 /// Farthest place (m) and largest speed (m/s) of a ball that is taken.
 const BALL_MAX: (f64, f64) = (10.0, 15.0);
 
-/// One trial of the cell.
 pub(super) struct Trial {
     pub(super) pair: Pair,
     pub(super) outcome: Outcome,

@@ -11,7 +11,6 @@ use planner::catch::task::{Allowed, Settings};
 use crate::cmd::request::readers;
 use crate::error::ExpectedError;
 
-/// The options.
 #[derive(Debug, clap::Args, serde::Deserialize)]
 pub struct Catching {
     /// A cell file: places of the arms, ball, cup, tracker; the built-in one otherwise.
@@ -85,7 +84,6 @@ fn fault(text: &str) -> Result<TrialFault, String> {
 }
 
 impl Catching {
-    /// Options of a trial.
     pub fn trial(&self) -> TrialOptions {
         let (allowed, wait) = match self.hand {
             Hand::Matched => (Allowed::Matched, WAIT_MATCHED_DEG),
@@ -103,9 +101,6 @@ impl Catching {
     }
 
     /// The cell of the file, or the built-in one.
-    ///
-    /// # Errors
-    /// The file is refused.
     pub fn cell(&self) -> Result<TwoArmOptions, ExpectedError> {
         let cell = self.cell.as_ref().map_or_else(TwoArmOptions::two_arms, |file| TwoArmOptions::load(file));
         cell.map_err(|why| ExpectedError::bad_input(&why))

@@ -49,9 +49,6 @@ pub fn ball(request: &str, step_s: f64) -> Result<Value, ExpectedError> {
 
 /// What `cubectl catch --disc --json` prints, and more: how the program ends, and tables of the flight of the disc and of the
 /// motion, in steps of `step_s`. Times count from the start of the flight.
-///
-/// # Errors
-/// As [`ball`].
 pub fn disc(request: &str, step_s: f64) -> Result<Value, ExpectedError> {
     let args = args(request, step_s)?;
     if args.ball.is_some() {

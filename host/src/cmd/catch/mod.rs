@@ -25,7 +25,6 @@ pub use over_bus::OverBus;
     after_help = "Examples:\n  cubectl catch --robot pincher4 --disc flat --report catch.html\n  cubectl catch --disc oblique --no-limits                            # only the rule of the paper\n  cubectl catch --start 0.5,-2.2,0.7 --velocity 0,3.8,1.5 --air --wind 0.5,0,0\n  cubectl catch --disc flat --on-controller\n  cubectl catch --robot powercube6 --ball 2.2,0.1,0.4,-2.6,-0.1,3.0 --report ball.html\n  cubectl catch --bus can0 --tracker 0.0.0.0:5000 --calibration room.toml      # a ball that somebody throws\n\nThe rule of the paper knows no joint limits: it shows where its steps end, what the gripper has there, and which joint\nspeeds it demands. The plan keeps the limits of the robot file. Both are judged by the geometry of disc and gripper.\n\nA ball is seen by a simulated tracker (120 Hz, 2 mm, 15 ms) and caught with a cup by an arm with the lag of its drives, in virtual\ntime. Whether it is caught is decided by the simulated contact of ball and cup.\n\nWith --bus an arm catches a ball that somebody throws, or declines: what is reported is what its tracker shows. The arm homes\nif it was not, and goes to its waiting pose free of contact with itself, the floor and what the cell has."
 )]
 pub struct Args {
-    /// What stands on the command line.
     #[command(flatten)]
     #[serde(rename = "+given")]
     pub given: Given,
@@ -66,7 +65,6 @@ pub struct Args {
         conflicts_with_all = ["disc", "start", "velocity", "air", "no_limits"]
     )]
     pub ball: Option<[f64; 6]>,
-    /// How the ball is caught.
     #[command(flatten)]
     #[serde(rename = "+catching")]
     pub catching: Catching,
@@ -87,10 +85,6 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// The robot is refused, a value makes no sense, no catch is possible, or the report cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     args.require_meaning()?;
     match (&args.over_bus.bus, &args.over_bus.tracker, &args.ball) {

@@ -70,7 +70,6 @@ pub(super) fn ended(run: &Judged) -> Result<(), ExpectedError> {
     Ok(())
 }
 
-/// The run as text.
 pub(super) fn as_text(arm: &DiscArm, run: &Judged, planned: &Verdict) -> String {
     let (executed, tracking) = (&run.executed, &run.tracking);
     let mut out = format!("on the controller, period {:.0} ms:\n", executed.period_s * 1e3);

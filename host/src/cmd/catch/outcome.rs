@@ -71,7 +71,6 @@ pub(super) fn mode_word(mode: Mode) -> &'static str {
     }
 }
 
-/// One outcome as text.
 pub fn as_text(outcome: &Outcome) -> String {
     let mut out = format!(
         "reported: {}; the simulated ball is {}the cup\n",
@@ -113,7 +112,6 @@ pub fn as_text(outcome: &Outcome) -> String {
     out
 }
 
-/// One outcome as JSON.
 pub fn as_json(outcome: &Outcome) -> Value {
     json!({
         "caught": outcome.caught,

@@ -25,9 +25,6 @@ pub(super) fn file_of(path: &Path) -> PathBuf {
 
 /// A simulated catch: the joints of one arm of the cell, 0 (thrower) or 1 (catcher), and the ball. Times count from the start of the
 /// trial.
-///
-/// # Errors
-/// The file exists or cannot be written.
 pub fn simulated(file: &Path, pair: &Pair, arm: usize, outcome: &Outcome) -> Result<(), ExpectedError> {
     let place = &pair.cell.arms[arm];
     let shape = Thrown::Ball { radius_m: pair.cell.ball.radius_m };
@@ -78,9 +75,6 @@ fn write(
 }
 
 /// What the tracker showed of the ball in catches over a bus, at the times of the recordings of the buses.
-///
-/// # Errors
-/// The file exists or cannot be written.
 pub fn markers<'a>(
     file: &Path,
     radius_m: f64,

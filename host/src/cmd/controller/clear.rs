@@ -15,13 +15,11 @@ use operator::dialogue::operator::OperatorError;
 /// Time that a module gets to obey a reset.
 const SETTLE: protocol::Duration = protocol::Duration::from_millis(200);
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl explain 101                # first: what happened, and what to do about it\n  cubectl controller clear --bus can0\n\nNothing moves. The controller forgets its latched fault and looks at every drive again; a fault whose cause is\nstill there comes back and is reported. Without a controller on the bus, modules that are halted or report an error\nare reset. After either, a motion needs its orders again: home, upload, arm, run."
 )]
 pub struct Args {
-    /// Bus options.
     #[command(flatten)]
     pub bus: BusArgs,
     /// Cyphal node-ID of the controller. Default: the one that is heard.
@@ -29,10 +27,6 @@ pub struct Args {
     pub controller: Option<NodeId>,
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// The bus, a controller that refuses, or a cause that is still there.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let mut session = args.bus.open()?;
     let text = match session.find_controller(args.controller) {

@@ -23,7 +23,6 @@ pub enum KeyVerb {
     Remove(RemoveArgs),
 }
 
-/// Arguments of `make`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  cubectl controller key make arm.key")]
 pub struct MakeArgs {
@@ -31,7 +30,6 @@ pub struct MakeArgs {
     pub file: PathBuf,
 }
 
-/// Arguments of `set`.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl controller key set arm.key --bus can0\n  cubectl controller key set new.key --key-file arm.key --bus can0\n\nThe key goes over the bus as it is: set it on a bus with nobody else on it. SECURITY.md says what a key protects\nagainst."
@@ -39,26 +37,19 @@ pub struct MakeArgs {
 pub struct SetArgs {
     /// File with the new key.
     pub file: PathBuf,
-    /// Bus and controller.
     #[command(flatten)]
     pub target: Target,
 }
 
-/// Arguments of `remove`.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example:\n  cubectl controller key remove --key-file arm.key --bus can0\n\nA lost key: delete the storage file of a controller that runs as a program; the STM32 board forgets its key when\nit is switched off."
 )]
 pub struct RemoveArgs {
-    /// Bus and controller.
     #[command(flatten)]
     pub target: Target,
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// A key file, the bus, or a controller that refuses.
 pub fn run(verb: &KeyVerb) -> Result<(), ExpectedError> {
     match verb {
         KeyVerb::Make(args) => {

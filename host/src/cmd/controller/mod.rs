@@ -28,10 +28,6 @@ pub enum ControllerVerb {
     Unlock(unlock::Args),
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// As the verbs.
 pub fn run(verb: &ControllerVerb) -> Result<(), ExpectedError> {
     match verb {
         ControllerVerb::Run(args) => run::run(args),

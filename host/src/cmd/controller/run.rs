@@ -38,7 +38,6 @@ const STOP_TIME: Duration = Duration::from_secs(3);
 /// Time for the halt to leave.
 const HALT_TIME: Duration = Duration::from_millis(50);
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl controller run --bus can0 --storage arm.storage\n  cubectl controller run --bus socketcand://127.0.0.1:29536/can0 --period-ms 17\n  cubectl controller run --bus can0 --robot my_arm.toml --gains gains.toml\n  cubectl throw --target 1,1,-1 --bus can0 --controller 10   # in another terminal\n\nThe period is that of the storage, or --period-ms, or the shortest one that this machine and this bus hold: a second of\nquestions to the drives tells. One that does not hold is refused before anything moves. A real-time priority is\nasked for and used where the system allows it (limits.conf: rtprio, memlock).\n\nCtrl-C stops the arm along its path and halts the drives; another Ctrl-C half a second later ends at once, the drives'\nwatchdogs then stop them."
@@ -72,10 +71,6 @@ pub struct Args {
     pub time: Option<f64>,
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// The bus cannot be reached or is lost, the storage cannot be opened, it names another node-ID, or a fault is latched at the end.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     match &args.storage {
         None => with_storage(args, RamStorage::new()),

@@ -9,7 +9,6 @@ use crate::error::ExpectedError;
 use operator::bus::settings::crc32_of;
 use operator::dialogue::registers::Numbers;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl controller unlock powercube6 --for-s 600 --set joint.error_max_rad=0.4,0.4,0.4,0.4,0.4,0.4 --bus can0\n  cubectl controller unlock powercube6 --for-s 0 --bus can0               # the limits of the robot hold again, at once\n\nA controller takes limits up to those of the robot it was started for. Wider ones need this, and end with the time,\nor when the controller is switched off. Offset, direction and address of a joint, and a weaker supervision (watchdogs, missed
@@ -26,7 +25,6 @@ pub struct Args {
     /// Limit to set, and its values, one per joint.
     #[arg(long, value_name = "REGISTER=VALUE,...", value_parser = setting)]
     pub set: Vec<(&'static str, Vec<f32>)>,
-    /// Bus and controller.
     #[command(flatten)]
     pub target: Target,
 }
@@ -48,10 +46,6 @@ fn setting(text: &str) -> Result<(&'static str, Vec<f32>), String> {
     }
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// The robot, the key file, the bus, or a controller that refuses.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let robot = RobotModel::load(&args.robot).map_err(|error| ExpectedError::bad_input(&error))?;
     let robot_crc32 = crc32_of(&robot);

@@ -15,7 +15,6 @@ use planner::plan::file::{Kind, PlanFileError, require_robot};
 use planner::record::PlanRecord;
 use planner::store::fingerprint_of;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example:\n  cubectl controller upload plan.json --bus can0\n\nThe file is a plan, or the controller's binary form of one. It is checked in the controller before it is committed."
@@ -23,18 +22,12 @@ use planner::store::fingerprint_of;
 pub struct Args {
     /// Plan (JSON), waypoints (CSV, or JointTrajectory as JSON or YAML), or trajectory file of a controller.
     pub file: PathBuf,
-    /// Bus and controller.
     #[command(flatten)]
     pub on: Target,
-    /// Times of waypoints.
     #[command(flatten)]
     pub retime: RetimeArgs,
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// The file, the bus, no controller, or its refusal with the cause.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let source = read(&args.file, args.on.bus.cell.robot.as_deref(), &args.retime)?;
     let mut session = args.on.session()?;

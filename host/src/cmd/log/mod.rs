@@ -17,10 +17,6 @@ pub enum LogVerb {
     Report(report::Args),
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// As the verbs.
 pub fn run(verb: &LogVerb) -> Result<(), ExpectedError> {
     match verb {
         LogVerb::Record(args) => record::run(args),

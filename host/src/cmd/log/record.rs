@@ -16,13 +16,11 @@ use operator::log::candump::Line;
 use operator::log::files_of;
 use operator::log::keep::Keeper;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl log record throw1 --bus can0            # until Ctrl-C\n  cubectl log record boot --controller --for-s 2    # a soft controller starting up in the simulated cell\n\nNothing is sent: recording does not disturb the bus. Files that exist are not overwritten."
 )]
 pub struct Args {
-    /// Bus options.
     #[command(flatten)]
     pub bus: BusArgs,
     /// Where to: PATH.log and PATH.mcap; with --bus rsi:... the folder PATH.
@@ -35,10 +33,6 @@ pub struct Args {
     pub controller: bool,
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// The bus cannot be reached or is lost, or the recording not be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if args.bus.record.is_some() {
         return Err(ExpectedError::bad_input(&"`record` takes its path without --record"));

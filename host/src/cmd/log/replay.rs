@@ -28,7 +28,6 @@ use operator::log::text_in;
 /// Frames that a controller may send at one deadline; more is taken for a defect.
 const FRAMES_MAX: usize = 4_096;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl log record boot --controller --for-s 2 && cubectl log replay boot.log\n  cubectl throw --target 1,1,-1 --period-ms 10 --out throw1 && cubectl log replay throw1\n\nThe times of the log must be the controller's own clock, beginning at its start, as recordings of the simulated\ncell are; in real time the clock of the bus is another one."
@@ -58,7 +57,6 @@ pub struct Difference {
     pub sent: Option<Frame>,
 }
 
-/// What a replay found.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Replayed {
     /// Frames handed to the controller.
@@ -69,10 +67,6 @@ pub struct Replayed {
     pub difference: Option<Difference>,
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// The log cannot be read, or the controller sends something else than recorded.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if crate::cmd::rsi::is_recording(&args.log) {
         return crate::cmd::rsi::replay(&args.log, args.json);

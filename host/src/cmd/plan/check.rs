@@ -10,7 +10,6 @@ use planner::follow::plan::FollowPlan;
 use planner::record::PlanRecord;
 use planner::verify;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  cubectl plan check plan.json && echo sound")]
 pub struct Args {
@@ -24,10 +23,6 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// If the plan cannot be read, is for another robot, or does not hold what it claims.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let plan = match PlanRecord::read(&args.plan).map_err(|e| ExpectedError::bad_input(&e))? {
         PlanRecord::Throw(plan) => plan,

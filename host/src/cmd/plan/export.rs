@@ -8,7 +8,6 @@ use crate::error::ExpectedError;
 use planner::motion::Motion;
 use planner::plan::file::PlanFile;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  cubectl plan export plan.json --csv --step-s 0.001 --out plan.csv")]
 pub struct Args {
@@ -25,10 +24,6 @@ pub struct Args {
     pub out: Option<PathBuf>,
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// If the plan cannot be read, the step is not positive, or the table cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let fine = args.step_s >= 1e-5 && args.step_s <= 10.0;
     if !fine {

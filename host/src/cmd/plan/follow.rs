@@ -85,9 +85,6 @@ pub(super) struct Followed {
 }
 
 /// Plans, verifies, and writes what was asked for.
-///
-/// # Errors
-/// If input is refused, no throw reaches the target, or a file cannot be written.
 pub fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
     let Followed { plan, limits, verdict } = plan(args, arm)?;
     if let Some(path) = &args.out {
@@ -106,9 +103,6 @@ pub fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
 }
 
 /// Plans and verifies; nothing is written or printed.
-///
-/// # Errors
-/// If input is refused or no throw reaches the target.
 pub(super) fn plan(args: &Args, arm: &Arm) -> Result<Followed, ExpectedError> {
     let form = args.search.options.form;
     args.given.require_meaning(&[Deed::Following, form.search_of_following()])?;

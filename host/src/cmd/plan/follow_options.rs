@@ -6,7 +6,6 @@ use super::options::FormName;
 use crate::cmd::values::numbers;
 use crate::error::ExpectedError;
 
-/// Options of throws that follow the flight of the ball.
 #[derive(Debug, Clone, clap::Args, serde::Deserialize)]
 #[command(next_help_heading = "Following the flight (industrial robots, or --follow)")]
 pub struct FollowOptions {

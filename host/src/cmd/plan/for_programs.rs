@@ -59,9 +59,6 @@ pub fn sweep(request: &str, stop: &AtomicBool) -> Result<Made, ExpectedError> {
 }
 
 /// What the parts of a sweep say together, as the JSON of `cubectl plan sweep --summary FOLDER --json`.
-///
-/// # Errors
-/// There is no sweep, or a part cannot be read.
 pub fn sweep_summary(folder: &std::path::Path) -> Result<String, ExpectedError> {
     shards::summary(folder).map(|(_, json)| json.to_string())
 }

@@ -45,10 +45,6 @@ fn require_writable(path: &Path) -> Result<(), ExpectedError> {
     Ok(())
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// As the verbs.
 pub fn run(verb: PlanVerb) -> Result<(), ExpectedError> {
     match verb {
         PlanVerb::Throw(args) => throw::run(&args),

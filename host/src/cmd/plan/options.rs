@@ -169,7 +169,6 @@ impl PlanOptions {
         asked.into_iter().filter(|(asked, _)| *asked).map(|(_, deed)| deed).collect()
     }
 
-    /// Options of the planner.
     #[must_use]
     pub fn resolve(&self) -> Options {
         let mut o = Options::of(match self.form {
@@ -248,7 +247,6 @@ impl PlanOptions {
     }
 }
 
-/// Throws to start from.
 #[derive(Debug)]
 pub struct Starts {
     /// The throws.

@@ -27,7 +27,6 @@ use robot_model::RobotModel;
 /// How to look for a throw.
 #[derive(Debug, Clone, Default, clap::Args, serde::Deserialize)]
 pub struct SearchOptions {
-    /// What may be thrown how.
     #[command(flatten)]
     #[serde(rename = "+options")]
     pub options: PlanOptions,
@@ -184,9 +183,6 @@ impl SearchOptions {
 
     /// Plans the throw to `target` (m, world frame), with progress on a terminal. With `fast`
     /// stored throws are enough, if one of them leads there.
-    ///
-    /// # Errors
-    /// If input is refused or no throw reaches the target.
     pub fn plan(&self, target: [f64; 3], seed: u64, fast: bool) -> Result<Planned, ExpectedError> {
         let arm = crate::cmd::robot(&self.options.robot)?;
         let Planned { plan, took, note } = self.plan_for(&arm, target, seed, fast)?;
@@ -194,9 +190,6 @@ impl SearchOptions {
     }
 
     /// As [`SearchOptions::plan`], for an arm of four to seven joints; also the time of the search.
-    ///
-    /// # Errors
-    /// If input is refused or no throw reaches the target.
     pub fn plan_for(
         &self,
         arm: &RobotModel,
@@ -213,9 +206,6 @@ impl SearchOptions {
     }
 
     /// As [`SearchOptions::plan_for`], from throws that are at hand; what was given up is not printed.
-    ///
-    /// # Errors
-    /// If input is refused or no throw reaches the target.
     pub fn plan_from(
         &self,
         arm: &RobotModel,
@@ -248,9 +238,6 @@ impl SearchOptions {
     }
 
     /// What is planned, in words: everything but target, robot and stored throws that a plan follows from.
-    ///
-    /// # Errors
-    /// As [`SearchOptions::require_sound`].
     pub(super) fn in_words(&self) -> Result<String, ExpectedError> {
         let (region, noise) = (self.region()?, self.noise()?);
         let (goal, kept) = (self.goal(noise, region)?, self.options.kept());
@@ -273,9 +260,6 @@ impl SearchOptions {
     }
 
     /// The throw to `target` (m, world frame) from the throws of an index; nothing is stored.
-    ///
-    /// # Errors
-    /// If input is refused or no throw reaches the target.
     pub(super) fn solve(
         &self,
         arm: &RobotModel,

@@ -32,7 +32,6 @@ const PICTURE_MAX: u64 = 100_000;
 /// Most disturbed throws per target.
 pub(super) const DRAWS_MAX: usize = 1_000_000;
 
-/// The targets of a sweep.
 #[derive(Debug, Clone)]
 pub(super) enum Targets {
     Grid(Grid),
@@ -54,7 +53,6 @@ impl Targets {
         }
     }
 
-    /// The targets from row `from` on.
     fn rows_from(&self, from: u64) -> Result<Rows, ExpectedError> {
         match self {
             Self::Grid(grid) => {
@@ -271,7 +269,6 @@ fn none(joints: usize) -> Vec<String> {
     vec![String::new(); columns(joints).len() - 6]
 }
 
-/// The columns of a plan.
 fn of_plan(plan: &PlanFile, landings: Option<Landings>) -> Vec<String> {
     let (release, landing) = (&plan.release, &plan.landing);
     let [[xx, _], [_, yy]] = landing.covariance_m2;
@@ -310,10 +307,6 @@ fn watched<T: Send>(rows: u64, watcher: Watcher<'_>, work: impl FnOnce(&Watch, &
     watched_with(watch, &progress, watcher, || work(watch, &done))
 }
 
-/// The summary of a folder, as JSON.
-///
-/// # Errors
-/// There is no sweep, or a part cannot be read.
 pub(super) fn summary(folder: &Path) -> Result<(Summary, serde_json::Value), ExpectedError> {
     let folder = Folder::open(folder)?;
     let s = Summary::of(&folder)?;

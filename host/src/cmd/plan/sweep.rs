@@ -12,13 +12,11 @@ use crate::error::ExpectedError;
 use crate::tables::shard::{SHARDS_MAX, Shard};
 use crate::tables::targets::TargetList;
 
-/// Arguments.
 #[derive(Debug, clap::Args, serde::Deserialize)]
 #[command(
     after_help = "Examples:\n  cubectl plan sweep --x 0.5,2.2,0.1 --z=-1,0.4,0.1 --out reach\n  cubectl plan sweep --summary reach --picture reach.html\n  cubectl plan sweep --fast --targets targets.csv --shard 3/100 --out sweep"
 )]
 pub struct Args {
-    /// What stands on the command line.
     #[command(flatten)]
     #[serde(rename = "+given")]
     pub given: Given,
@@ -96,10 +94,6 @@ fn shards(text: &str) -> Result<u32, String> {
     count.ok_or_else(|| format!("must be a whole number from 1 to {SHARDS_MAX}"))
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// If input is refused or a file cannot be read or written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if let Some(folder) = &args.summary {
         return summary(args, folder);
@@ -127,10 +121,6 @@ fn summary(args: &Args, folder: &Path) -> Result<(), ExpectedError> {
     Ok(())
 }
 
-/// Makes the shards that are asked for.
-///
-/// # Errors
-/// Input is refused, a file cannot be read or written, or it was stopped.
 pub(super) fn make_shards(args: &Args, watcher: Watcher<'_>) -> Result<Made, ExpectedError> {
     let Some(out) = &args.out else {
         return Err(ExpectedError::bad_input(&"name the folder of the parts with --out FOLDER"));

@@ -10,10 +10,6 @@ use crate::report::plan as plan_report;
 use planner::follow::limits::AXES;
 use robot_model::RobotModel;
 
-/// Runs the verb.
-///
-/// # Errors
-/// If input is refused, no throw reaches the target, or a file cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     for path in args.out.iter().chain(&args.report) {
         require_writable(path)?;

@@ -11,7 +11,6 @@ use crate::cmd::plan::follow::is_industrial;
 use crate::error::ExpectedError;
 use crate::exit;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  cubectl robot check arm.toml
 
@@ -25,10 +24,6 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// If the file cannot be read or used, or if there is something to look at.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let (file, text) = text_of(&args.robot).map_err(|e| ExpectedError::bad_input(&e))?;
     let findings = survey(&file, &text).map_err(|e| ExpectedError::bad_input(&e))?;

@@ -7,7 +7,6 @@ use toml_reader::{DESCRIPTION_MAX_BYTES, read_text};
 
 use crate::error::ExpectedError;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:
   cubectl robot import arm.urdf --end-effector tool0
@@ -38,10 +37,6 @@ pub struct Args {
     pub force: bool,
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// If the file cannot be read, is no serial arm of revolute joints, or the robot file cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let text = read_text(&args.urdf, DESCRIPTION_MAX_BYTES).map_err(|e| ExpectedError::io(&args.urdf, &e))?;
     let floor_z_m = args.floor_z_m;

@@ -17,10 +17,6 @@ pub enum RobotVerb {
     Show(show::Args),
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// As the verb.
 pub fn run(verb: &RobotVerb) -> Result<(), ExpectedError> {
     match verb {
         RobotVerb::Import(args) => import::run(args),

@@ -7,7 +7,6 @@ use robot_model::{JointVec, RobotModel};
 use crate::error::ExpectedError;
 use crate::report::robot;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  cubectl robot show arm.toml --pose-deg 0,-90,90,0,45,0 --out arm.html")]
 pub struct Args {
@@ -24,10 +23,6 @@ pub struct Args {
     pub force: bool,
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// If the robot file is refused, the pose has another number of joints, or the picture cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let robot = super::super::robot(&args.robot)?;
     let pose = pose(&robot, args.pose_deg.as_deref())?;

@@ -77,7 +77,6 @@ pub struct RobotLink {
     pub(crate) time: &'static str,
 }
 
-/// How a link is opened.
 pub(crate) struct Opening<'a> {
     pub(crate) bus: &'a BusSpec,
     /// The robot if the bus is `sim`.

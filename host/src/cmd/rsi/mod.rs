@@ -53,17 +53,11 @@ const LINES_MAX: usize = 100_000;
 const FLUSH_EVERY: Duration = Duration::from_millis(200);
 
 /// The description of the robot and its program.
-///
-/// # Errors
-/// The file is refused.
 pub fn description(source: Option<&str>) -> Result<KrcScenario, ExpectedError> {
     KrcScenario::open(source.unwrap_or("kr-c2")).map_err(|error| ExpectedError::bad_input(&error))
 }
 
 /// Description and arm for a verb with the options of a bus; `None`: the bus leads to no such robot.
-///
-/// # Errors
-/// The description or the robot is refused.
 pub fn robot_on(bus: &BusArgs) -> Result<Option<(RsiSpec, KrcScenario, Arm)>, ExpectedError> {
     let BusSpec::Rsi(spec) = &bus.bus else { return Ok(None) };
     let mut described = description(bus.rsi.as_deref())?;
@@ -82,10 +76,6 @@ pub struct LogFile {
 }
 
 impl LogFile {
-    /// A new file.
-    ///
-    /// # Errors
-    /// The file exists or cannot be created.
     pub fn create(path: &Path) -> Result<Self, ExpectedError> {
         let create = || {
             let mut file = BufWriter::new(File::create_new(path)?);
@@ -113,9 +103,6 @@ impl LogFile {
     }
 
     /// Writes what is left.
-    ///
-    /// # Errors
-    /// The log is not whole.
     pub fn finish(&mut self, path: &Path) -> Result<(), ExpectedError> {
         let written = std::mem::replace(&mut self.written, Ok(()));
         written.and_then(|()| self.file.flush()).map_err(|error| ExpectedError::output(path, &error))
@@ -178,7 +165,6 @@ impl<'a> Watch<'a> {
         self
     }
 
-    /// The kept lines.
     pub fn take_lines(&mut self) -> Vec<Line> {
         std::mem::take(&mut self.lines).into()
     }
@@ -242,9 +228,6 @@ impl Host for Watch<'_> {
 }
 
 /// Where the robot at `spec` connects to, whose time counts, and the rights to answer it in time.
-///
-/// # Errors
-/// The address cannot be had.
 pub fn listen(
     spec: &RsiSpec,
     described: &KrcScenario,
@@ -275,9 +258,6 @@ fn failed(spec: &RsiSpec, what: &dyn std::fmt::Display, next: &str) -> ExpectedE
 }
 
 /// Serves the robot at `spec` until the end.
-///
-/// # Errors
-/// The address cannot be had, or the socket fails.
 pub fn serve_at(
     spec: &RsiSpec,
     described: &KrcScenario,

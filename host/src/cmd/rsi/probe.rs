@@ -30,7 +30,6 @@ const OFF_START_DEG: f64 = 0.2;
 /// Decimals below which noise of the readings is reported.
 const DECIMALS: usize = 3;
 
-/// What was seen.
 struct Seen {
     lines: Vec<Line>,
     cycles: Vec<Cycle>,

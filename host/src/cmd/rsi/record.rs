@@ -11,9 +11,6 @@ use super::{CONFIG, DESCRIPTION, LOG, LogFile, Watch, serve_at};
 use crate::error::ExpectedError;
 
 /// Holds the robot where its program starts and writes the exchange into a folder, for `span_s` or until Ctrl-C.
-///
-/// # Errors
-/// The folder or the address cannot be had, or the recording is not whole.
 pub fn record(
     folder: &Path,
     span_s: Option<f64>,
@@ -39,9 +36,6 @@ pub fn record(
 }
 
 /// Puts what a replay needs beside a log.
-///
-/// # Errors
-/// A file cannot be written.
 pub fn write_description(folder: &Path, described: &KrcScenario) -> Result<(), ExpectedError> {
     let text =
         described.description("The robot and its program, as they were described for this run.", CONFIG);

@@ -41,13 +41,11 @@ use operator::rsi::log::Line;
 use tuner::gains::choose::GainsFrom;
 use tuner::gains::gains_file::GainsFile;
 
-/// Arguments.
 #[derive(Debug, clap::Args, serde::Deserialize)]
 #[command(
     after_help = "Examples:\n  cubectl throw --target 1.0,1.0,-1.0                      # in the simulated cell\n  cubectl throw --target 1.0,1.0,-1.0 --bus can0            # a controller that is heard there, else one in this program\n  cubectl throw --plan plan.json --bus can0 --controller 10\n  cubectl throw --robot kr16_2 --target 2.5,0,0.6           # an industrial robot, inside this program, over RSI\n  cubectl throw --robot kr16_2 --target tracker --bus rsi:udp://0.0.0.0:49152\n\nWrites plan.json, gains.toml, bus.log, bus.mcap, summary.json and report.html into a new folder. Ctrl-C, SIGTERM and\nSIGHUP stop the arm along its path, then end the program with code 6. On every bus but `sim` it asks before the arm moves and\nonce more before the ball is thrown; without a terminal it needs --yes.\n\nOutcomes and exit codes: landed 0, missed 11, not released 12, stopped 13. Only the bus `sim` sees the ball. On every\nother bus the outcome is \"thrown, not observed\" (0): the program then says when the release was ordered and where the\nmeasured motion sends the ball. A drive that has lost encoder counts reports a wrong position; nothing\nin its answers shows that.\n\n`cubectl plan throw` has all options of the search (form, limits, moving targets, openings, drag, regions);\n`--plan` throws its plan."
 )]
 pub struct Args {
-    /// What stands on the command line.
     #[command(flatten)]
     #[serde(rename = "+given")]
     pub given: Given,
@@ -64,7 +62,6 @@ pub struct Args {
     #[arg(long, value_parser = can_link::bus_of_option, default_value_t, value_name = "SPEC", help_heading = "Bus")]
     #[serde(skip)]
     pub bus: BusSpec,
-    /// Key of the controller.
     #[command(flatten)]
     #[serde(skip)]
     pub key: KeyArgs,
@@ -135,7 +132,6 @@ pub struct Args {
     /// [default: kr-c2; with --scenario its program].
     #[arg(long, value_name = "DESCRIPTION", help_heading = "Bus")]
     pub rsi: Option<String>,
-    /// Live view in a browser.
     #[command(flatten)]
     #[serde(skip)]
     pub web: WebArgs,

@@ -43,28 +43,15 @@ pub(super) trait Registers {
     /// What goes wrong on the way.
     type Error: Cause;
     /// Numbers of a register; empty for an unknown one.
-    ///
-    /// # Errors
-    /// Of the transport.
     fn floats(&mut self, name: &str) -> Result<Vec<f32>, Self::Error>;
     /// Writes numbers; returns what the register holds then.
-    ///
-    /// # Errors
-    /// Of the transport.
     fn set_floats(&mut self, name: &str, values: &[f32]) -> Result<Vec<f32>, Self::Error>;
     /// A whole number; `None` for an unknown register.
-    ///
-    /// # Errors
-    /// Of the transport.
     fn natural(&mut self, name: &str) -> Result<Option<u32>, Self::Error>;
     /// Writes a whole number; returns what the register holds then.
-    ///
-    /// # Errors
-    /// Of the transport.
     fn set_natural(&mut self, name: &str, value: u32) -> Result<Option<u32>, Self::Error>;
 }
 
-/// Registers of a controller on a bus.
 pub(super) struct OnBus<'a> {
     pub(super) session: &'a mut Session,
     pub(super) node: NodeId,
@@ -119,7 +106,6 @@ impl Registers for OnBus<'_> {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(in crate::cmd) struct InForce {
-    /// Period they are for, µs.
     pub(in crate::cmd) period_us: u32,
     /// Least and largest delay they are for, µs; 0 in files of earlier versions: not known, as all that has a default.
     #[serde(default)]
@@ -127,10 +113,8 @@ pub(in crate::cmd) struct InForce {
     /// Age of a reply and lag of the drives that they are for, µs.
     #[serde(default)]
     pub(in crate::cmd) lags_us: [u32; 2],
-    /// Accelerations that they are for, rad/s2.
     #[serde(default)]
     pub(in crate::cmd) a_max_rad_s2: Vec<f32>,
-    /// Checksum of the robot they are for.
     #[serde(default)]
     pub(in crate::cmd) robot_crc32: u32,
     /// Checksum of their certificate, 0 for none.
@@ -294,7 +278,6 @@ impl InForce {
         })
     }
 
-    /// Of settings.
     pub(in crate::cmd) fn of(settings: &Settings) -> Self {
         let of = |pick: fn(&JointSettings) -> f32| {
             settings.joints().map(|joint| pick(settings.joint.at(joint))).collect()
@@ -350,7 +333,6 @@ impl InForce {
         Ok(Self::of(&settings))
     }
 
-    /// The estimator they count on.
     pub(in crate::cmd) fn estimator(&self) -> Estimator {
         Estimator { alpha: self.estimator_alpha.into(), beta: self.estimator_beta.into() }
     }
@@ -377,9 +359,6 @@ impl InForce {
     }
 
     /// Reads the file of [`InForce::to_toml`].
-    ///
-    /// # Errors
-    /// What is wrong with it.
     pub(in crate::cmd) fn from_toml(text: &str) -> Result<Self, String> {
         let read: Self = toml::from_str(text).map_err(|e| e.to_string())?;
         let n = read.k_pos_1_s2.len();

@@ -20,7 +20,6 @@ pub enum DesignArg {
 /// Joints to tune: `all` or a number from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Joints {
-    /// Every joint.
     All,
     /// One, from 1.
     One(usize),

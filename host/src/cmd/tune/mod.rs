@@ -40,17 +40,8 @@ pub enum TuneError {
     /// Robot and motion.
     #[error(transparent)]
     Machine(#[from] MachineError),
-    /// No such joint.
     #[error("robot {robot} has joints 1 to {joints}, not {asked}")]
-    NoSuchJoint {
-        /// Robot.
-        robot: String,
-        /// Joints it has.
-        joints: usize,
-        /// Asked for.
-        asked: usize,
-    },
-    /// The share of the motion.
+    NoSuchJoint { robot: String, joints: usize, asked: usize },
     #[error("--reference-share is {0}; it must be at least 0 and below 1")]
     Share(f64),
     /// A joint.
@@ -59,7 +50,6 @@ pub enum TuneError {
     /// The file just written does not read back.
     #[error("the gains do not verify after rounding to text: {0}; please report this")]
     File(#[from] GainsFileError),
-    /// Writing.
     #[error("cannot write {path}: {cause}")]
     Write {
         /// File.
@@ -85,10 +75,6 @@ impl From<ApplyError> for ExpectedError {
     }
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// Bad input, a joint that cannot be tuned with the binding condition, files, or the controller.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if let Some(path) = &args.rollback {
         return roll_back(args, path);
@@ -243,7 +229,6 @@ impl Work {
         Ok(trial::simulate(&self.robot, &of_robot, &sets, std::slice::from_ref(&self.trial)))
     }
 
-    /// The designed gains as a file.
     fn file(&self, tuned: &[Tuned]) -> GainsFile {
         GainsFile {
             format: FORMAT,
@@ -319,7 +304,6 @@ fn short_of(demand: &Demand, cause: &str) -> ExpectedError {
     ExpectedError::new(exit::FINDINGS, cause).next(next)
 }
 
-/// Gains file.
 fn write_files(args: &Args, file: &GainsFile, tuned: &[Tuned]) -> Result<(), TuneError> {
     if let Some(path) = &args.out {
         let toml = file.to_toml();
@@ -331,7 +315,6 @@ fn write_files(args: &Args, file: &GainsFile, tuned: &[Tuned]) -> Result<(), Tun
     Ok(())
 }
 
-/// A controller on the bus.
 struct ControllerOnBus {
     session: Session,
     node: NodeId,

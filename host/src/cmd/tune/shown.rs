@@ -28,7 +28,6 @@ pub(super) fn page(
     report::html(&work.machine.robot, &under, short, tuned, &tables)
 }
 
-/// The tables as JSON.
 pub(super) fn json(work: &Work, tuned: &[Tuned], tried: Option<&[Row]>) -> serde_json::Value {
     let joints = tuned.iter().map(|joint| {
         serde_json::json!({

@@ -45,7 +45,6 @@ pub(super) fn demands(plan: &PlanFile) -> ReferenceProfile {
     ReferenceProfile { robot: plan.robot.name.clone(), phases: phases.collect() }
 }
 
-/// The throw of a plan.
 pub(super) fn of_plan(plan: &PlanFile) -> TrialMotion {
     let motion: planner::motion::Motion = plan.motion.to_motion();
     let joints = plan.motion.joints.len();
@@ -223,7 +222,6 @@ pub(super) fn yardsticks(after: &InForce, file: &GainsFile) -> Vec<Named> {
         .collect()
 }
 
-/// The rows as a table.
 pub(super) fn table(rows: &[Row]) -> Table<'static> {
     let head = [
         "gains",

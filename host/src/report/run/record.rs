@@ -41,7 +41,6 @@ impl RunReport<'_> {
     }
 }
 
-/// All events as a table.
 pub(super) fn events(page: &mut Page, events: &[RunEvent]) {
     let rows = events.iter().map(|event| {
         let tone = match event.severity {

@@ -81,7 +81,6 @@ pub enum NoGains {
     /// The design fails.
     #[error("no gains for {robot} at {} ms: {cause}", f64::from(*.period_us) * 1e-3)]
     Design {
-        /// Period, µs.
         period_us: u32,
         robot: String,
         /// Binding condition.
@@ -114,9 +113,6 @@ impl NoGains {
 
 /// Certified gains for `robot` at a period: the built-in ones if they were designed for exactly the data of its
 /// file, otherwise a new design.
-///
-/// # Errors
-/// [`NoGains`].
 pub fn gains_for(robot: &RobotModel, period_us: u32) -> Result<(GainsFile, GainsFrom), NoGains> {
     let (_, text) = BUILT_IN
         .iter()

@@ -26,10 +26,8 @@ pub enum Proof {
     Saturated(SaturatedCertificate, SaturatedMargins),
 }
 
-/// A tuned joint.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tuned {
-    /// Data it was tuned for.
     pub input: JointInput,
     /// The same, checked.
     pub problem: Problem,
@@ -55,7 +53,6 @@ pub enum DesignError {
     /// The solver found no gains for Theorem 1.
     #[error("joint {joint}: Theorem 1: {cause}")]
     Paper {
-        /// Joint number.
         joint: usize,
         /// From the solver.
         cause: SolveError,
@@ -66,7 +63,6 @@ pub enum DesignError {
          (largest eigenvalue {radius:.3}); shorten the period or use --design saturated"
     )]
     UnstableWhenSampled {
-        /// Joint number.
         joint: usize,
         /// Nominal period.
         period_s: f64,
@@ -78,7 +74,6 @@ pub enum DesignError {
     /// A finished design fails its own check: a defect of this program.
     #[error("joint {joint}: a finished design fails its check ({what}); please report this")]
     Refused {
-        /// Joint number.
         joint: usize,
         /// What fails.
         what: String,
@@ -129,7 +124,6 @@ pub fn tune(input: &JointInput, design: Design) -> Result<Tuned, DesignError> {
 }
 
 impl Tuned {
-    /// Entry for the gains file.
     pub fn entry(&self) -> JointGains {
         match &self.proof {
             Proof::Saturated(c, _) => JointGains::saturated(&self.input, c),

@@ -54,7 +54,6 @@ pub struct Evidence {
     pub boundary_states: usize,
     /// Largest V(x+)/V(x) over one step from them, over periods, delays and bounds.
     pub step_ratio_max: f64,
-    /// Trajectories run.
     pub trajectories: usize,
     /// Largest V met along any of them (it starts at 1).
     pub v_max: f64,

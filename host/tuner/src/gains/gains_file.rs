@@ -110,7 +110,6 @@ pub enum GainsFileError {
         "joint {joint}: the gains were designed for {what} = {found}, the robot file says {expected}; tune for this robot"
     )]
     OtherMachine {
-        /// Joint number.
         joint: usize,
         /// Key of the gains file.
         what: &'static str,
@@ -125,7 +124,6 @@ pub enum GainsFileError {
     /// A gain the firmware cannot use.
     #[error("joint {joint}: {what} is {value}; gains must be finite and not positive")]
     Gain {
-        /// Joint number.
         joint: usize,
         /// Key.
         what: &'static str,
@@ -135,7 +133,6 @@ pub enum GainsFileError {
     /// A matrix of the wrong size.
     #[error("joint {joint}: {what} has {found} numbers, {expected} are needed")]
     Size {
-        /// Joint number.
         joint: usize,
         /// Key.
         what: &'static str,
@@ -148,14 +145,10 @@ pub enum GainsFileError {
     Problem(#[from] ProblemError),
     /// The gains are not those of the certificate.
     #[error("joint {joint}: the gains are not those the certificate was made for")]
-    GainsChanged {
-        /// Joint number.
-        joint: usize,
-    },
+    GainsChanged { joint: usize },
     /// The proof of the saturated design fails.
     #[error("joint {joint}: {refusal}; the file was changed or damaged, tune again")]
     Saturated {
-        /// Joint number.
         joint: usize,
         /// What fails.
         refusal: SaturatedRefusal,
@@ -163,7 +156,6 @@ pub enum GainsFileError {
     /// The proof of the paper's design fails.
     #[error("joint {joint}: {refusal}; the file was changed or damaged, tune again")]
     Paper {
-        /// Joint number.
         joint: usize,
         /// What fails.
         refusal: PaperRefusal,

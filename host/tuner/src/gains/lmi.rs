@@ -74,18 +74,12 @@ impl Lmi {
     ///
     /// Tolerance `tolerance` on gap and residuals (relative). A result relies on the certificate check, not on this
     /// number.
-    ///
-    /// # Errors
-    /// [`SolveError`].
     pub(super) fn solve(&self, tolerance: f64) -> Result<DVector<f64>, SolveError> {
         self.solve_above(f64::NEG_INFINITY, tolerance)
     }
 
     /// As [`Lmi::solve`], but gives up with [`SolveError::TooLow`] as soon as a dual feasible point shows that
     /// the objective cannot reach `floor`.
-    ///
-    /// # Errors
-    /// [`SolveError`].
     pub(super) fn solve_above(&self, floor: f64, tolerance: f64) -> Result<DVector<f64>, SolveError> {
         interior::solve(self, floor, tolerance).map(|(x, _)| x)
     }

@@ -17,7 +17,6 @@ const SIDES: usize = 120;
 /// Points (x, y).
 pub type Points = Vec<(f64, f64)>;
 
-/// Curves of a joint.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curves {
     /// Position error over time from the initial position error, s and rad: nominal, then at each corner of periods and delays.
@@ -34,7 +33,6 @@ pub struct Curves {
     pub stretches: Vec<(bool, Points)>,
     /// sqrt(V) over time, s: largest from the boundary of the initial errors, at each corner; empty for the paper's design.
     pub falls: Vec<Points>,
-    /// What is proven of it.
     pub proven: Points,
 }
 

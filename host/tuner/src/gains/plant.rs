@@ -28,9 +28,7 @@ pub struct Plant {
 /// Position and velocity of a reference from time 0 to `duration_s`, at rest before and after.
 pub trait Reference {
     fn position_rad(&self, t_s: f64) -> f64;
-    /// Velocity, rad/s.
     fn velocity_rad_s(&self, t_s: f64) -> f64;
-    /// Length, s.
     fn duration_s(&self) -> f64;
 }
 
@@ -108,11 +106,8 @@ pub struct Setup {
 /// Errors over a run, one row per integration step.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Track {
-    /// Time, s.
     pub t_s: Vec<f64>,
-    /// Position error, rad.
     pub position_rad: Vec<f64>,
-    /// Velocity error, rad/s.
     pub velocity_rad_s: Vec<f64>,
     /// Acceleration in force, rad/s2.
     pub command_rad_s2: Vec<f64>,

@@ -14,7 +14,6 @@ pub struct Interval {
 }
 
 impl Interval {
-    /// Middle of the interval.
     pub fn centre(&self) -> f64 {
         0.5 * (self.low + self.high)
     }
@@ -92,9 +91,6 @@ pub struct Problem {
 
 impl Problem {
     /// Checks `input`.
-    ///
-    /// # Errors
-    /// [`ProblemError`].
     pub fn new(input: &JointInput) -> Result<Self, ProblemError> {
         let joint = input.joint;
         let refused = |what: String| ProblemError { joint, what };

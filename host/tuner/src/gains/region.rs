@@ -31,7 +31,6 @@ const COST_RATE_MIN: f64 = 1e-3;
 /// Requirements on a region.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Ask<'a> {
-    /// Weights of the cost.
     pub(super) weights: Weights,
     /// Decay rate of sqrt(V) per time unit.
     pub(super) decay: f64,

@@ -45,7 +45,6 @@ pub enum SaturatedError {
          {feasible_reference:.3} rad/s2)"
     )]
     SaturationBinds {
-        /// Joint number.
         joint: usize,
         /// Phase, from 1.
         phase: usize,
@@ -68,13 +67,11 @@ pub enum SaturatedError {
          gains faster than {omega_min} rad/s are stable; shorten the period or the delay"
     )]
     DelayBinds {
-        /// Joint number.
         joint: usize,
         /// Largest delay.
         delay_s: f64,
         /// Nominal period.
         period_s: f64,
-        /// Lag of the drive.
         lag_s: f64,
         /// Slowest bandwidth tried, rad/s.
         omega_min: f64,

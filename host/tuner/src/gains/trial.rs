@@ -43,7 +43,6 @@ pub struct TrialMotion {
     pub knots: Vec<(f64, Vec<(f64, f64)>)>,
     /// When the gripper lets go, s.
     pub release_s: Option<f64>,
-    /// Target of the ball, m.
     pub target_m: Option<[f64; 3]>,
 }
 
@@ -208,9 +207,6 @@ impl Lab {
 const HOST: Peer = Peer::new(42);
 
 /// Runs `motion` with every joint displaced by `offset_rad` from its start.
-///
-/// # Errors
-/// [`TrialError`].
 pub fn run(
     robot: &RobotModel,
     settings: &Settings,

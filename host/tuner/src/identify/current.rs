@@ -35,7 +35,6 @@ pub struct CurrentConstant {
     pub friction_a: Estimate,
     /// Offset of the measurement, A.
     pub offset_a: Estimate,
-    /// The fit, for the report.
     pub fit: Fit,
 }
 

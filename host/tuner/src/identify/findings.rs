@@ -28,9 +28,7 @@ pub struct Subject {
     /// Joint number from 1.
     pub joint: usize,
     pub name: String,
-    /// Module type.
     pub module: String,
-    /// Address of the module.
     pub address: u8,
     /// Which angles of the joints the drives read, and the source of this.
     pub mounting: String,
@@ -73,16 +71,13 @@ impl Holds {
     }
 }
 
-/// All that was measured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measured {
-    /// Steady speeds.
     pub speeds: Speeds,
     /// Mean |load| over the stretch of the steady speeds, N m.
     pub speed_load_nm: f64,
     /// Largest speed of the joint, rad/s.
     pub speed_max_rad_s: f64,
-    /// Holding currents.
     pub holds: Holds,
     /// Steps of acceleration.
     pub steps: Steps,
@@ -111,7 +106,6 @@ pub struct Findings {
     pub subject: Subject,
     /// Confidence level of every interval.
     pub level: f64,
-    /// From what.
     pub measured: Measured,
     /// K_B, A s/rad.
     pub k_b: Result<CurrentConstant, RegressionError>,

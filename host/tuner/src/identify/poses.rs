@@ -44,7 +44,6 @@ impl Sweep {
         self.high_rad - self.low_rad
     }
 
-    /// Its middle, rad.
     pub fn centre_rad(&self) -> f64 {
         0.5 * (self.low_rad + self.high_rad)
     }

@@ -11,7 +11,6 @@ use crate::hub::{Action, Dialect, Hub, ServerOptions};
 use crate::net::dial;
 use crate::serial::{open_device, open_pty};
 use crate::spec::host_port;
-use crate::stream::Stream;
 
 /// Version of hardware and software that `V` reports.
 const VERSION: &str = "1013";
@@ -76,13 +75,8 @@ impl Adapter {
     ///
     /// Nothing listens there.
     pub fn connect(host: &str, port: u16, bitrate: Bitrate, clock: Clock) -> Result<Self, OpenError> {
-        let address = host_port(host, port);
-        let name = format!("slcan://{address}");
-        let stream = Stream::tcp(dial(host, port, &name)?).map_err(|source| OpenError::Setup {
-            what: "the connection",
-            address,
-            source,
-        })?;
+        let name = format!("slcan://{}", host_port(host, port));
+        let stream = dial(host, port, &name)?;
         Ok(Self::at_stream(name, stream, Slcan { bitrate, pty: None }, clock))
     }
 

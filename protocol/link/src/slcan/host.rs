@@ -57,12 +57,7 @@ impl Host {
     pub fn connect(host: &str, port: u16, bitrate: Bitrate, clock: Clock) -> Result<Self, OpenError> {
         let place = host_port(host, port);
         let name = format!("slcan://{place}");
-        let stream = Stream::tcp(dial(host, port, &name)?).map_err(|source| OpenError::Setup {
-            what: "the connection",
-            address: place.clone(),
-            source,
-        })?;
-        Self::start(stream, name, place, bitrate, clock)
+        Self::start(dial(host, port, &name)?, name, place, bitrate, clock)
     }
 
     fn start(

@@ -11,7 +11,6 @@ use crate::link::CanLink;
 use crate::net::dial;
 use crate::spec::host_port;
 use crate::station::{Heard, Speech, Station};
-use crate::stream::Stream;
 
 /// For each answer of the handshake. If a server does not answer, it is another program, or hangs.
 const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(10);
@@ -49,11 +48,7 @@ impl Client {
     pub fn connect(host: &str, port: u16, bus: BusName<'_>, clock: Clock) -> Result<Self, OpenError> {
         let address = host_port(host, port);
         let name = format!("socketcand://{address}/{bus}");
-        let setup = |what| {
-            let address = address.clone();
-            move |source| OpenError::Setup { what, address, source }
-        };
-        let stream = Stream::tcp(dial(host, port, &name)?).map_err(setup("the connection"))?;
+        let stream = dial(host, port, &name)?;
         let speech = Socketcand { assembler: Assembler::new(), step: Step::Start, refusal: None };
         let mut client = Self::new(name, stream, speech, clock);
         for (question, step, wanted) in [

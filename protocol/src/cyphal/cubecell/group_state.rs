@@ -191,8 +191,7 @@ impl Decode<'_> for GroupState {
     fn decode(input: &mut Reader<'_>) -> Result<Self, DecodeError> {
         let (uptime_us, sequence) = (input.uint(56), input.u16());
         let number = input.u8();
-        let state =
-            State::from_number(number).ok_or(DecodeError::UnknownValue { value: u32::from(number) })?;
+        let state = State::from_number(number).ok_or(DecodeError::UnknownValue(u32::from(number)))?;
         let (fault_joint, fault_cause, homed_mask) = (input.u8(), input.u16(), input.u8());
         let [
             trajectory_stored,

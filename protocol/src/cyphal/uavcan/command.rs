@@ -17,8 +17,6 @@ pub const OUTPUT_LEN_MAX: usize = 46;
 pub const REQUEST_EXTENT: u16 = 2 + 1 + PARAMETER_LEN_MAX as u16;
 /// Bytes of a response.
 pub const RESPONSE_EXTENT: u16 = 1 + 1 + OUTPUT_LEN_MAX as u16;
-/// Largest number of a command that a maker of nodes may define.
-pub const VENDOR_COMMAND_MAX: u16 = 32767;
 
 /// Numbers of the standard commands.
 pub mod standard {

@@ -146,7 +146,7 @@ fn decode_subjects<'a>(input: &mut Reader<'a>) -> Result<SubjectIds<'a>, DecodeE
         0 => Ok(SubjectIds::Mask(head(input.rest(), SUBJECTS / 8))),
         1 => Ok(SubjectIds::Sparse(SparseIds { count: input.u8(), bytes: input.rest() })),
         2 => Ok(SubjectIds::Total),
-        tag => Err(DecodeError::UnknownTag { tag }),
+        tag => Err(DecodeError::UnknownTag(tag)),
     }
 }
 

@@ -265,7 +265,7 @@ impl Encode for Value<'_> {
 impl<'a> Decode<'a> for Value<'a> {
     fn decode(input: &mut Reader<'a>) -> Result<Self, DecodeError> {
         let tag = input.u8();
-        let kind = ValueType::from_tag(tag).ok_or(DecodeError::UnknownTag { tag })?;
+        let kind = ValueType::from_tag(tag).ok_or(DecodeError::UnknownTag(tag))?;
         if kind == ValueType::Empty {
             return Ok(Self::EMPTY);
         }

@@ -69,7 +69,6 @@ impl FrameGate {
         Self { last: None, restart_after }
     }
 
-    /// Judges the next frame.
     pub fn judge(&mut self, frame: u64) -> Verdict {
         let Some(last) = self.last else {
             self.last = Some(frame);

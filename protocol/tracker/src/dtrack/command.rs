@@ -16,10 +16,8 @@ pub enum Output {
     None,
 }
 
-/// A command.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Command {
-    /// Start of the measurement.
     TrackingStart,
     /// End of the measurement.
     TrackingStop,
@@ -130,13 +128,11 @@ pub enum Answer {
     },
     /// Parameter and value, as asked for.
     Set(String),
-    /// A message of the tracker.
     Message {
         /// Part of the tracker it comes from.
         origin: String,
         /// `error`, `warning`, `info` and the like.
         status: String,
-        /// Frame it belongs to.
         frame: u64,
         /// Number of the message.
         id: u32,
@@ -166,7 +162,6 @@ impl Answer {
         Some(Self::Message { origin: origin.to_owned(), status: status.to_owned(), frame, id, text })
     }
 
-    /// The value of `parameter` if this is an answer for it.
     #[must_use]
     pub fn value_of(&self, parameter: &str) -> Option<&str> {
         match self {

@@ -47,7 +47,6 @@ pub struct Marker {
     pub id: u32,
     /// 1.0.
     pub quality: f64,
-    /// Position in the room, mm.
     pub position_mm: [f64; 3],
 }
 
@@ -56,7 +55,6 @@ pub struct Marker {
 pub enum HybridState {
     /// Nothing: position and rotation are not valid.
     Lost,
-    /// Inertial sensor only.
     Inertial,
     /// Cameras only.
     Optical,

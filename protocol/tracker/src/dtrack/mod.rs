@@ -15,8 +15,3 @@ pub use command::{Answer, Command, MAX_MESSAGE_BYTES, Messages, Output};
 pub use data::{
     Body, DataError, DataFrame, DataProblem, Hybrid, HybridState, MAX_DATAGRAM_BYTES, Marker, UnixStamp,
 };
-
-/// Port to which data are usually sent.
-pub const DATA_PORT: u16 = 5000;
-/// Port of the command channel.
-pub const COMMAND_PORT: u16 = 50_105;

@@ -31,9 +31,6 @@ pub struct UrdfRobot {
 }
 
 /// [`robot_file_with_meshes`] without mesh files: meshes are left out with a note.
-///
-/// # Errors
-/// As [`robot_file_with_meshes`].
 pub fn robot_file_from_urdf(file: &str, text: &str, options: &UrdfOptions) -> Result<UrdfRobot, UrdfError> {
     robot_file_with_meshes(file, text, options, &|name| Err(format!("{name} was not read")))
 }

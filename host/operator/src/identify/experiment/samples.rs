@@ -68,9 +68,6 @@ impl Experiment<'_> {
     }
 
     /// Standard deviation of the current reading of the standing joint, A.
-    ///
-    /// # Errors
-    /// [`ExperimentError`].
     pub fn scatter_a(&mut self) -> Result<f64, ExperimentError> {
         (self.progress)("noise of the current");
         let readings = self.readings(HOLD_READINGS)?;
@@ -81,9 +78,6 @@ impl Experiment<'_> {
 
     /// Steady speeds in both directions over the same stretch of `sweep`: the mean load is then the same in all runs
     /// and does not look like K_B.
-    ///
-    /// # Errors
-    /// [`ExperimentError`].
     pub fn speeds(&mut self, sweep: &Sweep) -> Result<Speeds, ExperimentError> {
         let limits = self.model.joints()[self.joint].limits;
         let a = limits.a_control_max_rad_s2.min(limits.a_max_rad_s2);
@@ -133,9 +127,6 @@ impl Experiment<'_> {
     }
 
     /// Holding currents at `holds_rad`, each approached from both sides; the other joints stand.
-    ///
-    /// # Errors
-    /// [`ExperimentError`].
     pub fn holds(&mut self, holds_rad: &[f64]) -> Result<Vec<HoldSample>, ExperimentError> {
         let mut samples = Vec::new();
         for &hold in holds_rad {
@@ -155,9 +146,6 @@ impl Experiment<'_> {
     }
 
     /// Responses to steps of acceleration about the middle of `sweep`, up and down.
-    ///
-    /// # Errors
-    /// [`ExperimentError`].
     pub fn steps(&mut self, sweep: &Sweep) -> Result<Steps, ExperimentError> {
         let limits = self.model.joints()[self.joint].limits;
         let a = (0.8 * limits.a_control_max_rad_s2).min(limits.a_max_rad_s2);

@@ -82,9 +82,6 @@ impl Listener {
 type Answer = (Form, Option<u32>);
 
 /// Looks at the motors, and at the frames of others. If another program speaks to the motors, nothing is asked.
-///
-/// # Errors
-/// The bus is gone, or Ctrl-C.
 pub(super) fn find(session: &mut Session, motors: &MitMotors) -> Result<Vec<Finding>, ExpectedError> {
     let listener = Listener::default();
     session.add_tap(Box::new(listener.clone()));

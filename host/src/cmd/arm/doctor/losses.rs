@@ -20,9 +20,6 @@ const ROUND: Duration = Duration::from_millis(10);
 const DEADLINE: Duration = Duration::from_millis(100);
 
 /// Asks every module [`ROUNDS`] times and reports which answers are missing.
-///
-/// # Errors
-/// The bus is gone, or Ctrl-C.
 pub(super) fn find(session: &mut Session, modules: &[ModuleReport]) -> Result<Vec<Finding>, AskError> {
     if modules.is_empty() {
         return Ok(Vec::new());

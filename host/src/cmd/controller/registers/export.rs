@@ -8,10 +8,8 @@ use crate::cmd::target::Target;
 use crate::error::ExpectedError;
 use operator::dialogue::registers::{Numbers, RegisterEntry};
 
-/// Version of the file.
 pub(super) const SCHEMA_VERSION: i64 = 1;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl controller registers export --bus can0 --out arm.registers.toml\n  cubectl controller registers set --file arm.registers.toml --bus can0 --save\n\nThe key of a controller is never register, and is not in the file."
@@ -20,7 +18,6 @@ pub struct Args {
     /// Where to. A file that exists is not overwritten. Default: standard output.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Bus and controller.
     #[command(flatten)]
     pub target: Target,
 }

@@ -5,7 +5,6 @@ use crate::cmd::print_json;
 use crate::cmd::target::Target;
 use crate::error::ExpectedError;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl controller registers get cycle.period_us\n  cubectl controller registers get joint.v_max_rad_s joint.a_max_rad_s2 --bus can0 --json\n\nUnits are in the names; a register of the joints holds one value per joint, base first."
@@ -14,7 +13,6 @@ pub struct Args {
     /// Names.
     #[arg(required = true, value_name = "NAME")]
     pub names: Vec<String>,
-    /// Bus and controller.
     #[command(flatten)]
     pub target: Target,
     /// Print JSON.

@@ -7,7 +7,6 @@ use crate::cmd::print_json;
 use crate::cmd::target::Target;
 use crate::error::ExpectedError;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl controller registers list\n  cubectl controller registers list joint. --bus can0\n\nNames and values are the controller's; range, time and meaning are those that this program knows."
@@ -16,7 +15,6 @@ pub struct Args {
     /// Only names that begin so.
     #[arg(value_name = "PREFIX", default_value = "")]
     pub prefix: String,
-    /// Bus and controller.
     #[command(flatten)]
     pub target: Target,
     /// Print JSON.
@@ -49,10 +47,6 @@ fn known(name: &str) -> Option<(&'static RegisterInfo, &'static str)> {
     TABLE.get(index).zip(MEANINGS.get(index).copied())
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// The bus, or a controller that does not answer.
 pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
     let (mut session, node) = args.target.open()?;
     let mut found = Vec::new();

@@ -27,10 +27,6 @@ pub enum RegistersVerb {
     Export(export::Args),
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// A name or value, a file, the bus, or a controller that refuses.
 pub fn run(verb: &RegistersVerb) -> Result<(), ExpectedError> {
     match verb {
         RegistersVerb::Get(args) => get::run(args),

@@ -19,7 +19,6 @@ use operator::dialogue::registers::Numbers;
 /// Longest time in which a controller looks for its drives again.
 const BOOT_MAX: Duration = Duration::from_secs(20);
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl controller registers set telemetry.period_us=50000\n  cubectl controller registers set joint.jog_v_rad_s=0.1 --bus can0 --save      # one value: for all joints\n  cubectl controller registers set joint.q_min_rad=-2.7,-1.9,-2.5,-1.5,-1.5,-3.1 --bus can0\n  cubectl controller registers set --file arm.registers.toml --bus can0 --save\n\nWhat shapes motion is taken only at rest, from the host that holds the session, and with the key where the controller\nhas one. Limits beyond those it was started with need `cubectl controller unlock`. Values that depend on each other may be given\nin any order. Exit code 8: some were not taken; the message names each."
@@ -34,7 +33,6 @@ pub struct Args {
     /// Let the controller keep its settings when it is switched off.
     #[arg(long)]
     pub save: bool,
-    /// Bus and controller.
     #[command(flatten)]
     pub target: Target,
 }

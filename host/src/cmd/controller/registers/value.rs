@@ -45,7 +45,6 @@ pub(super) fn json(value: &Numbers) -> serde_json::Value {
     }
 }
 
-/// Kind of a value, in a word.
 pub(super) const fn kind(value: &Numbers) -> &'static str {
     match value {
         Numbers::Real(_) => "real",
@@ -56,9 +55,6 @@ pub(super) const fn kind(value: &Numbers) -> &'static str {
 }
 
 /// Reads values of the kind and number of `like`; one value stands for all joints.
-///
-/// # Errors
-/// What is wrong, as text.
 pub(super) fn parse<'a>(like: &Numbers, parts: impl Iterator<Item = &'a str>) -> Result<Numbers, String> {
     let parts: Vec<&str> = parts.map(str::trim).collect();
     fn all<T: Clone>(

@@ -31,7 +31,6 @@ pub(in crate::cmd) const MOTION: &str = "motion.csv";
 /// Longest `summary.json` that is read, bytes.
 const SUMMARY_MAX_BYTES: u64 = 64 << 20;
 
-/// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cubectl log report throw1                       # the folder of a `cubectl throw`\n  cubectl log report throw1 --json | jq .joints   # the same in numbers\n  cubectl log report --plan plan.json --log throw1.log --out throw1.html\n\nThe file opens offline in any browser."
@@ -79,10 +78,6 @@ pub struct Recorded {
     pub files: Vec<(String, u64, String)>,
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// A file cannot be read, there is no run in the log, or the report cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if let Some(path) = args.folder.as_ref().filter(|path| path.is_file()) {
         let refused =
@@ -128,9 +123,6 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 }
 
 /// Reads and analyses a run. The bit rate that is not given is that of the summary, or 1 Mbit/s.
-///
-/// # Errors
-/// As [`run`].
 pub fn read(
     plan: &Path,
     log: &Path,
@@ -196,9 +188,6 @@ fn not_analysed(log: &Path, why: &AnalysisError) -> ExpectedError {
 }
 
 /// Writes the report of a job into its folder, from the files there.
-///
-/// # Errors
-/// As [`run`].
 pub(in crate::cmd) fn write_into(folder: &Folder, robot: &str) -> Result<(), ExpectedError> {
     let is_led = rsi::is_recording(&folder.path);
     let log = if is_led { MOTION } else { "bus.log" };
@@ -207,10 +196,6 @@ pub(in crate::cmd) fn write_into(folder: &Folder, robot: &str) -> Result<(), Exp
     write(&recorded, &folder.file("report.html"))
 }
 
-/// Writes the report.
-///
-/// # Errors
-/// The file cannot be written.
 pub fn write(recorded: &Recorded, out: &Path) -> Result<(), ExpectedError> {
     let Recorded { arm, ran, analysis, events, torn, summary, files } = recorded;
     let html = match (analysis, summary) {
@@ -240,9 +225,6 @@ fn rows_of(file: &Path) -> Result<Vec<motion::Row>, ExpectedError> {
 }
 
 /// Writes the report of a throw or a motion with an industrial robot from the files of its folder.
-///
-/// # Errors
-/// A file cannot be read, or the report not be written.
 pub fn write_robot(folder: &Path, out: &Path) -> Result<(), ExpectedError> {
     let [plan_file, table, summary] = ["plan.json", MOTION, "summary.json"].map(|name| folder.join(name));
     let plan = match PlanRecord::read(&plan_file).map_err(|error| ExpectedError::bad_input(&error))? {

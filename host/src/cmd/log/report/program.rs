@@ -19,9 +19,6 @@ pub(super) const DONE: &str = "program.json";
 const DONE_MAX_BYTES: u64 = 256 << 20;
 
 /// Leaves what was done of the program `file`, its summary and its report in the folder.
-///
-/// # Errors
-/// A file cannot be written.
 pub(in crate::cmd) fn keep(
     folder: &Folder,
     file: &Path,
@@ -37,9 +34,6 @@ pub(in crate::cmd) fn keep(
 }
 
 /// Writes the report from the files of a folder.
-///
-/// # Errors
-/// A file cannot be read, or the report not be written.
 pub(super) fn write(folder: &Path, out: &Path) -> Result<(), ExpectedError> {
     let file = folder.join(DONE);
     let text =
