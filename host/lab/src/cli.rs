@@ -20,12 +20,15 @@ pub struct Cli {
 
 const EXAMPLES: &str = "Examples:
   cubelab rally --throws 20 --report rally.html
+  cubelab place --distance-m 3 --hand matched --out placed.toml
   cubelab swarm --seeds 200";
 
 #[derive(Debug, Subcommand)]
 pub enum Verb {
     /// Let two arms throw a ball to each other and catch it.
     Rally(Box<cmd::rally::Args>),
+    /// Find where two arms stand so that most of the balls that they throw to each other can be caught.
+    Place(Box<cmd::place::Args>),
     /// Throw in random simulated cells with faults, and judge each throw from the plant.
     Swarm(cmd::swarm::Args),
     /// Write a completion script for a shell.
@@ -36,6 +39,7 @@ pub enum Verb {
 pub fn run(cli: Cli) -> Result<(), ExpectedError> {
     match cli.verb {
         Verb::Rally(args) => cmd::rally::run(&args),
+        Verb::Place(args) => cmd::place::run(&args),
         Verb::Swarm(args) => cmd::swarm::run(&args),
         Verb::Completions(args) => completions::run(&args, "cubelab", COMPLETE_VARIABLE),
     }

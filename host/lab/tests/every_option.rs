@@ -6,8 +6,12 @@ use lab::cli::Cli;
 use crate::option_walk::Shows::{Change, Elsewhere, Refusal};
 use crate::option_walk::{Row, Walk};
 
-const BASE: &[(&str, &str)] =
-    &[("rally", "--throws 1 --json"), ("swarm", "--seeds 1 --out {d}/found"), ("completions", "bash")];
+const BASE: &[(&str, &str)] = &[
+    ("rally", "--throws 1 --json"),
+    ("place", "--throws 2 --tries 1 --json"),
+    ("swarm", "--seeds 1 --out {d}/found"),
+    ("completions", "bash"),
+];
 
 const ROWS: &[Row] = &[
     ("rally", "throws", Change, "--throws 2"),
@@ -30,6 +34,20 @@ const ROWS: &[Row] = &[
     ("rally", "calibration-catcher", Refusal, "--calibration-catcher {d}/none.toml"),
     ("rally", "report", Change, "--report {d}/rally.html"),
     ("rally", "json", Elsewhere, "stands in the common words of this table"),
+    ("place", "cell", Change, "--cell {d}/none.toml"),
+    ("place", "hand", Change, "--hand matched"),
+    ("place", "jerk", Change, "--jerk"),
+    ("place", "restitution", Change, "--restitution 0.95"),
+    ("place", "fault", Change, "--fault not-released"),
+    ("place", "seed", Change, "--seed 2"),
+    ("place", "distance-m", Change, "--distance-m 2.2"),
+    ("place", "yaw-deg", Refusal, "--yaw-deg 400"),
+    ("place", "height-m", Refusal, "--height-m 4"),
+    ("place", "one-way", Change, "--one-way"),
+    ("place", "throws", Change, "--throws 3"),
+    ("place", "tries", Refusal, "--tries 20000"),
+    ("place", "out", Change, "--out {d}/placed.toml"),
+    ("place", "json", Elsewhere, "stands in the common words of this table"),
     ("swarm", "seeds", Change, "--seeds 2"),
     ("swarm", "first", Change, "--first 1"),
     ("swarm", "for", Refusal, "--for 10x"),

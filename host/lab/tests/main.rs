@@ -9,6 +9,7 @@ mod command_lines;
 mod every_option;
 #[path = "../../tests/option_walk/mod.rs"]
 mod option_walk;
+mod placing;
 mod rally;
 mod rally_verbs;
 mod swarm;

@@ -8,6 +8,7 @@
 //! | [`study`] | many trials: shares with intervals, by flight time and by fault |
 //! | [`degraded`] | what can go wrong, one fault at a time |
 //! | [`waiting`] | where the catcher waits, found for throws of a kind |
+//! | [`placing`] | where the bases stand, found for throws to and fro |
 //! | [`failures`] | why a ball was not caught, one throw at a time |
 //! | [`calibration`] | predicted probabilities against what came of them |
 //! | [`estimator`] | errors of the flight estimator against their bound |
@@ -20,6 +21,7 @@ pub mod estimator;
 pub mod exchange;
 pub mod failures;
 pub mod on_wire;
+pub mod placing;
 pub mod study;
 pub mod throws;
 pub mod waiting;

@@ -38,6 +38,10 @@ pub struct Share {
 }
 
 impl Share {
+    pub fn of(hits: &[bool]) -> Self {
+        Self { hits: hits.iter().filter(|hit| **hit).count(), of: hits.len() }
+    }
+
     pub fn count(&mut self, hit: bool) {
         self.hits += usize::from(hit);
         self.of += 1;
@@ -57,6 +61,15 @@ impl Share {
         let middle = (p + Z * Z / (2.0 * n)) / (1.0 + Z * Z / n);
         let half = Z / (1.0 + Z * Z / n) * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
         ((middle - half).max(0.0), (middle + half).min(1.0))
+    }
+
+    /// 95 % interval of Newcombe for how much larger this share is than another of other trials.
+    pub fn gain(&self, other: &Self) -> (f64, f64) {
+        let ((low, high), (other_low, other_high)) = (self.wilson(), other.wilson());
+        let gain = self.value() - other.value();
+        let less = f64::hypot(self.value() - low, other_high - other.value());
+        let more = f64::hypot(high - self.value(), other.value() - other_low);
+        (gain - less, gain + more)
     }
 }
 
@@ -212,7 +225,7 @@ pub fn row(
     row
 }
 
-fn note(reasons: &mut Vec<(String, usize)>, why: Decline) {
+pub(super) fn note(reasons: &mut Vec<(String, usize)>, why: Decline) {
     let why = why.to_string();
     match reasons.iter_mut().find(|(other, _)| *other == why) {
         Some((_, n)) => *n += 1,
@@ -372,7 +385,7 @@ fn rallies(cell: &TwoArmOptions, options: &StudyOptions) -> Result<Vec<Rallies>,
 }
 
 /// The same cell with the arms this far apart.
-fn at_distance(cell: &TwoArmOptions, distance_m: f64) -> TwoArmOptions {
+pub fn at_distance(cell: &TwoArmOptions, distance_m: f64) -> TwoArmOptions {
     let mut cell = cell.clone();
     let apart = cell.arms[1].x_wb.pos - cell.arms[0].x_wb.pos;
     cell.arms[1].x_wb.pos = cell.arms[0].x_wb.pos + apart * (distance_m / apart.norm());
@@ -483,6 +496,13 @@ mod tests {
         assert!((low - 0.689).abs() < 1e-3 && (high - 0.850).abs() < 1e-3, "{low} {high}");
         assert_eq!(Share::default().wilson(), (0.0, 1.0));
         assert!(Share { hits: 500, of: 500 }.wilson().0 > 0.992);
+    }
+
+    /// 56 of 70 and 48 of 80: example (a) of Newcombe (1998), method 10.
+    #[test]
+    fn gains_have_their_published_interval() {
+        let (low, high) = Share { hits: 56, of: 70 }.gain(&Share { hits: 48, of: 80 });
+        assert!((low - 0.0524).abs() < 1e-4 && (high - 0.3339).abs() < 1e-4, "{low} {high}");
     }
 
     #[test]

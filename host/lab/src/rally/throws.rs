@@ -9,8 +9,8 @@ use planner::catch::Joints;
 use planner::catch::draw::{Aimed, Window, draw};
 use planner::catch::forecast::{Forecast, Foreseen, Watch};
 use planner::catch::law::State;
-use planner::catch::search::search;
-use planner::catch::task::Start;
+use planner::catch::search::{Choice, search};
+use planner::catch::task::{Decline, Start};
 use planner::flight::FlightModel;
 use planner::plan::rng::SplitMix64;
 use rayon::prelude::*;
@@ -84,6 +84,12 @@ impl<'a> Drawn<'a> {
     }
 }
 
+/// How the ball of a cell flies.
+pub(super) fn flight(pair: &Pair) -> Option<FlightModel> {
+    let flight = FlightModel::vacuum(pair.cell.arms[0].model.world().gravity_m_s2).ok()?;
+    flight.with_drag(pair.cell.ball.drag_1_m).ok()
+}
+
 /// One throw for each of these numbers, which seed the draws. A number that finds none in so many tries is left out.
 pub(super) fn draw_from(
     pair: &Pair,
@@ -93,8 +99,7 @@ pub(super) fn draw_from(
     tries: usize,
 ) -> Option<Vec<Aimed>> {
     let [thrower, catcher] = &pair.cell.arms;
-    let flight = FlightModel::vacuum(thrower.model.world().gravity_m_s2).ok()?;
-    let flight = flight.with_drag(pair.cell.ball.drag_1_m).ok()?;
+    let flight = flight(pair)?;
     let throws = numbers.into_par_iter().filter_map(|k| {
         let mut rng = SplitMix64::stream(seed, k as u64);
         draw(&thrower.model, &thrower.x_wb, &catcher.x_wb, &flight, window, &mut rng, tries)
@@ -105,7 +110,19 @@ pub(super) fn draw_from(
 /// Whether a place to catch this throw exists for an arm that knows it, at one of some times. A partner keeps clear of the thrower's way,
 /// whoever knows no plan of its whole reach.
 pub fn place_exists(pair: &Pair, aimed: &Aimed, options: &TrialOptions) -> bool {
-    KNOWN_S.iter().any(|at_s| reached_from(pair, aimed, options, &options.wait, *at_s).is_some())
+    why_no_place(pair, aimed, options).is_none()
+}
+
+/// Why no place to catch this throw exists, for the arm that knows it earliest; `None` if one does.
+pub(super) fn why_no_place(pair: &Pair, aimed: &Aimed, options: &TrialOptions) -> Option<Decline> {
+    let mut none: Option<Decline> = None;
+    for at_s in KNOWN_S {
+        match catch_from(pair, aimed, options, &options.wait, at_s) {
+            Ok(_) => return None,
+            Err(why) => none = none.or(Some(why)),
+        }
+    }
+    none
 }
 
 /// The catch that the search finds for an arm that rests at `wait` and knows the throw `known_s` after its release: its probability, and
@@ -117,13 +134,23 @@ pub(super) fn reached_from(
     wait: &Joints,
     known_s: f64,
 ) -> Option<(f64, f64)> {
+    let choice = catch_from(pair, aimed, options, wait, known_s).ok()?;
+    Some((choice.probability, choice.used))
+}
+
+fn catch_from(
+    pair: &Pair,
+    aimed: &Aimed,
+    options: &TrialOptions,
+    wait: &Joints,
+    known_s: f64,
+) -> Result<Choice, Decline> {
     let arm = &pair.catcher_for(aimed, options);
     let state = std::array::from_fn(|i| State::rest(wait[i]));
     let start = Start { at_s: RELEASE_S + known_s, state: &state, under_way: None };
     let gravity_m_s2 = pair.cell.arms[0].model.world().gravity_m_s2;
     let forecast = true_forecast(&pair.cell.ball, aimed, RELEASE_S, gravity_m_s2);
-    let choice = search(arm, &options.settings, &start, &forecast).0.ok()?;
-    Some((choice.probability, choice.used))
+    search(arm, &options.settings, &start, &forecast).0
 }
 
 /// The flight of the planned throw as it is, released at `release_s`.

@@ -132,6 +132,21 @@ fn passes(
     x_cw: &Pose,
     window: &Window,
 ) -> Option<f64> {
+    let (when, at) = crosses(flight, p_m, v_m_s, x_cw, window)?;
+    let inside = at.y.abs() <= window.y_m && at.z >= window.z_m.0 && at.z <= window.z_m.1;
+    (inside && when >= window.flight_s.0 && when <= window.flight_s.1).then_some(when)
+}
+
+/// When (s after the release) and where (in the base frame of the catcher, m) a ball crosses the plane of the window first; `x_cw` is the
+/// pose of the world in that frame. `None` if it does not before the longest flight ends.
+#[must_use]
+pub fn crosses(
+    flight: &FlightModel,
+    p_m: &Vector3<f64>,
+    v_m_s: &Vector3<f64>,
+    x_cw: &Pose,
+    window: &Window,
+) -> Option<(f64, Vector3<f64>)> {
     let (mut p, mut v) = (*p_m, *v_m_s);
     let mut before = x_cw.transform_point(&p);
     let mut t_s = 0.0;
@@ -140,10 +155,7 @@ fn passes(
         let now = x_cw.transform_point(&p);
         if before.x > window.x_m && now.x <= window.x_m {
             let share = (before.x - window.x_m) / (before.x - now.x);
-            let at = before.lerp(&now, share);
-            let when = t_s + STEP_S * share;
-            let inside = at.y.abs() <= window.y_m && at.z >= window.z_m.0 && at.z <= window.z_m.1;
-            return (inside && when >= window.flight_s.0 && when <= window.flight_s.1).then_some(when);
+            return Some((t_s + STEP_S * share, before.lerp(&now, share)));
         }
         before = now;
         t_s += STEP_S;
