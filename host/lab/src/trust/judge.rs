@@ -329,7 +329,9 @@ fn nearest(
     let mut best = (*range.start(), f64::INFINITY);
     for index in range.step_by(STRIDE) {
         let there = nominal.sample(index);
-        let squares: f64 = here.iter().zip(there).map(|(a, b)| (a[0] - b[0]).powi(2)).sum();
+        // A joint that falls says nothing of where the others are on the path.
+        let held = here.iter().zip(there).enumerate().filter(|(joint, _)| !falls(*joint));
+        let squares: f64 = held.map(|(_, (a, b))| (a[0] - b[0]).powi(2)).sum();
         // Of equal ones the last: a standing arm is at the end of its stay.
         if squares <= best.1 {
             best = (index, squares);
