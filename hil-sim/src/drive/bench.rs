@@ -60,7 +60,8 @@ pub(crate) fn turn(axis: &mut AxisState, input: &AxisInput, inertia_kg_m2: f64, 
     let wanted_v_rad_s =
         (inertia_kg_m2 * axis.v_rad_s + dt_s * pull_nm) / (inertia_kg_m2 + dt_s * d + dt_s * dt_s * k);
     let wanted_nm = (wanted_v_rad_s - axis.v_rad_s) * inertia_kg_m2 / dt_s;
-    let torque_nm = wanted_nm.clamp(-input.torque_max_nm, input.torque_max_nm);
+    let most_nm = input.limit_nm(wanted_nm, axis.v_rad_s);
+    let torque_nm = wanted_nm.clamp(-most_nm, most_nm);
     axis.v_rad_s += torque_nm / inertia_kg_m2 * dt_s;
     axis.q_rad += axis.v_rad_s * dt_s;
     axis.drive_torque_nm = torque_nm;

@@ -53,9 +53,9 @@ impl PowerCubeDrive {
                 reference_rad: self.generator.at(middle).q_rad - self.shift(),
                 stiffness_nm_rad: self.servo.stiffness_nm_rad,
                 damping_nms_rad: self.servo.damping_nms_rad,
-                torque_nm: 0.0,
                 torque_max_nm,
                 brake,
+                ..AxisInput::default()
             },
         }
     }

@@ -19,7 +19,16 @@ pub struct AxisInput {
     pub torque_nm: f64,
     /// Largest torque, N·m; zero with the power stage off.
     pub torque_max_nm: f64,
+    /// What the motor can give more than that against its motion, N·m: its own voltage drives the current then.
+    pub braking_more_nm: f64,
     pub brake: bool,
+}
+
+impl AxisInput {
+    /// Largest amount of a torque of this sign at this velocity, N·m.
+    pub fn limit_nm(&self, wanted_nm: f64, v_rad_s: f64) -> f64 {
+        self.torque_max_nm + if wanted_nm * v_rad_s < 0.0 { self.braking_more_nm } else { 0.0 }
+    }
 }
 
 /// One axis after a step. Motor side, at the joint: without elasticity this is the joint itself.
@@ -127,4 +136,19 @@ pub trait Plant {
     fn energy(&self) -> Energy;
 
     fn fault(&self) -> Option<PlantFault>;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_motor_gives_more_against_its_motion_than_along_it() {
+        let input = AxisInput { torque_max_nm: 2.0, braking_more_nm: 5.0, ..AxisInput::default() };
+        for (wanted_nm, v_rad_s, most_nm) in
+            [(9.0, 3.0, 2.0), (-9.0, -3.0, 2.0), (-9.0, 3.0, 7.0), (9.0, -3.0, 7.0), (9.0, 0.0, 2.0)]
+        {
+            assert_eq!(input.limit_nm(wanted_nm, v_rad_s), most_nm, "{wanted_nm} N·m at {v_rad_s} rad/s");
+        }
+    }
 }

@@ -190,7 +190,7 @@ fn applied_torque(input: &AxisInput, q: f64, v: f64, a: f64, h: f64) -> (f64, To
     let v_mid = v + 0.5 * h * a;
     let wanted = input.torque_nm + input.stiffness_nm_rad * (input.reference_rad - q_mid)
         - input.damping_nms_rad * v_mid;
-    let max = input.torque_max_nm;
+    let max = input.limit_nm(wanted, v);
     if wanted > max {
         (max, Torque::Clamped(max))
     } else if wanted < -max {

@@ -77,6 +77,7 @@ impl CanopenServo {
             damping_nms_rad,
             torque_nm: offset + damping_nms_rad * v_rad_s,
             torque_max_nm: self.options.peak_nm * (1.0 - speed_share).clamp(0.0, 1.0),
+            braking_more_nm: self.options.peak_nm * speed_share.clamp(0.0, 1.0),
             brake: false,
         }
     }

@@ -262,7 +262,7 @@ impl ShaftMotor for MitMotor {
             return off;
         }
         let limit = f64::from(self.ram.ranges.t_max_nm()).min(self.options.peak_nm);
-        // The line from the largest torque at rest to the speed without any.
+        // The line from the largest torque at rest to the speed without any. Against its motion a motor has the largest torque at any speed.
         let torque_max_nm =
             limit * (1.0 - self.axis.v_rad_s.abs() / self.options.no_load_rad_s).clamp(0.0, 1.0);
         match self.wanted {
@@ -275,6 +275,7 @@ impl ShaftMotor for MitMotor {
                     damping_nms_rad: f64::from(kd_nm_s_rad),
                     torque_nm: f64::from(t_nm) + f64::from(kd_nm_s_rad) * f64::from(v_rad_s),
                     torque_max_nm,
+                    braking_more_nm: limit - torque_max_nm,
                     brake: false,
                 }
             }
@@ -288,9 +289,9 @@ impl ShaftMotor for MitMotor {
                     reference_rad: self.origin_rad + self.reference_rad,
                     stiffness_nm_rad: inertia * LOOP_RAD_S * LOOP_RAD_S,
                     damping_nms_rad: 2.0 * inertia * LOOP_RAD_S,
-                    torque_nm: 0.0,
                     torque_max_nm: torque_max_nm * share,
-                    brake: false,
+                    braking_more_nm: (limit - torque_max_nm) * share,
+                    ..off
                 }
             }
             _ => off,
