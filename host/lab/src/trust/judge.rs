@@ -110,7 +110,7 @@ impl Judge<'_> {
         self.limits(scenario, run, &mut found);
         let excursion = self.excursion(scenario, run);
         let excursion_rad = excursion.rad;
-        if excursion_rad > self.excursion_max_rad() + encoder_slack_rad(&scenario.faults) {
+        if excursion_rad > self.excursion_max_rad(run) + encoder_slack_rad(&scenario.faults) {
             let Excursion { joint, at, .. } = excursion;
             found(
                 Rule::Excursion,
@@ -124,7 +124,7 @@ impl Judge<'_> {
         if let Some(what) = outcome(scenario, run) {
             found(Rule::Outcome, what);
         }
-        // A reported miss says nothing of an arm that went astray.
+        // A reported miss does not report an arm that left its path.
         let tells_of_arm = matches!(
             run.reported,
             ReportedOutcome::Cause { .. } | ReportedOutcome::Failed(_) | ReportedOutcome::Panicked(_)
@@ -133,21 +133,23 @@ impl Judge<'_> {
         Verdict { findings, reported: in_words(&run.reported), silent, excursion_rad }
     }
 
-    /// See [`EXCURSION_MAX_RAD`]; of other arms by their own speeds in the nominal run.
-    fn excursion_max_rad(&self) -> f64 {
+    /// See [`EXCURSION_MAX_RAD`]. For other arms: the longest braking distance from the fastest speeds of the nominal run.
+    fn excursion_max_rad(&self, run: &Evidence) -> f64 {
         if self.arm.drives().is_some() {
             return EXCURSION_MAX_RAD;
         }
-        let trace = &self.nominal.trace;
-        // A servo that missed set points runs to the next one, not faster than its limit, which is the top speed of the joint.
+        // A servo that missed set points runs to the next one, faster than in the nominal run. It needs the braking distance from the speed
+        // that it reached; beyond the limit of speed this is no excuse.
         let runs_after = self.arm.cia402_servos().is_some();
+        let fastest = |trace: &Trace, joint: usize| {
+            (0..trace.len()).map(|index| trace.sample(index)[joint][1].abs()).fold(0.0, f64::max)
+        };
         let brake_rad = |(joint, limits): (usize, &robot_model::JointLimits)| {
-            let speeds = (0..trace.len()).map(|index| trace.sample(index)[joint][1].abs());
-            let v_rad_s = if runs_after {
-                (1.0 + SPEED_SHARE) * limits.v_max_rad_s
-            } else {
-                speeds.fold(0.0, f64::max)
-            };
+            let mut v_rad_s = fastest(&self.nominal.trace, joint);
+            if runs_after {
+                let allowed_rad_s = (1.0 + SPEED_SHARE) * limits.v_max_rad_s;
+                v_rad_s = v_rad_s.max(fastest(&run.trace, joint).min(allowed_rad_s));
+            }
             v_rad_s * v_rad_s / (2.0 * limits.a_control_max_rad_s2)
         };
         let limits = self.arm.joints().iter().map(|joint| &joint.limits).enumerate();
@@ -329,7 +331,7 @@ fn nearest(
     let mut best = (*range.start(), f64::INFINITY);
     for index in range.step_by(STRIDE) {
         let there = nominal.sample(index);
-        // A joint that falls says nothing of where the others are on the path.
+        // A joint that falls is left out: it leaves the path, and the others may still be on it.
         let held = here.iter().zip(there).enumerate().filter(|(joint, _)| !falls(*joint));
         let squares: f64 = held.map(|(_, (a, b))| (a[0] - b[0]).powi(2)).sum();
         // Of equal ones the last: a standing arm is at the end of its stay.
@@ -465,7 +467,7 @@ fn outcome(scenario: &Scenario, run: &Evidence) -> Option<String> {
         ReportedOutcome::Landed => matches!(run.seen, Seen::Landed { .. }),
         ReportedOutcome::Missed => matches!(run.seen, Seen::Missed { .. } | Seen::Touched | Seen::Away),
         ReportedOutcome::NotReleased => run.seen == Seen::NotReleased,
-        // A stop says nothing of the target; the other rules judge the arm.
+        // A report of a stop makes no statement about the ball. The other rules judge the arm.
         ReportedOutcome::Cause { .. } | ReportedOutcome::Failed(_) | ReportedOutcome::Panicked(_) => true,
     };
     (!right || !ball).then(|| {
