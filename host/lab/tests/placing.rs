@@ -13,22 +13,23 @@ fn options() -> TrialOptions {
     TrialOptions { settings, cooperative: true, ..TrialOptions::default() }
 }
 
-/// A catcher that stands 0.4 m too low gets faster balls. The search raises it, and the balls that judge it are others.
+/// A catcher that stands 0.4 m too low gets faster balls. The judgement uses other balls than the search, and has 95 % intervals: of two equal
+/// cells each has the larger share half of the time. With 400 balls the shares are 78 % (too low), 94 % (built in) and 93 % (raised).
 #[test]
-fn an_arm_that_stands_too_low_is_raised_until_about_as_many_balls_have_a_place_as_in_the_built_in_cell() {
+fn a_catcher_that_stands_too_low_is_raised_to_a_share_that_differs_from_the_built_in_cell_by_chance_only() {
     let cell = TwoArmOptions::two_arms().unwrap();
     let low = Placement { height_m: -0.4, ..Placement::default() }.of(&cell);
     let search = Search { throws: 60, tries: 25, yaw_deg: 0.0, height_m: 0.5, one_way: true, seed: 11 };
-    let mut shares = Vec::new();
-    let found = find_place(&low, &options(), &search, |_, _, share| shares.push(share)).unwrap();
-    assert!(shares.len() > 1 && shares.is_sorted(), "{shares:?}");
+    let mut values = Vec::new();
+    let found = find_place(&low, &options(), &search, |_, _, value| values.push(value)).unwrap();
+    assert!(values.len() > 1 && values.is_sorted(), "{values:?}");
     assert!(found.height_m > 0.2 && found.yaw_deg == [0.0; 2], "{found:?}");
 
-    let share = |cell: &TwoArmOptions| judge(cell, &options(), &search, 12).unwrap()[0].with_place;
+    let judging = Search { throws: 120, ..search };
+    let share = |cell: &TwoArmOptions| judge(cell, &options(), &judging, 12).unwrap()[0].with_place;
     let (too_low, built_in, raised) = (share(&low), share(&cell), share(&found.of(&low)));
-    // The balls are not the same ones: 60 of them do not tell one ball more from one less.
-    assert!(raised.value() >= built_in.wilson().0, "{built_in:?} {raised:?}");
-    assert!(raised.wilson().0 > too_low.value(), "{too_low:?} {raised:?}");
+    assert!(raised.gain(&too_low).0 > 0.0, "{too_low:?} {raised:?}");
+    assert!(raised.gain(&built_in).1 >= 0.0, "{built_in:?} {raised:?}");
 }
 
 #[test]
