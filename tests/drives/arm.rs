@@ -14,7 +14,7 @@ use hil_sim::drive::bench::{Bench, ShaftMotor};
 use hil_sim::participants::Solo;
 use hil_sim::world::{Observer, World};
 use protocol::cyphal::crc::Crc64;
-use protocol::{Duration, Frame, Id, Instant};
+use protocol::{Duration, Frame, Id, Instant, bits};
 
 use crate::rig::{HOST, PLAN_S, joint};
 
@@ -117,7 +117,7 @@ impl<G: DriveGroup<Packet = Frame>, M: ShaftMotor, const N: usize> Arm<G, M, N> 
         taken.unwrap()
     }
 
-    /// The latched fault; the time until a halted arm counts as standing has passed, and a person clears it.
+    /// Waits until a halted arm counts as standing, and clears the fault as a person does. Returns the fault.
     pub(crate) fn clear(&mut self) -> Latched {
         let fault = self.fault().unwrap();
         self.run_us(1_700_000);
@@ -189,14 +189,13 @@ impl<G: DriveGroup<Packet = Frame>, M: ShaftMotor, const N: usize> Arm<G, M, N> 
         self.log.0.iter().filter(|(at, frame)| *at >= from && is_meant(frame)).copied().collect()
     }
 
-    /// Share of the time since `from` for which the bus is busy, with stuff bits at their most.
+    /// Bus load since `from` at 1 Mbit/s, with the largest possible number of stuff bits in each frame.
     pub(crate) fn load(&self, from: Instant) -> f64 {
-        let bits = |frame: &Frame| {
-            let (head, len) = if matches!(frame.id(), Id::Standard(_)) { (47, 33) } else { (67, 53) };
-            let bytes = 8 * frame.data().len() as u64;
-            head + bytes + (len + bytes) / 4
+        let bits = |(_, frame): &(Instant, Frame)| {
+            let is_extended = matches!(frame.id(), Id::Extended(_));
+            u64::from(bits::worst_case(is_extended, frame.data().len()).with_interframe_space())
         };
-        let sent: u64 = self.log.0.iter().filter(|(at, _)| *at >= from).map(|(_, frame)| bits(frame)).sum();
+        let sent: u64 = self.frames(from, |_| true).iter().map(bits).sum();
         sent as f64 / self.now().saturating_since(from).as_micros() as f64
     }
 }

@@ -92,7 +92,7 @@ fn judge(name: &str, pair: &Pair, outcome: &Outcome, tally: &mut Tally) {
 }
 
 fn throws(pair: &Pair, count: usize) -> Vec<Aimed> {
-    draw_throws(pair, &Window { flight_s: (0.55, 0.9), ..Window::default() }, count, 7).unwrap()
+    draw_throws(pair, &Window::high(), count, 7).unwrap()
 }
 
 fn run_all(

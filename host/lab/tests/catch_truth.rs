@@ -107,7 +107,7 @@ fn a_ball_that_has_just_fallen_out_of_the_cup_is_not_told_as_caught() {
 #[test]
 fn a_hand_that_moves_with_the_ball_does_not_hit_it_with_the_outside_of_its_cup() {
     let pair = pair();
-    let throws = draw_throws(&pair, &Window { flight_s: (0.55, 0.9), ..Window::default() }, 36, 1).unwrap();
+    let throws = draw_throws(&pair, &Window::high(), 36, 1).unwrap();
     let options = TrialOptions {
         settings: Settings { allowed: Allowed::Matched, ..Settings::default() },
         wait: Joints::from(WAIT_MATCHED_DEG.map(f64::to_radians)),

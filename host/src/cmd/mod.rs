@@ -46,7 +46,7 @@ mod rows;
 pub mod rsi;
 mod survey;
 pub mod target;
-mod values;
+pub mod values;
 pub mod web;
 
 use robot_model::RobotModel;

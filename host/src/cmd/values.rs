@@ -20,7 +20,7 @@ pub(crate) fn share(text: &str) -> Result<f64, String> {
 }
 
 /// A parser of numbers in `range`.
-pub(crate) fn within(
+pub fn within(
     range: RangeInclusive<f64>,
     unit: &'static str,
 ) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {

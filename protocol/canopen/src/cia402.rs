@@ -32,6 +32,10 @@ pub const INTERPOLATION_BUFFER: u16 = 0x60C4;
 pub const INTERPOLATION_TIME: u16 = 0x60C2;
 /// Object 6502: modes that the drive has; bit n - 1 for mode n.
 pub const SUPPORTED_MODES: u16 = 0x6502;
+/// Largest speed of the motor, turns per minute unless [`VELOCITY_UNIT`] has another unit.
+pub const MOTOR_SPEED_MAX: u16 = 0x6080;
+/// SI unit of velocities.
+pub const VELOCITY_UNIT: u16 = 0x60A9;
 
 /// State of a drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

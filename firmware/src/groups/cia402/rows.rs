@@ -11,9 +11,9 @@ use super::finding::HEARTBEAT;
 use super::options::{Follow, HOST_NODE, Home, Options, Servo};
 use crate::settings::Settings;
 
-/// Turns per minute, the unit of object 6080 as drives are delivered (object 60A9).
+/// Content of object 60A9 if object 6080 is in turns per minute, as drives are delivered.
 const TURNS_PER_MINUTE: u32 = 0x00B4_4700;
-/// Limit of the speed in a servo above the top speed of its joint: room for its position loop.
+/// Limit of speed in a servo, as a multiple of the top speed of its joint. The position loop of the servo needs the rest.
 const SPEED_ROOM: f32 = 1.03;
 /// Time beyond the following window, ms.
 const AWAY_MS: u32 = 10;
@@ -41,7 +41,8 @@ pub(super) enum Kind {
     Set,
     /// As `Set`; a servo without this object is fine.
     Off,
-    /// As `Off`, for a speed of the motor, turns per minute. The value of the row is that of the joint, 1e-3 turns per minute.
+    /// As `Off`, for a speed. The row has the speed of the joint, 1e-3 turns per minute; the object gets the speed of the motor, turns per
+    /// minute.
     OfMotor,
     /// Read until it holds this.
     Shows,
@@ -143,10 +144,10 @@ pub(super) fn all(
         row(IsIfThere, cia402::INTERPOLATION_BUFFER, 2, 4, 1),
     ];
     let interpolated = interpolated.into_iter().filter(move |_| servo.follow == Follow::Interpolated);
-    // Behind lost set points the next one is far away. A servo with this limit does not run there faster than its joint may.
+    // After lost set points the next one is far away. This limit keeps the servo from running there faster than its joint may.
     let limited = [
-        row(IsIfThere, 0x60A9, 0, 4, TURNS_PER_MINUTE),
-        row(OfMotor, 0x6080, 0, 4, libm::roundf(turns_per_minute * 1e3) as u32),
+        row(IsIfThere, cia402::VELOCITY_UNIT, 0, 4, TURNS_PER_MINUTE),
+        row(OfMotor, cia402::MOTOR_SPEED_MAX, 0, 4, libm::roundf(turns_per_minute * 1e3) as u32),
     ];
     let limited = limited.into_iter().filter(move |_| servo.follow == Follow::Cyclic);
     let last = [row(Set, cia402::MODE, 0, 1, mode), row(Shows, cia402::MODE_DISPLAY, 0, 1, mode)];
@@ -254,7 +255,7 @@ impl Row {
             return self;
         }
         let of_motor = u64::from(self.value) * u64::from(motor);
-        // Rounded up: set points at the limit of the joint pass.
+        // Rounded up, so that set points at the limit of the joint stay possible.
         let value = of_motor.div_ceil(u64::from(shaft.max(1)) * 1_000);
         Self { value: u32::try_from(value).unwrap_or(u32::MAX), ..self }
     }
@@ -290,7 +291,7 @@ mod tests {
     #[test]
     fn the_limit_of_speed_is_that_of_the_joint_behind_its_gear() {
         // 72 degrees in a second.
-        let limit = row(Kind::OfMotor, 0x6080, 0, 4, 12_000);
+        let limit = row(Kind::OfMotor, cia402::MOTOR_SPEED_MAX, 0, 4, 12_000);
         assert_eq!(limit.with_units([4_096, 1, 160, 1]).value, 1_920);
         assert_eq!(limit.with_units([4_096, 1, 501, 5]).value, 1_203, "1 202.4 is rounded up");
     }

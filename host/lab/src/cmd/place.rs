@@ -7,6 +7,7 @@ use hil_sim::two_arms::scenario::TWO_ARMS;
 use host::cmd::catch::catching::Catching;
 use host::cmd::print_json;
 use host::cmd::progress::while_working;
+use host::cmd::values::within;
 use host::error::ExpectedError;
 use host::exit;
 use serde_json::json;
@@ -23,13 +24,13 @@ pub struct Args {
     #[command(flatten)]
     catching: Catching,
     /// Distance of the bases, m; that of the cell otherwise.
-    #[arg(long, value_name = "M", value_parser = |text: &str| number(text, 0.5, 20.0))]
+    #[arg(long, value_name = "M", value_parser = within(0.5..=20.0, "m"))]
     distance_m: Option<f64>,
     /// Each base is turned by at most this much about its vertical axis, deg.
-    #[arg(long, value_name = "DEG", default_value = "45", value_parser = |text: &str| number(text, 0.0, 90.0))]
+    #[arg(long, value_name = "DEG", default_value = "45", value_parser = within(0.0..=90.0, "deg"))]
     yaw_deg: f64,
     /// The second base is raised or lowered by at most this much, m.
-    #[arg(long, value_name = "M", default_value = "0.2", value_parser = |text: &str| number(text, 0.0, 0.5))]
+    #[arg(long, value_name = "M", default_value = "0.2", value_parser = within(0.0..=0.5, "m"))]
     height_m: f64,
     /// The first arm throws only; the second one does not throw back.
     #[arg(long)]
@@ -48,11 +49,6 @@ pub struct Args {
     json: bool,
 }
 
-fn number(text: &str, low: f64, high: f64) -> Result<f64, String> {
-    let number = text.parse().ok().filter(|number| (low..=high).contains(number));
-    number.ok_or_else(|| format!("'{text}' is no number from {low} to {high}"))
-}
-
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let cell = args.catching.cell()?;
     let cell = args.distance_m.map_or_else(|| cell.clone(), |distance_m| at_distance(&cell, distance_m));
@@ -65,14 +61,14 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         yaw_deg: args.yaw_deg,
         height_m: args.height_m,
         one_way: args.one_way,
-        // Other throws than the judged ones.
+        // The search must not use the throws that judge its result.
         seed: seed ^ (1 << 62),
     };
     let (found, files, judged) = while_working("place", "some minutes", |bar| {
         let say = |text: String| bar.suspend(|| console::note!("{text}"));
         say(format!("draws {} throws in each direction", args.throws));
-        let found = find_place(&cell, &options, &search, |tried, placement, worth| {
-            let percent = 100.0 * worth;
+        let found = find_place(&cell, &options, &search, |tried, placement, value| {
+            let percent = 100.0 * value;
             say(format!(
                 "{tried:3} of {} tried: at least {percent:.1} % with a place, {}",
                 search.tries,
@@ -80,7 +76,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             ));
         })
         .map_err(|why| refused(&why))?;
-        // What is judged is what is written.
+        // The judged cell is read from the text of the file.
         let mut files = Vec::new();
         let mut judged = Vec::new();
         for (name, placement) in [("before", Placement::default()), ("after", found)] {
@@ -107,7 +103,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         console::text!("{}", table(&judged));
         console::line!("found: {}", text(&found));
         if !better {
-            console::line!("not better with other throws: the bases stay where they are");
+            console::line!("not better with other throws: the bases are not changed");
         }
         if let Some(file) = &args.out {
             console::line!("cell: {}", file.display());
@@ -163,7 +159,7 @@ fn table(judged: &[Vec<Judged>]) -> String {
     if let [before, after] = judged {
         let (before, after) = (all(before), all(after));
         let (low, high) = after.gain(&before);
-        let by_chance = if low > 0.0 { "" } else { ": chance may have made it" };
+        let by_chance = if low > 0.0 { "" } else { ": may be chance" };
         out += &format!(
             "in all: with a place {} before, {} after; a gain of {:.1} to {:.1} points{by_chance}\n",
             share(&before),
@@ -175,7 +171,7 @@ fn table(judged: &[Vec<Judged>]) -> String {
     out
 }
 
-/// The cell file with the bases of this cell, and what a program reads from it.
+/// The text of the cell file with the bases of this cell, and the cell that is read from it.
 fn written(args: &Args, cell: &TwoArmOptions) -> Result<(String, TwoArmOptions), ExpectedError> {
     let read = args.catching.cell.as_ref().map_or_else(
         || Ok(TWO_ARMS.to_owned()),

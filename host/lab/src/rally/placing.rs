@@ -1,10 +1,10 @@
 //! Where the bases stand: turns of both arms and the height of the second, found so that most balls have a place.
 //!
-//! Throws are drawn once for each direction. An arm turns about its first axis, so a drawn throw serves every placement: it is turned until
-//! its ball passes the catcher's window as far beside its middle as it did when it was drawn. A ball that misses the window in another way
-//! is left out. A placement is worth the lower end of the interval of its share: few balls that all have a place are worth little. The search
-//! climbs from the cell as it is: it changes the placement at random, less and less, and keeps what is better.
-//! [`judge`] draws balls of its own for one placement, as the study does.
+//! Throws are drawn once for each direction and used for every placement. The first joint turns the whole arm, so a throw can be turned: its
+//! ball then passes the middle of the catcher's window at the same lateral distance as before. A ball that is now too high, too low or too
+//! late is left out. The value of a placement is the lower end of the 95 % interval of the share of balls with a place. So a placement that
+//! few balls reach does not get a high value. The search starts at the given cell. It changes the best placement at random, by smaller steps
+//! each time, and keeps a change that has a higher value. [`judge`] draws other balls than the search and counts catches.
 
 use hil_sim::two_arms::TwoArmOptions;
 use nalgebra::{Rotation3, Unit, Vector3};
@@ -20,22 +20,22 @@ use serde::Serialize;
 use super::study::{NoStudy, Share, note, row};
 use super::throws::{draw_throws, flight, why_no_place};
 
-/// Standard deviation of the changes at first and at last, as shares of the ranges.
+/// Standard deviation of the first and of the last change, as shares of the ranges.
 const CHANGE: (f64, f64) = (0.6, 0.1);
-/// Steps of the result: turns in deg, heights in m.
+/// The result is rounded to these steps: turns in deg, heights in m.
 const STEP: (f64, f64) = (0.5, 0.005);
-/// Turns of a throw until it passes where it should, and how near that is, m.
+/// Most iterations for the turn of a throw, and the lateral error at which they end, m.
 const TURNS: usize = 8;
 const NEAR_M: f64 = 0.002;
-/// Margin to the ends of the joint ranges, rad: that of the draw.
+/// Margin to the ends of the joint ranges, rad; the same as in `planner::catch::draw`.
 const MARGIN_RAD: f64 = 0.01;
 
-/// What of the cell changes.
+/// Change of a cell.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Placement {
     /// How far each base is turned about its own vertical axis, deg.
     pub yaw_deg: [f64; 2],
-    /// By how much the second base stands higher, m.
+    /// Height that is added to the second base, m.
     pub height_m: f64,
 }
 
@@ -62,8 +62,9 @@ pub struct Search {
     pub throws: usize,
     /// Placements that are tried.
     pub tries: usize,
-    /// Largest change of the turns (deg) and of the height (m), to both sides.
+    /// Each base is turned by at most this angle, to the left or to the right, deg.
     pub yaw_deg: f64,
+    /// The second base is raised or lowered by at most this height, m.
     pub height_m: f64,
     /// The first arm throws only.
     pub one_way: bool,
@@ -99,7 +100,7 @@ struct InBase {
     throw: Throw,
     p_m: Vector3<f64>,
     v_m_s: Vector3<f64>,
-    /// How far beside the middle of the window the ball passed, m.
+    /// Lateral distance of the ball from the middle of the window, m.
     beside_m: f64,
 }
 
@@ -112,8 +113,8 @@ impl InBase {
         Some(Self { throw: aimed.throw, p_m, v_m_s, beside_m: at.y })
     }
 
-    /// The throw turned so that its ball passes the window of this pair as far beside the middle; `None` if it passes too high, too low or
-    /// at another time, or if the first joint does not turn so far.
+    /// The throw turned so that its ball passes the window of this pair at the same lateral distance; `None` if it passes too high, too low
+    /// or too early, or if the turn leaves the range of the first joint.
     fn aimed(&self, pair: &Pair, flight: &FlightModel, window: &Window) -> Option<Aimed> {
         let [thrower, catcher] = &pair.cell.arms;
         let x_cw = catcher.x_wb.inverse();
@@ -144,17 +145,12 @@ impl InBase {
     }
 }
 
-/// Where the balls pass: the throws of a partner in the study.
-fn window() -> Window {
-    Window { flight_s: (0.55, 0.9), ..Window::default() }
-}
-
 fn apart_m(cell: &TwoArmOptions) -> f64 {
     (cell.arms[1].x_wb.pos - cell.arms[0].x_wb.pos).norm()
 }
 
-/// The placement for which the search finds a place for the largest share of the balls, mean of the directions; `observe` gets the number of
-/// placements tried, and the best one with its worth whenever there is a better one. The same arguments give the same placement.
+/// Searches the placement with the highest value, mean of the directions. `observe` gets the number of placements tried, the best placement
+/// and its value, each time a better one is found. The same arguments give the same placement.
 ///
 /// # Errors
 /// An arm cannot catch, or cannot throw to the other.
@@ -165,8 +161,8 @@ pub fn find_place(
     mut observe: impl FnMut(usize, &Placement, f64),
 ) -> Result<Placement, NoStudy> {
     let refused = || NoStudy::OutOfReach { distance_m: apart_m(cell) };
-    let (low_m, high_m) = window().z_m;
-    let around = Window { z_m: (low_m - search.height_m, high_m + search.height_m), ..window() };
+    let (low_m, high_m) = Window::high().z_m;
+    let around = Window { z_m: (low_m - search.height_m, high_m + search.height_m), ..Window::high() };
     let mut drawn = Vec::new();
     for (cell, seed) in search.directions(cell).into_iter().zip(search.seed..) {
         let pair = Pair::new(cell)?;
@@ -175,34 +171,34 @@ pub fn find_place(
         let throws = throws.iter().filter_map(|aimed| InBase::of(aimed, &pair, &flight, &around));
         drawn.push((flight, throws.collect::<Vec<_>>()));
     }
-    let worth = |placement: &Placement| -> Result<f64, NoStudy> {
+    let value = |placement: &Placement| -> Result<f64, NoStudy> {
         let mut sum = 0.0;
         for (cell, (flight, throws)) in search.directions(&placement.of(cell)).into_iter().zip(&drawn) {
             let pair = Pair::new(cell)?;
             let judged = throws.par_iter().filter_map(|throw| {
-                let aimed = throw.aimed(&pair, flight, &window())?;
+                let aimed = throw.aimed(&pair, flight, &Window::high())?;
                 Some(why_no_place(&pair, &aimed, options).is_none())
             });
             sum += Share::of(&judged.collect::<Vec<bool>>()).wilson().0;
         }
         Ok(sum / drawn.len() as f64)
     };
-    let mut best = (Placement::default(), worth(&Placement::default())?);
+    let mut best = (Placement::default(), value(&Placement::default())?);
     observe(0, &best.0, best.1);
     let mut rng = SplitMix64::stream(search.seed, 0x0070_6c61_6365);
     for k in 0..search.tries {
         let width = CHANGE.0 * (CHANGE.1 / CHANGE.0).powf(k as f64 / search.tries as f64);
         let placement = search.changed(&best.0, width, &mut rng);
-        let worth = worth(&placement)?;
-        if worth > best.1 {
-            best = (placement, worth);
+        let value = value(&placement)?;
+        if value > best.1 {
+            best = (placement, value);
             observe(k + 1, &best.0, best.1);
         }
     }
     Ok(best.0)
 }
 
-/// What becomes of balls that one arm throws.
+/// Results of the balls that one arm throws.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Judged {
     /// Balls for which a place exists.
@@ -217,7 +213,7 @@ pub struct Judged {
     pub wrong: usize,
 }
 
-/// Throws balls in each direction in which the search does, at the cell as it stands.
+/// Throws new balls in this cell, in each direction of the search.
 ///
 /// # Errors
 /// An arm cannot catch, or cannot throw to the other.
@@ -230,7 +226,7 @@ pub fn judge(
     let judged = search.directions(cell).into_iter().zip(seed..).map(|(cell, seed)| {
         let refused = NoStudy::OutOfReach { distance_m: apart_m(&cell) };
         let pair = Pair::new(cell)?;
-        let throws = draw_throws(&pair, &window(), search.throws, seed).ok_or(refused)?;
+        let throws = draw_throws(&pair, &Window::high(), search.throws, seed).ok_or(refused)?;
         let why: Vec<_> = throws.par_iter().map(|aimed| why_no_place(&pair, aimed, options)).collect();
         let exists: Vec<bool> = why.iter().map(Option::is_none).collect();
         let row = row("", &pair, &throws, &|_| options.clone(), &exists, seed);
@@ -270,23 +266,23 @@ mod tests {
         assert_eq!(Placement::default().of(&cell()).arms[1].x_wb.pos, cell().arms[1].x_wb.pos);
     }
 
-    /// The released ball of the turned motion is that of the turned throw, and it passes where it should.
+    /// Forward kinematics of the turned motion give the turned ball, and the ball passes the window at the drawn lateral distance.
     #[test]
     fn a_drawn_throw_is_turned_to_where_the_window_stands() {
         let pair = Pair::new(cell()).unwrap();
         let flight = flight(&pair).unwrap();
-        let throws = draw_throws(&pair, &window(), 24, 1).unwrap();
+        let throws = draw_throws(&pair, &Window::high(), 24, 1).unwrap();
         let placed = Pair::new(Placement { yaw_deg: [30.0, 25.0], height_m: -0.05 }.of(&cell())).unwrap();
         let [thrower, catcher] = &placed.cell.arms;
         let mut turned = 0;
         for drawn in &throws {
-            let in_base = InBase::of(drawn, &pair, &flight, &window()).unwrap();
-            let same = in_base.aimed(&pair, &flight, &window()).unwrap();
+            let in_base = InBase::of(drawn, &pair, &flight, &Window::high()).unwrap();
+            let same = in_base.aimed(&pair, &flight, &Window::high()).unwrap();
             assert!((same.p_m - drawn.p_m).norm() < 1e-12 && same.throw.q_rad == drawn.throw.q_rad);
-            let Some(aimed) = in_base.aimed(&placed, &flight, &window()) else { continue };
+            let Some(aimed) = in_base.aimed(&placed, &flight, &Window::high()) else { continue };
             let (p_m, v_m_s) = released(&thrower.model, &thrower.x_wb, &aimed.throw, 0.0);
             assert!((p_m - aimed.p_m).norm() < 1e-9 && (v_m_s - aimed.v_m_s).norm() < 1e-9);
-            let (_, at) = crosses(&flight, &p_m, &v_m_s, &catcher.x_wb.inverse(), &window()).unwrap();
+            let (_, at) = crosses(&flight, &p_m, &v_m_s, &catcher.x_wb.inverse(), &Window::high()).unwrap();
             assert!((at.y - in_base.beside_m).abs() <= NEAR_M && (0.0..=0.7).contains(&at.z), "{at}");
             turned += 1;
         }

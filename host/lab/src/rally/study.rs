@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::calibration::{CalibrationBin, brier, calibration};
-use super::degraded::degradations;
+use super::degraded::{TrialOf, degradations};
 use super::estimator::{EstimatorRow, estimator};
 use super::exchange::Partners;
 use super::failures::{Failure, RULE, failure, first_begun};
@@ -322,36 +322,18 @@ pub fn run(
             }
         }
     }
-    let faults: Vec<_> = degradations(cell)
-        .into_iter()
-        .map(|(name, cell, trial)| (format!("degraded: {name}"), cell, trial))
-        .collect();
-    if faults.iter().any(|(name, ..)| options.wants(name)) {
-        let window = Window { flight_s: (0.55, 0.9), ..Window::default() };
-        let throws = draw_throws(&Pair::new(cell.clone())?, &window, options.throws, options.seed);
-        let throws = throws.ok_or(NoStudy::OutOfReach { distance_m: 2.5 })?;
-        for (name, cell, trial) in faults.into_iter().filter(|(name, ..)| options.wants(name)) {
-            let pair = Pair::new(cell)?;
-            done(&row(&name, &pair, &throws, &trial, &[], options.seed));
-        }
-    }
-    let wanted: Vec<_> = priors().filter(|(name, _)| options.wants(name)).collect();
+    let near = at_distance(cell, 2.5);
+    let faults =
+        degradations(&near).into_iter().map(|(name, cell, trial)| (format!("degraded: {name}"), cell, trial));
+    let fixed = priors().map(|(name, trial)| (name, near.clone(), trial)).chain(restitutions(&near));
+    let fixed = fixed
+        .map(|(name, cell, trial)| -> (_, _, TrialOf) { (name, cell, Box::new(move |_| trial.clone())) });
+    let wanted: Vec<_> = faults.chain(fixed).filter(|(name, ..)| options.wants(name)).collect();
     if !wanted.is_empty() {
-        let pair = Pair::new(at_distance(cell, 2.5))?;
-        let window = Window { flight_s: (0.55, 0.9), ..Window::default() };
-        let throws = draw_throws(&pair, &window, options.throws, options.seed);
-        let throws = throws.ok_or(NoStudy::OutOfReach { distance_m: 2.5 })?;
-        for (name, trial) in wanted {
-            done(&row(&name, &pair, &throws, &|_| trial.clone(), &[], options.seed));
-        }
-    }
-    let wanted: Vec<_> = restitutions(cell).filter(|(name, ..)| options.wants(name)).collect();
-    if !wanted.is_empty() {
-        let window = Window { flight_s: (0.55, 0.9), ..Window::default() };
-        let throws = draw_throws(&Pair::new(at_distance(cell, 2.5))?, &window, options.throws, options.seed);
+        let throws = draw_throws(&Pair::new(near.clone())?, &Window::high(), options.throws, options.seed);
         let throws = throws.ok_or(NoStudy::OutOfReach { distance_m: 2.5 })?;
         for (name, cell, trial) in wanted {
-            done(&row(&name, &Pair::new(cell)?, &throws, &|_| trial.clone(), &[], options.seed));
+            done(&row(&name, &Pair::new(cell)?, &throws, &trial, &[], options.seed));
         }
     }
     let estimator =
@@ -419,12 +401,12 @@ fn priors() -> impl Iterator<Item = (String, TrialOptions)> {
     })
 }
 
-/// A ball and a cup that bounce more and more, by kind of catch, at 2.5 m; eyes only.
+/// A ball and a cup that bounce more and more, by kind of catch; eyes only.
 fn restitutions(cell: &TwoArmOptions) -> impl Iterator<Item = (String, TwoArmOptions, TrialOptions)> {
     [0.15, 0.3, 0.4, 0.5, 0.6, 0.7].into_iter().flat_map(|restitution| {
         let kinds = [(Allowed::Hold, "hold"), (Allowed::Matched, "matched"), (Allowed::Either, "either")];
         kinds.map(|(allowed, kind)| {
-            let mut cell = at_distance(cell, 2.5);
+            let mut cell = cell.clone();
             cell.cup.surface.restitution = restitution;
             let wait = if allowed == Allowed::Hold { WAIT_HOLD_DEG } else { WAIT_MATCHED_DEG };
             let wait = Joints::from(wait.map(f64::to_radians));
@@ -436,7 +418,7 @@ fn restitutions(cell: &TwoArmOptions) -> impl Iterator<Item = (String, TwoArmOpt
 
 fn goals() -> [(Window, Vec<(&'static str, TrialOptions)>); 2] {
     let all = Window::default();
-    let long = Window { flight_s: (0.55, 0.9), ..all };
+    let long = Window::high();
     let cooperative = vec![
         ("cooperative, matched, 1 %", trial(Allowed::Matched, true, 0.01, false)),
         ("cooperative, matched, 3 %", trial(Allowed::Matched, true, 0.03, false)),

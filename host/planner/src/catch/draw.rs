@@ -35,6 +35,13 @@ impl Default for Window {
     }
 }
 
+impl Window {
+    /// The same place, for throws that fly for at least 0.55 s: those of a partner.
+    pub fn high() -> Self {
+        Self { flight_s: (0.55, 0.9), ..Self::default() }
+    }
+}
+
 /// A throw of another arm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Aimed {
