@@ -273,7 +273,7 @@ fn buses_that_cannot_be_had_say_what_where_and_what_next() {
     assert!(err(&output).contains("powercube6"), "{}", err(&output));
 }
 
-/// A node that says nothing.
+/// A node that sends nothing.
 mod protocol_node {
     use protocol::{Frame, Instant, Node};
 

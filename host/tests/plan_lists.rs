@@ -84,7 +84,7 @@ fn weights_that_are_all_zero_are_refused_with_those_that_work() {
     let ended = cubectl(&["plan", "throw", "--target=1,1,-1", "--weights", "0,0,0"]);
     assert_eq!(ended.status.code(), Some(i32::from(host::exit::BAD_INPUT)));
     assert!(text(&ended.stderr).contains("--weights 15,20,0.01"), "{}", text(&ended.stderr));
-    // Another objective asks nothing of them.
+    // Another objective does not use the weights.
     let line = "plan throw --target=1,1,-1 --weights 0,0,0 --objective energy --fast";
     let ended = cubectl_line(line, &[]);
     assert!(ended.status.success(), "{}", text(&ended.stderr));

@@ -195,7 +195,6 @@ impl<F: MotorFamily> Family for F {
         Wheels::new((0..JOINTS).map(|joint| F::motor(joint, start_rad[joint])).collect())
     }
 
-    /// The certificate of the gains for another time-out of the drives.
     fn adapt(settings: &mut Settings) {
         settings.watchdog_timeout_us = TIME_OUT.as_micros() as u32;
         settings.watchdog_refresh_us = 10_000;
@@ -223,7 +222,7 @@ impl<F: MotorFamily> Family for F {
     }
 }
 
-/// CANopen servos, which follow in mode 8; the others in mode 7 only.
+/// CANopen servos in mode 8. [`InterpolatingServos`] are in mode 7.
 pub(crate) struct Servos<const CYCLIC: bool>;
 pub(crate) type CyclicServos = Servos<true>;
 pub(crate) type InterpolatingServos = Servos<false>;

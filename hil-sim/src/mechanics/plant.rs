@@ -19,7 +19,7 @@ pub struct AxisInput {
     pub torque_nm: f64,
     /// Largest torque, N·m; zero with the power stage off.
     pub torque_max_nm: f64,
-    /// What the motor can give more than that against its motion, N·m: its own voltage drives the current then.
+    /// Torque against the motion may be larger by this, N·m: the induced voltage then helps the supply.
     pub braking_more_nm: f64,
     pub brake: bool,
 }

@@ -270,7 +270,7 @@ fn around(bounds: PerJoint<Bounds>, pose: &Joints, settings: &Settings) -> PerJo
     wider
 }
 
-/// Uploads, arms and runs a plan that stands where the arm stands. The controller brakes as the servo has proven.
+/// Uploads, arms and runs a plan that holds the arm at its place. The servo has proven the braking that the controller uses.
 fn begin(
     operator: &mut dyn Interactive,
     settings: &Settings,

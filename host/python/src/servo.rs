@@ -66,7 +66,7 @@ impl Commands for Heard {
                     (self.until_s, self.waiting) = (t_s.max(self.until_s) + span_s, Some(waiting));
                 }
                 Some(Said::End) => self.ends = true,
-                // A program that is gone says nothing any more.
+                // The program has ended and sends no more points.
                 None if is_due => self.ends = true,
                 None => return Next::Nothing,
             }

@@ -416,7 +416,7 @@ impl DriveGroup for Cia402 {
         if let Some(frame) = self.data_to_gripper() {
             self.send(frame);
         }
-        // Behind the set points: each frame of the host link wins against it, and a link may keep the order of frames.
+        // After the set points: its id has a lower priority than every frame of the host link, and a link may keep the order of frames.
         self.beat(now, settings);
     }
 

@@ -280,8 +280,8 @@ impl DriveRecord {
         self.answer_us
     }
 
-    /// True if an answer of the main lane that is handed over now says nothing about when the drive gave it: the drive took its
-    /// time, or the controller was held up and reads it late.
+    /// True if the arrival of an answer of the main lane does not show when the drive gave it: the drive was slow, or the
+    /// controller was held up and reads it late.
     pub fn is_held_up(&self, now: Instant) -> bool {
         self.lateness(now) > HELD_UP
     }

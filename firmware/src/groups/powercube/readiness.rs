@@ -15,7 +15,7 @@ pub(super) const RESET_SETTLE: Duration = Duration::from_millis(200);
 /// State words with MOTION in a row at which a drive counts as moving.
 const MOTION_WORDS: u8 = 2;
 
-/// Age at which a position says nothing about now: standing drives are asked every second look.
+/// A position of this age is too old: standing drives are asked every second look.
 fn rest_age_max(settings: &Settings) -> Duration {
     rest::WINDOW + Duration::from_micros(2 * u64::from(settings.monitor_period_us))
 }
@@ -202,7 +202,7 @@ mod tests {
         }
     }
 
-    /// What was read before the last reset says nothing, however new it is.
+    /// Values that were read before the last reset do not count, however new they are.
     #[test]
     fn readings_from_before_the_reset_make_no_drive_fit() {
         for word_is_old in [true, false] {

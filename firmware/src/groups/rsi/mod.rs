@@ -204,7 +204,7 @@ impl Rsi {
         self.counts_all |=
             self.answered && cycles == 1 && known.is_some_and(|(before, now)| now == before && now > 0);
         let is_wrong = self.counts_all && known.is_some_and(|(before, now)| now < before);
-        // A count that falls says nothing, nor does one that rises by more than there were cycles.
+        // A count that falls, or rises by more than the number of cycles, is not used.
         let late = known
             .and_then(|(before, now)| now.checked_sub(before))
             .filter(|late| *late == 1 || cycles > 1)

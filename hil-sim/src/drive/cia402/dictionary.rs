@@ -18,7 +18,7 @@ const ERRORS_MAX: usize = 8;
 /// Device type: profile 402, servo drive.
 const DEVICE_TYPE: i64 = 0x0002_0192;
 const NOT_VALID: i64 = 1 << 31;
-/// Limit of the speed of the motor, turns per minute: the velocity loop gets no higher demand. Not in a module that interpolates.
+/// Limit of the demand of the velocity loop, turns of the motor per minute. A module that interpolates does not have it.
 pub(super) const SPEED_MAX: u16 = 0x6080;
 /// SYNCs without a position until the module brakes.
 pub(super) const CYCLES_WITHOUT_DATA: u16 = 0x200E;

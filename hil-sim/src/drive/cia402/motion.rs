@@ -64,7 +64,7 @@ impl CanopenServo {
         let offset = self.dictionary.get(cia402::TORQUE_OFFSET, 0) as f64 * 1e-3 * self.options.rated_nm;
         let speed_share = self.axis.v_rad_s.abs() / self.options.no_load_rad_s;
         let ServoOptions { stiffness_nm_rad, damping_nms_rad, .. } = self.options;
-        // The position loop demands a speed of the velocity loop. Beyond the limit the limit is demanded.
+        // The output of the position loop is the demand of the velocity loop. It is limited.
         let away_rad = reference_rad - self.now_rad(middle);
         let demand_rad_s = v_rad_s + stiffness_nm_rad / damping_nms_rad * away_rad;
         let most_rad_s = self.speed_max_rad_s();
@@ -294,7 +294,7 @@ impl CanopenServo {
         let exponent = self.dictionary.get(cia402::INTERPOLATION_TIME, 2) as i32;
         let period_s = self.dictionary.get(cia402::INTERPOLATION_TIME, 1) as f64 * 10_f64.powi(exponent);
         let period = Duration::from_secs_f64(period_s);
-        // The line is no faster than the limit either: the shaft would fall behind it, and a quick stop ends where the line is.
+        // The limit holds for the line too. Otherwise the shaft falls behind the line, and a quick stop ends where the line is.
         let way_max_rad = self.speed_max_rad_s() * period_s;
         let to_rad = from_rad + (to_rad - from_rad).clamp(-way_max_rad, way_max_rad);
         self.path = Path::Line { from_rad, to_rad, since: now, period };

@@ -262,7 +262,7 @@ impl ShaftMotor for MitMotor {
             return off;
         }
         let limit = f64::from(self.ram.ranges.t_max_nm()).min(self.options.peak_nm);
-        // The line from the largest torque at rest to the speed without any. Against its motion a motor has the largest torque at any speed.
+        // Torque along the motion falls linearly from its largest value at rest to zero at the idle speed. Braking torque does not fall.
         let torque_max_nm =
             limit * (1.0 - self.axis.v_rad_s.abs() / self.options.no_load_rad_s).clamp(0.0, 1.0);
         match self.wanted {

@@ -8,7 +8,7 @@
 //! | [`study`] | many trials: shares with intervals, by flight time and by fault |
 //! | [`degraded`] | what can go wrong, one fault at a time |
 //! | [`waiting`] | where the catcher waits, found for throws of a kind |
-//! | [`placing`] | where the bases stand, found for throws to and fro |
+//! | [`placing`] | search for the poses of the bases |
 //! | [`failures`] | why a ball was not caught, one throw at a time |
 //! | [`calibration`] | predicted probabilities against what came of them |
 //! | [`estimator`] | errors of the flight estimator against their bound |

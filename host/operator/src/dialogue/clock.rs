@@ -91,7 +91,7 @@ impl Session {
     /// tenths of a millisecond on a quiet bus.
     ///
     /// # Errors
-    /// [`OperatorError::ClockJumped`] if the readings contradict those before, and the others.
+    /// [`OperatorError::ClockJumped`] if the readings contradict those before; or another [`OperatorError`].
     pub fn read_clock(&mut self, node: NodeId, clock: &mut ControllerClock) -> Result<(), OperatorError> {
         (0..READINGS).try_for_each(|_| self.look_at_clock(node, clock))
     }

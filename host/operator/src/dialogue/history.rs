@@ -32,7 +32,7 @@ impl Session {
     /// A file of the controller, whole.
     ///
     /// # Errors
-    /// [`OperatorError::Unreadable`] if there is no such file, and the others.
+    /// [`OperatorError::Unreadable`] if there is no such file; or another [`OperatorError`].
     pub fn read_file(&mut self, node: NodeId, path: &[u8]) -> Result<Vec<u8>, OperatorError> {
         let mut bytes = Vec::new();
         while bytes.len() <= FILE_LEN_MAX {

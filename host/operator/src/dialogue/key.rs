@@ -73,7 +73,7 @@ impl Session {
     /// Gives the code for a register write, if there is a key.
     ///
     /// # Errors
-    /// The controller has no key, and the others.
+    /// The controller has no key; or another [`OperatorError`].
     pub fn authorize_register(
         &mut self,
         node: NodeId,

@@ -91,7 +91,7 @@ impl Session {
     /// Joint angles of the controller's next message, rad: measured from now on.
     ///
     /// # Errors
-    /// [`OperatorError::NoAnswer`] if none comes within 1.5 s, and the others.
+    /// [`OperatorError::NoAnswer`] if none comes within 1.5 s; or another [`OperatorError`].
     pub fn measured_pose(&mut self, node: NodeId) -> Result<Vec<f64>, OperatorError> {
         let now = self.now();
         let mut pose = None;
@@ -147,7 +147,7 @@ impl Session {
     /// Gives an order, with its code if the session has a key; returns its output.
     ///
     /// # Errors
-    /// [`OperatorError::Refused`] with the cause, and the others.
+    /// [`OperatorError::Refused`] with the cause; or another [`OperatorError`].
     pub fn order(
         &mut self,
         node: NodeId,
@@ -239,7 +239,7 @@ impl Session {
     /// confirms only content that it has uploaded itself, with the settings that it has read.
     ///
     /// # Errors
-    /// [`OperatorError::OtherContent`] if the controller would arm something else, and the others.
+    /// [`OperatorError::OtherContent`] if the controller would arm something else; or another [`OperatorError`].
     pub fn arm(&mut self, node: NodeId, name: &Trajectory) -> Result<(), OperatorError> {
         let prepare = ArmPrepare { trajectory_crc64: name.trajectory_crc64, valid_ms: ARMING_VALID_MS };
         let output = self.order(node, "to arm", command::ARM_PREPARE, &prepare)?;
@@ -263,7 +263,7 @@ impl Session {
     /// is repeated for two seconds at most.
     ///
     /// # Errors
-    /// [`OperatorError::Stopped`] if a cause is still there, and the others.
+    /// [`OperatorError::Stopped`] if a cause is still there; or another [`OperatorError`].
     pub fn clear_fault(&mut self, node: NodeId, cause: u16) -> Result<(), OperatorError> {
         self.order_until_accepted(
             (node, "to forget the fault", command::CLEAR_FAULT),
@@ -298,7 +298,7 @@ impl Session {
     /// `segments` while it runs.
     ///
     /// # Errors
-    /// [`OperatorError::NotStarted`] if the arming ended before, and the others; what moved stands.
+    /// [`OperatorError::NotStarted`] if the arming ended before; or another [`OperatorError`]. The arm stands then.
     pub fn run_trajectory_at(
         &mut self,
         node: NodeId,

@@ -147,7 +147,7 @@ impl Session {
     /// Value of a register of `node`.
     ///
     /// # Errors
-    /// [`OperatorError::NoRegister`] for a name that the controller does not know, and the others.
+    /// [`OperatorError::NoRegister`] for a name that the controller does not know; or another [`OperatorError`].
     pub fn register(&mut self, node: NodeId, name: &str) -> Result<Numbers, OperatorError> {
         self.access(node, name, Value::EMPTY).map(|told| told.value)
     }
@@ -182,7 +182,7 @@ impl Session {
     /// Writes a register and checks whether the value was accepted. Nothing is sent if the register has it already.
     ///
     /// # Errors
-    /// [`OperatorError::RegisterRefused`] if the controller keeps another value, and the others.
+    /// [`OperatorError::RegisterRefused`] if the controller keeps another value; or another [`OperatorError`].
     pub fn set_register(&mut self, node: NodeId, name: &str, wanted: &Numbers) -> Result<(), OperatorError> {
         if self.register(node, name)? == *wanted {
             return Ok(());

@@ -142,7 +142,7 @@ pub trait Operator {
     /// `start` of the controller's clock, or at once.
     ///
     /// # Errors
-    /// [`OperatorError::Stopped`], and the others; what moved stands.
+    /// [`OperatorError::Stopped`] if the motion was stopped; or another [`OperatorError`]. The arm stands then.
     fn run(
         &mut self,
         name: &Trajectory,

@@ -107,7 +107,7 @@ fn with_storage(args: &Args, storage: impl Storage) -> Result<(), ExpectedError>
     );
     let until = args.time.map(|s| clock.now() + Duration::from_secs_f64(s));
     let stop = interrupt();
-    // Its first deadline lies before the measurement and says nothing about lateness.
+    // Its first deadline lies before the measurement: it is not counted as late.
     Runner::new(&mut *link, clock).step(&mut [&mut node], Some(clock.now())).map_err(failure)?;
     let mut runner = Runner::new(&mut *link, clock);
     let mut shown = None;
