@@ -354,6 +354,29 @@ fn quick_stop_and_halt_brake_on_the_ramp_and_a_halt_goes_on_where_it_stands() {
 }
 
 #[test]
+fn a_quick_stop_behind_lost_targets_does_not_speed_the_shaft_up() {
+    let mut rig = Rig::enabled(8, ServoOptions { peak_nm: 20.0, ..ServoOptions::of(node()) });
+    // No limit of the speed.
+    rig.write(0x6080, 0, &u32::MAX.to_le_bytes()).unwrap();
+    rig.write(0x605A, 0, &6_i16.to_le_bytes()).unwrap();
+    for k in 1..=50 {
+        rig.period(Control::ENABLE, Some(40 * k));
+    }
+    for _ in 51..=54 {
+        rig.period(Control::ENABLE, None);
+    }
+    // The line to this target is six times as fast as the motion was.
+    let before = rig.period(Control::ENABLE, Some(2_200)).1;
+    let mut places = vec![before, rig.period(Control::QUICK_STOP, Some(2_200)).1];
+    for _ in 0..20 {
+        places.push(rig.period(Control::QUICK_STOP, Some(2_200)).1);
+    }
+    let ways: Vec<i32> = places.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let fastest = ways[1..].iter().max().unwrap();
+    assert!((5..40).contains(&ways[0]) && *fastest <= ways[0] + 20, "{ways:?}");
+}
+
+#[test]
 fn torn_and_stale_answers_lost_heartbeats_and_a_mode_that_is_never_shown_are_played() {
     let mut rig = Rig::enabled(8, ServoOptions::of(node()));
     rig.servo().faults_mut().torn_answers = 1;

@@ -1,7 +1,7 @@
 //! One axis of an ODrive with an inertia at its joint, driven by frames.
 
 use hil_sim::drive::bench::Bench;
-use hil_sim::drive::odrive::{OdriveAxis, OdriveOptions, OdriveParameter};
+use hil_sim::drive::odrive::{OdriveAxis, OdriveOptions};
 use hil_sim::participants::Participants as _;
 use odrive_protocol::{
     AxisState, ControlMode, Heartbeat, InputMode, NodeId, Order, Report, Request, Sdo, Version,
@@ -270,12 +270,9 @@ fn two_axes_share_a_bus_and_each_hears_its_own_number() {
 
 #[test]
 fn a_parameter_is_read_and_written_by_its_number_and_one_without_a_number_is_not_answered() {
-    const NUMBERS: [(u16, OdriveParameter); 3] = [
-        (7, OdriveParameter::EstimatesPeriod),
-        (8, OdriveParameter::VelocityScale),
-        (9, OdriveParameter::ControlMode),
-    ];
-    let mut rig = Rig::new(Version::V06, |options| options.endpoints = &NUMBERS);
+    // Control mode: 9.
+    let numbers = Some([7, 8, 20, 21, 22, 9, 23]);
+    let mut rig = Rig::new(Version::V06, |options| options.endpoints = numbers);
     let read = |rig: &mut Rig, endpoint| {
         rig.reports.clear();
         rig.order(Order::Sdo(Sdo { endpoint, value: None }));

@@ -28,11 +28,13 @@ fn every_key_changes_what_it_names_and_nothing_else() {
                 "start_q_rad = [0, 0, 0, 0, 0, 0]",
                 "cold_start = true",
                 "logic_on_motor_supply = true",
+                "servos_extrapolate = true",
             ],
             |changed, default| {
                 changed.step = default.step;
                 changed.start_q_rad = None;
                 (changed.cold_start, changed.logic_on_motor_supply) = (false, false);
+                changed.servos_extrapolate = false;
             },
         ),
         (

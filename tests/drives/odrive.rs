@@ -83,7 +83,8 @@ fn parameters_with_numbers_are_written_and_read_back_and_others_are_refused() {
     let found =
         Mismatch::Parameter { parameter: Parameter::EstimatesPeriod, found: Some(ten), expected: [0; 4] };
     assert_eq!((at, mismatch), (joint(4), found));
-    assert_eq!(mismatch.to_string(), "parameter EstimatesPeriod holds 0xa, the settings need 0x0");
+    let said = "axis0.config.can.encoder_msg_rate_ms holds 0xa, the settings need 0x0";
+    assert_eq!(mismatch.to_string(), said);
     // Numbers of another firmware are not used.
     let mut other = endpoints();
     other.firmware = [0, 6, 9];

@@ -2,7 +2,7 @@
 
 use firmware::groups::odrive::{Axis, Endpoints, Home, Odrive, Options};
 use firmware::settings::Settings;
-use hil_sim::drive::odrive::{OdriveAxis, OdriveOptions, OdriveParameter};
+use hil_sim::drive::odrive::{OdriveAxis, OdriveOptions};
 use odrive_protocol::{NodeId, Order, Version};
 use protocol::{Duration, Instant};
 
@@ -12,15 +12,7 @@ pub(crate) const PERIOD_US: u64 = 3_000;
 pub(crate) const TIME_OUT_US: u32 = 50_000;
 pub(crate) const GEAR: f32 = 8.0;
 /// Of the rig alone: each firmware has its own numbers.
-const NUMBERS: [(u16, OdriveParameter); 7] = [
-    (210, OdriveParameter::EstimatesPeriod),
-    (211, OdriveParameter::VelocityScale),
-    (212, OdriveParameter::TorqueScale),
-    (300, OdriveParameter::WatchdogTime),
-    (301, OdriveParameter::WatchdogOn),
-    (402, OdriveParameter::ControlMode),
-    (403, OdriveParameter::InputMode),
-];
+const NUMBERS: [u16; 7] = [210, 211, 212, 300, 301, 402, 403];
 
 pub(crate) type Rig = Six<Odrive, OdriveAxis>;
 
@@ -33,7 +25,7 @@ pub(crate) fn settings() -> Settings {
 }
 
 pub(crate) fn endpoints() -> Endpoints {
-    Endpoints { firmware: [0, 6, 10], numbers: NUMBERS.map(|(number, _)| number) }
+    Endpoints { firmware: [0, 6, 10], numbers: NUMBERS }
 }
 
 /// What the robot file would say of a joint.
@@ -80,7 +72,7 @@ impl Rig {
                 counted: if home == Home::Joint { 1.0 } else { gear.into() },
                 watchdog: Some(Duration::from_micros(TIME_OUT_US.into())),
                 estimates: None,
-                endpoints: &NUMBERS,
+                endpoints: Some(NUMBERS),
                 ..OdriveOptions::new(node(i), version)
             };
             change(i, &mut options);

@@ -43,6 +43,8 @@ pub struct CellOptions {
     pub cold_start: bool,
     /// The motor supply feeds the electronics too: a cut-out restarts the drives. Off: they have a logic supply of their own.
     pub logic_on_motor_supply: bool,
+    /// A CANopen servo without a new target goes on for one period before it stands; off: it stands at once.
+    pub servos_extrapolate: bool,
 }
 
 impl CellOptions {
@@ -66,6 +68,7 @@ impl Default for CellOptions {
             bit_rate: BaudRate::Kbit1000,
             cold_start: false,
             logic_on_motor_supply: false,
+            servos_extrapolate: false,
         }
     }
 }
@@ -120,8 +123,7 @@ impl Cell {
             }
             None => {
                 let q_rad = (0..n).map(|joint| options.mounting_of(joint).drive_rad(q[joint])).collect();
-                let motors = motors_of(&Start { robot: model, mechanics: &options.mechanics, q_rad })
-                    .map_err(CellError::Motors)?;
+                let motors = motors_of(&Start { robot: model, options, q_rad }).map_err(CellError::Motors)?;
                 Drives::Motors(motors.ok_or_else(|| CellError::NoDrives { robot: model.name().to_owned() })?)
             }
         };

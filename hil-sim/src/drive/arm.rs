@@ -7,8 +7,9 @@ use robot_model::{FingerTravel, RobotModel};
 
 use super::bench::{ShaftMotor, turn};
 use crate::bus::TxOrder;
+use crate::cell::CellOptions;
 use crate::fault::PhysicalFault;
-use crate::mechanics::{AxisInput, AxisState, MechanicsOptions};
+use crate::mechanics::{AxisInput, AxisState};
 use crate::participants::BusConnection;
 
 /// What a motor does on the joint of an arm, beside turning a shaft.
@@ -50,7 +51,7 @@ pub(crate) trait ArmMotor: ShaftMotor + Any {
 
 pub(crate) struct Start<'a> {
     pub(crate) robot: &'a RobotModel,
-    pub(crate) mechanics: &'a MechanicsOptions,
+    pub(crate) options: &'a CellOptions,
     /// Positions that the drives of the joints report at the start, rad.
     pub(crate) q_rad: Vec<f64>,
 }

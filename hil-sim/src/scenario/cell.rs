@@ -40,6 +40,7 @@ pub(super) fn cell(root: &Section<'_>, bit_rate_bit_s: u32) -> Result<CellOption
         bit_rate,
         cold_start: default.cold_start,
         logic_on_motor_supply: default.logic_on_motor_supply,
+        servos_extrapolate: default.servos_extrapolate,
     };
     if let Some(table) = root.optional("cell", Value::section)? {
         options.step = table.or("step_s", options.step, |v| seconds(v, 0.005))?;
@@ -49,6 +50,8 @@ pub(super) fn cell(root: &Section<'_>, bit_rate_bit_s: u32) -> Result<CellOption
         options.cold_start = table.or("cold_start", options.cold_start, Value::boolean)?;
         options.logic_on_motor_supply =
             table.or("logic_on_motor_supply", options.logic_on_motor_supply, Value::boolean)?;
+        options.servos_extrapolate =
+            table.or("servos_extrapolate", options.servos_extrapolate, Value::boolean)?;
         table.finish()?;
     }
     Ok(options)

@@ -142,6 +142,7 @@ fn tables(scenario: &Scenario) -> Vec<(&'static str, Vec<String>)> {
     flag(&mut own, "finger_release", cell.finger_release, default.finger_release);
     flag(&mut own, "cold_start", cell.cold_start, default.cold_start);
     flag(&mut own, "logic_on_motor_supply", cell.logic_on_motor_supply, default.logic_on_motor_supply);
+    flag(&mut own, "servos_extrapolate", cell.servos_extrapolate, default.servos_extrapolate);
     let (mut drive, d) = (Vec::new(), &default.drive);
     flag(&mut drive, "starts_homed", cell.drive.starts_homed, d.starts_homed);
     span(&mut drive, "processing_delay_s", cell.drive.processing_delay, d.processing_delay);

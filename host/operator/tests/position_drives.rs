@@ -1,13 +1,20 @@
 //! Arms of CANopen servos and of ODrives in the simulated cell, judged by their plant, and what a drive may do wrong.
 
 use firmware::fault::Cause;
+use firmware::groups::odrive::Parameter;
+use firmware::state::StateKind;
+use hil_sim::bus::BusConfig;
 use hil_sim::drive::cia402::CanopenServo;
 use hil_sim::drive::odrive::OdriveAxis;
+use hil_sim::participants::Solo;
+use hil_sim::{CellOptions, World};
+use odrive_protocol::{Sdo, Version};
 use operator::bus::BusArgs;
 use operator::bus::BusFailure;
 use operator::bus::args::{Cell, CellArgs};
 use operator::bus::period::{set_period, settings_with_gains};
 use operator::bus::session::Session;
+use operator::bus::sim::{SimSetup, soft_controller};
 use operator::drives::CanDrives;
 use operator::job::{Answer, Judge, Order, Program, perform};
 use operator::port::{OnBus, Operator};
@@ -15,9 +22,9 @@ use planner::plan::Joints;
 use planner::store::fingerprint_of;
 use planner::way::{Travel, way};
 use protocol::cyphal::cubecell::group_state::State;
-use protocol::{Duration, JointIndex};
-use robot_model::RobotModel;
+use protocol::{Duration, JointIndex, Node};
 use robot_model::collision::Scene;
+use robot_model::{OdriveEndpoints, RobotModel};
 
 const JOINTS: usize = 6;
 
@@ -175,6 +182,54 @@ fn a_node_with_ids_of_powercubes_is_refused_at_the_start_with_numbers_that_do() 
         CanDrives::of(&RobotModel::from_toml("arm.toml", &text).unwrap()).is_err(),
         "its emergencies are at 0xA1"
     );
+}
+
+/// Numbers of the test alone.
+const ENDPOINTS: &str = "[odrive_endpoints]\nfirmware = \"0.6.9\"\nencoder_msg_rate_ms = 210\ninput_vel_scale = 211\ninput_torque_scale = 212\n\
+                         watchdog_timeout = 300\nenable_watchdog = 301\ncontrol_mode = 402\ninput_mode = 403\n\n[gripper]\n";
+
+/// State and mismatch of a controller that has looked at the axes of a robot file with [`ENDPOINTS`]; `change` acts on the axes before.
+fn looked_at(change: impl FnOnce(&mut [&mut OdriveAxis])) -> (StateKind, Option<String>) {
+    let text = include_str!("../../../robots/odrive6.toml").replacen("[gripper]\n", ENDPOINTS, 1);
+    let robot = RobotModel::from_toml("arm.toml", &text).unwrap();
+    let settings = settings_with_gains(&robot, &SimSetup::default()).unwrap();
+    let cell = hil_sim::Cell::new(&robot, &CellOptions::default(), 1).unwrap();
+    let controller = soft_controller(&settings, CanDrives::of(&robot).unwrap());
+    let parts = (cell, Solo::new("controller", controller));
+    let mut world = World::new(parts, BusConfig::default(), 1, Vec::new()).unwrap();
+    world
+        .with_participants(|all, _| change(&mut all.0.motors_mut::<OdriveAxis>().collect::<Vec<_>>()))
+        .unwrap();
+    world.run_until(protocol::Instant::ZERO + Duration::from_secs(3), &mut ()).unwrap();
+    let controller = world.participants().1.node.controller();
+    (controller.state().kind(), controller.group().mismatch())
+}
+
+#[test]
+fn endpoints_of_a_robot_file_find_a_parameter_that_differs_and_name_it() {
+    // In the order of the keys of a robot file.
+    let paths = Parameter::ALL.map(|parameter| parameter.path().rsplit('.').next().unwrap());
+    assert_eq!(paths, OdriveEndpoints::KEYS);
+    assert_eq!(looked_at(|_| ()), (StateKind::Idle, None));
+    let write = |axis: &mut OdriveAxis, endpoint, value| {
+        let node = axis.options().node;
+        let (frame, _) = odrive_protocol::Order::Sdo(Sdo { endpoint, value: Some(value) })
+            .encode(node, Version::V06)
+            .unwrap();
+        axis.handle_frame(protocol::Instant::ZERO, &frame);
+        axis.faults_mut().parameters_are_fixed = true;
+    };
+    for (endpoint, value, said) in [
+        (210, 10, "encoder_msg_rate_ms holds 0xa, the settings need 0x0"),
+        (211, 500, "input_vel_scale holds 0x1f4, the settings need 0x3e8"),
+        (212, 100, "input_torque_scale holds 0x64, the settings need 0x3e8"),
+    ] {
+        let (state, mismatch) = looked_at(|axes| write(axes[2], endpoint, u32::to_le_bytes(value)));
+        assert_eq!((state, mismatch), (StateKind::Fault, Some(format!("joint 3: axis0.config.can.{said}"))));
+    }
+    let (_, mismatch) = looked_at(|axes| write(axes[0], 300, 0.5_f32.to_le_bytes()));
+    let said = mismatch.unwrap();
+    assert!(said.starts_with("joint 1: axis0.config.watchdog_timeout holds 0x3f000000"), "{said}");
 }
 
 /// The port of a controller sends in the order in which it was given frames: those of the host link must not pile up before set points.

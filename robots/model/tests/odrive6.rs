@@ -2,7 +2,7 @@
 
 use robot_model::survey::{Weight, survey};
 use robot_model::uses::missing;
-use robot_model::{LoadError, Problem, RobotModel};
+use robot_model::{LoadError, OdriveEndpoints, Problem, RobotModel};
 
 const TEXT: &str = include_str!("../../odrive6.toml");
 
@@ -73,6 +73,47 @@ fn every_mistake_in_the_axis_of_the_hand_is_named_with_its_key() {
         assert_eq!(error.key, key, "{error}");
         assert!(error.to_string().contains(message), "{error}");
     }
+}
+
+#[test]
+fn endpoints_belong_to_one_firmware_and_every_mistake_in_them_is_named_with_its_key() {
+    let table = "[odrive_endpoints]\nfirmware = \"0.6.10\"\nencoder_msg_rate_ms = 210\ninput_vel_scale = 211\ninput_torque_scale = 212\n\
+                 watchdog_timeout = 300\nenable_watchdog = 301\ncontrol_mode = 402\ninput_mode = 403\n\n[gripper]\n";
+    let read = |from: &str, to: &str| {
+        let text = TEXT.replacen("[gripper]\n", table, 1);
+        assert!(text.contains(from), "`{from}` is not in the file");
+        RobotModel::from_toml("arm.toml", &text.replacen(from, to, 1))
+    };
+    let endpoints = read("210", "65535").expect("it is read").odrive_axes().expect("axes").endpoints;
+    let OdriveEndpoints { firmware, numbers } = endpoints.expect("endpoints");
+    assert_eq!((firmware, numbers), ([0, 6, 10], [65_535, 211, 212, 300, 301, 402, 403]));
+    assert_eq!(arm().odrive_axes().expect("axes").endpoints, None);
+    assert_eq!(
+        arm().motors_text(),
+        read("210", "220").expect("it is read").motors_text(),
+        "no motion changes"
+    );
+    for (from, to, key, message) in [
+        ("0.6.10", "0.5.6", "odrive_endpoints.firmware", "0.6.10"),
+        ("0.6.10", "0.6", "odrive_endpoints.firmware", "0.6.10"),
+        ("= 211", "= 0", "odrive_endpoints.input_vel_scale", "65535"),
+        (
+            "= 212",
+            "= 211",
+            "odrive_endpoints.input_torque_scale",
+            "endpoint 211 already belongs to input_vel_scale",
+        ),
+        ("control_mode = 402\n", "", "odrive_endpoints.control_mode", "missing"),
+        ("input_mode = 403", "input_mode = 403\nvel_limit = 404", "odrive_endpoints.vel_limit", "unknown"),
+        ("version = \"0.6\"", "version = \"0.5\"", "odrive_endpoints", "leave the table out"),
+    ] {
+        let error = read(from, to).expect_err(to);
+        assert_eq!(error.key, key, "{error}");
+        assert!(error.to_string().contains(message), "{error}");
+    }
+    let elsewhere = table.replace("[gripper]\n", "[world]\n");
+    let text = include_str!("../../canopen6.toml").replacen("[world]\n", &elsewhere, 1);
+    assert_eq!(RobotModel::from_toml("arm.toml", &text).expect_err("servos").key, "odrive_endpoints");
 }
 
 #[test]

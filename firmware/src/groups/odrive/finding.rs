@@ -116,11 +116,11 @@ impl fmt::Display for Mismatch {
                 write!(f, "the axis has firmware {a}.{b}.{c}, the settings say {expected}")
             }
             Self::Parameter { parameter, found: None, .. } => {
-                write!(f, "parameter {parameter:?} does not answer: its number belongs to another firmware")
+                write!(f, "{} does not answer: its endpoint belongs to another firmware", parameter.path())
             }
             Self::Parameter { parameter, found: Some(found), expected } => {
                 let [found, expected] = [found, expected].map(|bytes| u32::from_le_bytes(*bytes));
-                write!(f, "parameter {parameter:?} holds {found:#x}, the settings need {expected:#x}")
+                write!(f, "{} holds {found:#x}, the settings need {expected:#x}", parameter.path())
             }
             Self::UnaskedEstimates => f.write_str(
                 "estimates come by themselves: set encoder_msg_rate_ms (0.5: encoder_rate_ms) of the axis to 0",

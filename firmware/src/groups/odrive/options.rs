@@ -77,19 +77,19 @@ impl Axis {
 /// A parameter of 0.6 that a number leads to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Parameter {
-    /// `axis0.config.can.encoder_msg_rate_ms`, 32 bits: 0, estimates come when they are asked for.
+    /// Period of the estimates, ms, 32 bits: 0, estimates come when they are asked for.
     EstimatesPeriod,
-    /// `axis0.config.can.input_vel_scale`, 32 bits: steps of the velocity field in a turn/s.
+    /// 32 bits: steps of the velocity field in a turn/s.
     VelocityScale,
-    /// `axis0.config.can.input_torque_scale`, 32 bits: steps of the torque field in a N·m.
+    /// 32 bits: steps of the torque field in a N·m.
     TorqueScale,
-    /// `axis0.config.watchdog_timeout`, float, s.
+    /// Time-out of the watchdog, float, s.
     WatchdogTime,
-    /// `axis0.config.enable_watchdog`, one byte.
+    /// Whether it is on, one byte.
     WatchdogOn,
-    /// `axis0.controller.config.control_mode`, one byte.
+    /// What the loop controls, one byte.
     ControlMode,
-    /// `axis0.controller.config.input_mode`, one byte.
+    /// How set points become what is controlled, one byte.
     InputMode,
 }
 
@@ -104,6 +104,20 @@ impl Parameter {
         Self::ControlMode,
         Self::InputMode,
     ];
+
+    /// The maker's name.
+    #[must_use]
+    pub const fn path(self) -> &'static str {
+        match self {
+            Self::EstimatesPeriod => "axis0.config.can.encoder_msg_rate_ms",
+            Self::VelocityScale => "axis0.config.can.input_vel_scale",
+            Self::TorqueScale => "axis0.config.can.input_torque_scale",
+            Self::WatchdogTime => "axis0.config.watchdog_timeout",
+            Self::WatchdogOn => "axis0.config.enable_watchdog",
+            Self::ControlMode => "axis0.controller.config.control_mode",
+            Self::InputMode => "axis0.controller.config.input_mode",
+        }
+    }
 }
 
 /// Numbers of parameters of 0.6. Each firmware has its own (`flat_endpoints.json` of the maker), so they belong to one.

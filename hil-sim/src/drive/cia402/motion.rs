@@ -32,8 +32,11 @@ impl CanopenServo {
         counts as f64 / self.options.counts_per_rad()
     }
 
-    fn braking_rad_s2(&self) -> f64 {
-        self.rad(self.dictionary.get(0x6085, 0))
+    /// The reference brakes from where the shaft is, with its speed: behind lost targets the line may be far away, and faster.
+    fn brake(&mut self, now: Instant) {
+        let (from_rad, v_rad_s) = (self.now_rad(now), self.axis.v_rad_s);
+        let a_rad_s2 = self.rad(self.dictionary.get(0x6085, 0)).max(1e-3);
+        self.path = Path::Brake { from_rad, v_rad_s, a_rad_s2, since: now };
     }
 
     fn has_torque(&self) -> bool {
@@ -159,11 +162,11 @@ impl CanopenServo {
         }
         let halts = |control: Control| control.0 & HALT != 0;
         if halts(word) && !halts(before) {
-            self.path = self.path.braking(now, self.braking_rad_s2());
+            self.brake(now);
         }
         let starts = |control: Control| control.0 & MODE_BIT != 0;
         if self.mode() == Some(Mode::InterpolatedPosition) && starts(before) && !starts(word) {
-            self.path = self.path.braking(now, self.braking_rad_s2());
+            self.brake(now);
         }
         if self.mode() == Some(Mode::Homing) && starts(word) && !starts(before) {
             self.start_homing(now);
@@ -211,7 +214,7 @@ impl CanopenServo {
             self.state = State::SwitchOnDisabled;
             return;
         }
-        self.path = self.path.braking(now, self.braking_rad_s2());
+        self.brake(now);
         self.state = State::QuickStopActive;
     }
 
@@ -228,9 +231,7 @@ impl CanopenServo {
         self.dictionary.set(0x603F, 0, code.into());
         let brakes = self.has_torque() && self.dictionary.get(0x605E, 0) != 0;
         if brakes {
-            // From where it is: the reference may be far away.
-            let (from_rad, v_rad_s) = (self.now_rad(now), self.axis.v_rad_s);
-            self.path = Path::Search { from_rad, v_rad_s, since: now }.braking(now, self.braking_rad_s2());
+            self.brake(now);
         }
         self.state = if brakes { State::FaultReaction } else { State::Fault };
     }
@@ -330,7 +331,7 @@ impl CanopenServo {
         let before_rad = self.axis.q_rad - self.axis.v_rad_s * self.step.as_secs_f64();
         if index(before_rad) != index(self.axis.q_rad) {
             self.found_zero(index(self.axis.q_rad.max(before_rad)) * turn_rad);
-            self.path = self.path.braking(now, self.braking_rad_s2());
+            self.brake(now);
         }
     }
 

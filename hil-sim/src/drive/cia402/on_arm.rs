@@ -3,7 +3,7 @@
 use protocol::Instant;
 use robot_model::{Cia402Mode, Cia402Servos};
 
-use super::{CanopenServo, ServoOptions};
+use super::{CanopenServo, MissingTarget, ServoOptions};
 use crate::bus::TxOrder;
 use crate::drive::arm::{Arm, ArmMotor, Start};
 use crate::mechanics::AxisInput;
@@ -13,8 +13,8 @@ const OVER_CURRENT: u16 = 0x2310;
 
 /// Servos whose loops are tuned for the nominal arm: with the stiffness of the drive loop in the robot file.
 pub(crate) fn arm(described: &Cia402Servos, start: &Start<'_>) -> Arm {
-    let Start { robot, mechanics, q_rad } = start;
-    let tuned = mechanics.servo_inertia_kg_m2(robot);
+    let Start { robot, options: cell, q_rad } = start;
+    let tuned = cell.mechanics.servo_inertia_kg_m2(robot);
     let (wn_rad_s, damping) =
         robot.drive_loop().map_or((320.0, 0.8), |own| (own.natural_frequency_rad_s, own.damping_ratio));
     Arm::new(described.servos.iter().enumerate().map(|(joint, servo)| {
@@ -35,6 +35,7 @@ pub(crate) fn arm(described: &Cia402Servos, start: &Start<'_>) -> Arm {
             stiffness_nm_rad: tuned[joint] * wn_rad_s * wn_rad_s,
             damping_nms_rad: 2.0 * damping * wn_rad_s * tuned[joint],
             is_absolute: servo.is_absolute,
+            missing: if cell.servos_extrapolate { MissingTarget::Extrapolate } else { MissingTarget::Hold },
             gripper_bit: described.output.filter(|own| own.joint == joint).map(|own| own.bit),
             ..delivered
         };

@@ -37,18 +37,6 @@ impl Path {
             Self::Search { from_rad, v_rad_s, since } => (from_rad + v_rad_s * seconds(since), v_rad_s),
         }
     }
-
-    /// From the present state to rest. A line that has just ended still has its speed: the SYNC is never on time to the
-    /// microsecond.
-    pub(super) fn braking(&self, now: Instant, a_rad_s2: f64) -> Self {
-        let (from_rad, mut v_rad_s) = self.at(now);
-        if let Self::Line { since, period, .. } = *self
-            && now.saturating_since(since).as_micros() * 2 < period.as_micros() * 3
-        {
-            v_rad_s = self.at(since).1;
-        }
-        Self::Brake { from_rad, v_rad_s, a_rad_s2: a_rad_s2.max(1e-3), since: now }
-    }
 }
 
 #[cfg(test)]
@@ -63,8 +51,7 @@ mod tests {
         let near = |(q, v): (f64, f64), (p, w): (f64, f64)| (q - p).abs() < 1e-9 && (v - w).abs() < 1e-9;
         assert!(near(line.at(at(2_000)), (1.1, 100.0)));
         assert!(near(line.at(at(9_000)), (1.2, 0.0)));
-        assert!(near(line.braking(at(3_100), 1_000.0).at(at(3_100)), (1.2, 100.0)));
-        let brake = line.braking(at(2_000), 1_000.0);
+        let brake = Path::Brake { from_rad: 1.1, v_rad_s: 100.0, a_rad_s2: 1_000.0, since: at(2_000) };
         assert!(near(brake.at(at(52_000)), (1.1 + 5.0 - 1.25, 50.0)));
         assert!(near(brake.at(at(500_000)), (6.1, 0.0)));
     }

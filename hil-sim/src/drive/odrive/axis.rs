@@ -278,10 +278,10 @@ impl OdriveAxis {
 
     /// Reads or writes a parameter. One that is read is answered, one without a number is not.
     fn exchange(&mut self, now: Instant, Sdo { endpoint, value }: Sdo) {
-        let mut known = self.options.endpoints.iter();
+        let mut known = self.options.endpoints.into_iter().flatten().zip(OdriveParameter::ALL);
         let Some((_, parameter)) = known.find(|(number, _)| *number == endpoint) else { return };
         let Some(bytes) = value else {
-            let report = Report::Sdo { endpoint, value: self.parameter(*parameter) };
+            let report = Report::Sdo { endpoint, value: self.parameter(parameter) };
             let answer = report.encode(self.options.node, self.options.version);
             self.answers.push_back((now + self.options.answer_after, answer));
             return;
@@ -360,7 +360,9 @@ impl OdriveAxis {
         let (wanted_nm, estimated_nm) = (self.set.nm as f32, self.axis.drive_torque_nm as f32);
         match request {
             Request::Version => {
-                Report::Version { protocol: 2, hardware: [4, 4, 58], firmware: [0, 6, 10, 0] }
+                let [major, minor, revision] = self.options.firmware;
+                let firmware = [major, minor, revision, 0];
+                Report::Version { protocol: 2, hardware: [4, 4, 58], firmware }
             }
             Request::Errors => {
                 let disarm_reason = (self.options.version == Version::V06).then_some(self.disarm_reason);

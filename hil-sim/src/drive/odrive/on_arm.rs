@@ -1,7 +1,7 @@
 //! The axes of `[joint.odrive]` and `[gripper.odrive]` on their arm.
 
 use protocol::{Duration, Instant};
-use robot_model::{OdriveAxes, OdriveAxis as Described};
+use robot_model::{OdriveAxes, OdriveAxis as Described, OdriveEndpoints};
 
 use super::{OdriveAxis, OdriveOptions};
 use crate::drive::arm::{Arm, ArmMotor, Start};
@@ -13,6 +13,7 @@ const OVER_CURRENT: u32 = 0x1000;
 
 /// Axes at rest, configured as `docs/moving.md` says: their watchdog is on, estimates come when they are asked for.
 pub(crate) fn arm(described: &OdriveAxes, start: &Start<'_>) -> Arm {
+    let axis_of = |axis: &Described, q_rad: f64| axis_of(axis, described.endpoints, q_rad);
     let arm = Arm::new(described.axes.iter().zip(&start.q_rad).map(|(axis, q_rad)| axis_of(axis, *q_rad)));
     match &described.gripper {
         Some(own) => {
@@ -23,7 +24,8 @@ pub(crate) fn arm(described: &OdriveAxes, start: &Start<'_>) -> Arm {
     }
 }
 
-fn axis_of(described: &Described, q_rad: f64) -> OdriveAxis {
+fn axis_of(described: &Described, endpoints: Option<OdriveEndpoints>, q_rad: f64) -> OdriveAxis {
+    let delivered = OdriveOptions::new(described.node, described.version);
     let options = OdriveOptions {
         gear: described.gear_ratio,
         counted: described.counted(),
@@ -32,7 +34,9 @@ fn axis_of(described: &Described, q_rad: f64) -> OdriveAxis {
         brakes: described.brake,
         watchdog: Some(WATCHDOG),
         estimates: None,
-        ..OdriveOptions::new(described.node, described.version)
+        firmware: endpoints.map_or(delivered.firmware, |own| own.firmware),
+        endpoints: endpoints.map(|own| own.numbers),
+        ..delivered
     };
     OdriveAxis::new(options, q_rad)
 }

@@ -21,6 +21,19 @@ pub enum OdriveParameter {
     InputMode,
 }
 
+impl OdriveParameter {
+    /// All, in the order of [`OdriveOptions::endpoints`].
+    pub const ALL: [Self; 7] = [
+        Self::EstimatesPeriod,
+        Self::VelocityScale,
+        Self::TorqueScale,
+        Self::WatchdogTime,
+        Self::WatchdogOn,
+        Self::ControlMode,
+        Self::InputMode,
+    ];
+}
+
 /// An axis as it is configured. Torques are those of the motor's shaft, in front of the gear; turns are those of the shaft that is counted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OdriveOptions {
@@ -58,8 +71,10 @@ pub struct OdriveOptions {
     pub answer_after: Duration,
     /// A request feeds the watchdog as an order does.
     pub requests_feed: bool,
-    /// Numbers of parameters. Each firmware has its own.
-    pub endpoints: &'static [(u16, OdriveParameter)],
+    /// Firmware that it reports: major, minor, revision.
+    pub firmware: [u8; 3],
+    /// Numbers of parameters, in the order of [`OdriveParameter::ALL`]. Each firmware has its own.
+    pub endpoints: Option<[u16; OdriveParameter::ALL.len()]>,
 }
 
 impl OdriveOptions {
@@ -83,7 +98,8 @@ impl OdriveOptions {
             brakes: false,
             answer_after: Duration::from_micros(150),
             requests_feed: false,
-            endpoints: &[],
+            firmware: [0, 6, 10],
+            endpoints: None,
         }
     }
 }

@@ -9,6 +9,8 @@ pub mod mit;
 mod odrive;
 mod powercube;
 
+use std::fmt::Display;
+
 use firmware::fault::Refusal;
 use firmware::group::{
     Command, DriveGroup, GroupCounters, GroupEvent, PositionSample, Profile, Readings, SetPoint, Standing,
@@ -121,6 +123,20 @@ families!(PowerCubes, Mit, Cia402, Odrive);
 impl Default for CanDrives {
     fn default() -> Self {
         Self::PowerCubes(PowerCubes::default())
+    }
+}
+
+impl CanDrives {
+    /// What the last search found to be not as the robot file says (fault 209): its joint, and object, register or parameter.
+    #[must_use]
+    pub fn mismatch(&self) -> Option<String> {
+        let told = |joint: &JointIndex, what: &dyn Display| format!("joint {}: {what}", joint.get() + 1);
+        match self {
+            Self::PowerCubes(_) => None,
+            Self::Mit(own) => own.mismatch().map(|(joint, what)| told(joint, what)),
+            Self::Cia402(own) => own.mismatch().map(|(joint, what)| told(joint, what)),
+            Self::Odrive(own) => own.mismatch().map(|(joint, what)| told(joint, what)),
+        }
     }
 }
 

@@ -2,10 +2,10 @@
 
 use std::f64::consts::TAU;
 
-use firmware::groups::odrive::{Axis, GripperAxis, Home, Odrive, Options};
+use firmware::groups::odrive::{Axis, Endpoints, GripperAxis, Home, Odrive, Options};
 use odrive_protocol::{Order, Report, Request};
 use protocol::{Frame, Instant};
-use robot_model::{Joint, OdriveAxes, OdriveAxis, RobotModel};
+use robot_model::{Joint, OdriveAxes, OdriveAxis, OdriveEndpoints, RobotModel};
 
 use super::ahead::model_of;
 use super::{CanDrives, Family, JointRad, Measured, Seen, alone};
@@ -22,7 +22,10 @@ impl Family for OdriveAxes {
             };
             options = options.and_then(|all| all.with_gripper(gripper));
         }
-        let options = options.map_err(|error| error.to_string())?;
+        let mut options = options.map_err(|error| error.to_string())?;
+        if let Some(OdriveEndpoints { firmware, numbers }) = self.endpoints {
+            options = options.with_endpoints(Endpoints { firmware, numbers });
+        }
         alone(options.ids(), " (ODrives: 1, 2, 4, 9 to 31)")?;
         Ok(CanDrives::Odrive(Odrive::new(options)))
     }

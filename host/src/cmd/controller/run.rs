@@ -265,6 +265,9 @@ fn show<S: Storage>(node: &ControllerNode<S, Spline, CanDrives>, shown: &mut Opt
         None => String::new(),
     };
     console::note!("{:?}{why}", state.kind());
+    if let (Some(_), Some(what)) = (state.fault(), node.controller().group().mismatch()) {
+        console::note!("  {what}");
+    }
     *shown = Some(state);
 }
 

@@ -12,7 +12,7 @@ mod travel;
 
 pub use cia402::{Cia402Mode, Cia402Output, Cia402Servo, Cia402Servos};
 pub use mit::{MitGripper, MitMotor, MitMotors};
-pub use odrive::{OdriveAxes, OdriveAxis, OdriveGripper};
+pub use odrive::{OdriveAxes, OdriveAxis, OdriveEndpoints, OdriveGripper};
 pub use powercube::{Drive, PowerCubes};
 pub use travel::FingerTravel;
 

@@ -1,4 +1,4 @@
-//! `[joint.odrive]` and `[gripper.odrive]`: ODrives that speak CANSimple.
+//! `[joint.odrive]`, `[gripper.odrive]` and `[odrive_endpoints]`: ODrives that speak CANSimple.
 
 use std::f64::consts::TAU;
 
@@ -21,6 +21,30 @@ pub struct OdriveAxes {
     pub axes: Vec<OdriveAxis>,
     /// Of the fingers.
     pub gripper: Option<OdriveGripper>,
+    /// Numbers by which their parameters are read and written.
+    pub endpoints: Option<OdriveEndpoints>,
+}
+
+/// Numbers of parameters of 0.6. Each firmware has its own (`flat_endpoints.json` of the maker).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct OdriveEndpoints {
+    /// Firmware that has these numbers: major, minor, revision.
+    pub firmware: [u8; 3],
+    /// In the order of [`OdriveEndpoints::KEYS`].
+    pub numbers: [u16; OdriveEndpoints::KEYS.len()],
+}
+
+impl OdriveEndpoints {
+    /// Names of the parameters, as the last part of the maker's path.
+    pub const KEYS: [&'static str; 7] = [
+        "encoder_msg_rate_ms",
+        "input_vel_scale",
+        "input_torque_scale",
+        "watchdog_timeout",
+        "enable_watchdog",
+        "control_mode",
+        "input_mode",
+    ];
 }
 
 /// The axis of a joint. Turns are those of the shaft that the axis counts.
@@ -128,18 +152,47 @@ pub(super) fn read(tables: &Tables<'_>) -> Result<Option<(OdriveAxes, Common)>, 
         Ok(axis)
     })?;
     let gripper = read_gripper(tables.gripper, axes.is_some(), &mut nodes)?;
+    let endpoints = tables.root.optional(ENDPOINTS, Value::section)?;
+    let endpoints = endpoints.map(|part| read_endpoints(&part)).transpose()?;
+    let mut own = axes.iter().flatten().chain(gripper.as_ref().map(|gripper| &gripper.axis)).peekable();
+    if endpoints.is_some() && (own.peek().is_none() || own.any(|axis| axis.version == Version::V05)) {
+        let why = "only ODrives with version = \"0.6\" have parameters with numbers: leave the table out";
+        return Err(tables.root.error(ENDPOINTS, Problem::OfFamily(why.into())));
+    }
     Ok(axes.map(|axes| {
         let common = Common {
             addresses: axes.iter().map(|axis| axis.node.get()).collect(),
             rotors_kg_m2: axes.iter().map(|axis| axis.rotor_kg_m2).collect(),
+            // Without the endpoints, which change no motion.
             motors_text: format!("{axes:?} {gripper:?}"),
             of_controller: Some("ODrives"),
             hand_lacks_opener: gripper.is_none(),
             opening_s: gripper.as_ref().map(OdriveGripper::opening_s),
             ..Common::default()
         };
-        (OdriveAxes { axes, gripper }, common)
+        (OdriveAxes { axes, gripper, endpoints }, common)
     }))
+}
+
+/// Table of the numbers of parameters.
+const ENDPOINTS: &str = "odrive_endpoints";
+
+fn read_endpoints(part: &Section<'_>) -> Result<OdriveEndpoints, LoadError> {
+    let firmware = part.required("firmware", |v| {
+        let numbers: Option<Vec<u8>> = v.text()?.split('.').map(|number| number.parse().ok()).collect();
+        match numbers.as_deref() {
+            Some([0, 6, revision]) => Ok([0, 6, *revision]),
+            _ => Err(v.wrong_type("a firmware of 0.6, as \"0.6.10\"")),
+        }
+    })?;
+    let (mut taken, mut numbers) = (Taken::default(), [0; OdriveEndpoints::KEYS.len()]);
+    for (key, number) in OdriveEndpoints::KEYS.into_iter().zip(&mut numbers) {
+        *number = part.required(key, |v| v.integer(1..=i64::from(u16::MAX)))? as u16;
+        let problem = |owner| Problem::NumberTaken { what: format!("endpoint {number}"), owner };
+        taken.take((part, key), *number, key, problem)?;
+    }
+    part.finish()?;
+    Ok(OdriveEndpoints { firmware, numbers })
 }
 
 /// The axis of the fingers, or nothing.

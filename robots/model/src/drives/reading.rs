@@ -9,6 +9,7 @@ use crate::model::Joint;
 
 /// Tables of a robot file that describe drives.
 pub(crate) struct Tables<'a> {
+    pub(crate) root: &'a Section<'a>,
     /// Of the joints, base first.
     pub(crate) joints: &'a [Section<'a>],
     pub(crate) described: &'a [Joint],

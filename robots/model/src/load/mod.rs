@@ -131,8 +131,8 @@ fn read_model(root: &Section<'_>) -> Result<RobotModel, LoadError> {
 
     let gripper_section = root.required("gripper", Value::section)?;
     let bus = root.optional("bus", Value::section)?;
-    let tables =
-        Tables { joints: &joint_sections, described: &joints, gripper: &gripper_section, bus: bus.as_ref() };
+    let (gripper, bus) = (&gripper_section, bus.as_ref());
+    let tables = Tables { root, joints: &joint_sections, described: &joints, gripper, bus };
     let mut drives = Drives::read(&tables)?;
     let mut supplies = read_supplies(root, &joints, matches!(drives, Some((Drives::PowerCubes(_), _))))?;
     if let Some(section) = root.optional("generic_drives", Value::section)? {
