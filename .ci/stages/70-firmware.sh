@@ -49,7 +49,11 @@ echo "  (the node, 12 kB, is on the stack: stage qemu tells how deep that gets; 
 [ "$storage" -gt 25000 ] || { echo "implausible: the storage was not found"; exit 1; }
 [ "$flash" -le $((128 * 1024)) ] || { echo "the image has grown beyond 128 KiB of flash"; exit 1; }
 
-# The board with a CAN peripheral: built, not run.
-(cd firmware/boards/stm32 && cargo clippy --quiet --release --locked --target $target -- -D warnings && cargo fmt --check)
-(cd firmware/boards/stm32 && cargo build --quiet --release --locked --target $target)
-size $CARGO_TARGET_DIR/$target/release/firmware-stm32
+# The boards with a CAN peripheral, each in a workspace of its own: built, not run.
+for lock in firmware/boards/*/Cargo.lock; do
+    board=$(basename "${lock%/Cargo.lock}")
+    [ "$board" != qemu ] || continue
+    (cd firmware/boards/$board && cargo clippy --quiet --release --locked --target $target -- -D warnings && cargo fmt --check)
+    (cd firmware/boards/$board && cargo build --quiet --release --locked --target $target)
+    size $CARGO_TARGET_DIR/$target/release/firmware-$board
+done

@@ -2,9 +2,9 @@
 
 use std::ffi::OsString;
 
-use clap::{Command, Parser, Subcommand};
+use clap::{Command, Parser};
 
-use crate::cmd::{self, completions};
+use crate::cmd::Verb;
 use crate::error::ExpectedError;
 use crate::program;
 
@@ -29,61 +29,6 @@ const EXAMPLES: &str = "Examples:
 The bus is `sim` unless --bus says otherwise: a simulated cell inside this program, in virtual time.
 
 Short names: doctor, home, jog, status and stop, without `arm`.";
-
-/// The verbs: what moves the arm, what plans and tunes, what looks and keeps.
-#[derive(Debug, Subcommand)]
-pub enum Verb {
-    /// Plan a throw, run it on the arm or the simulated cell, and report where the ball landed.
-    Throw(Box<cmd::throw::Args>),
-    /// Catch a flying disc with a four-axis arm, or a ball with a six-axis arm.
-    Catch(Box<cmd::catch::Args>),
-    /// Move the arm to a pose, around everything in the way.
-    Move(Box<cmd::move_arm::Args>),
-    /// Run a trajectory, a plan or a program of moves, and follow it to its end.
-    Run(cmd::run::Args),
-    /// Follow a stream of commands: joint angles or speeds, or the hand.
-    Servo(cmd::servo::Args),
-    /// Lead the arm with keys and save the steps of a program.
-    Teach(cmd::teach::Args),
-    /// Look at the arm and its modules, home and jog joints, stop.
-    #[command(subcommand)]
-    Arm(Box<cmd::arm::ArmVerb>),
-    /// Plan throws, check and export plans.
-    #[command(subcommand)]
-    Plan(Box<cmd::plan::PlanVerb>),
-    /// Design gains with a certificate.
-    Tune(cmd::tune::Args),
-    /// Run a controller, and change what one keeps: settings, trajectory, key.
-    #[command(subcommand)]
-    Controller(Box<cmd::controller::ControllerVerb>),
-    /// Save, compare and restore the parameters of modules.
-    #[command(subcommand)]
-    Modules(cmd::modules::ModulesVerb),
-    /// Record a bus, replay a recording, show a recorded run.
-    #[command(subcommand)]
-    Log(cmd::log::LogVerb),
-    /// Make, check and draw robot files.
-    #[command(subcommand)]
-    Robot(cmd::robot::RobotVerb),
-    /// Targets and calibration from an optical tracker.
-    #[command(subcommand)]
-    Tracker(cmd::tracker::TrackerVerb),
-    /// Serve the simulated cell to other programs, in real time.
-    Sim(cmd::sim::Args),
-    /// Explain a fault number, an exit code, a word of a module's state, or the faults that a scenario can have.
-    Explain(cmd::explain::Args),
-    /// Write a completion script for a shell.
-    #[command(after_help = completions::after_help("cubectl"))]
-    Completions(completions::Args),
-    /// Show the manual page, or write the pages of all verbs.
-    Man(cmd::man::Args),
-    /// In `cubelab` now.
-    #[command(hide = true, disable_help_flag = true)]
-    Rally(cmd::moved::Args),
-    /// In `cubelab` now.
-    #[command(hide = true, disable_help_flag = true)]
-    Swarm(cmd::moved::Args),
-}
 
 /// Short names of verbs: a hand in a hurry types them.
 pub(crate) const SHORT_NAMES: [(&str, &str); 5] = [
@@ -146,28 +91,7 @@ pub fn full_names(mut words: Vec<OsString>) -> Vec<OsString> {
 }
 
 pub fn run(cli: Cli) -> Result<(), ExpectedError> {
-    match cli.verb {
-        Verb::Throw(args) => cmd::throw::run(&args),
-        Verb::Catch(args) => cmd::catch::run(&args),
-        Verb::Move(args) => cmd::move_arm::run(&args),
-        Verb::Run(args) => cmd::run::run(&args),
-        Verb::Servo(args) => cmd::servo::run(&args),
-        Verb::Teach(args) => cmd::teach::run(&args),
-        Verb::Arm(verb) => cmd::arm::run(&verb),
-        Verb::Plan(verb) => cmd::plan::run(*verb),
-        Verb::Tune(args) => cmd::tune::run(&args),
-        Verb::Controller(verb) => cmd::controller::run(&verb),
-        Verb::Modules(verb) => cmd::modules::run(&verb),
-        Verb::Log(verb) => cmd::log::run(&verb),
-        Verb::Robot(verb) => cmd::robot::run(&verb),
-        Verb::Tracker(verb) => cmd::tracker::run(&verb),
-        Verb::Sim(args) => cmd::sim::run(&args),
-        Verb::Explain(args) => cmd::explain::run(&args),
-        Verb::Completions(args) => completions::run(&args, "cubectl", COMPLETE_VARIABLE),
-        Verb::Man(args) => cmd::man::run(&args, program::command::<Cli>()),
-        Verb::Rally(args) => Err(cmd::moved::to_lab("rally", &args)),
-        Verb::Swarm(args) => Err(cmd::moved::to_lab("swarm", &args)),
-    }
+    cli.verb.run()
 }
 
 #[cfg(test)]

@@ -53,6 +53,6 @@ pub use open::{BusServer, open, serve};
 pub use runner::{Direction, RunError, RunStats, Runner};
 #[cfg(target_os = "linux")]
 pub use socket_can::SocketCan;
-pub use spec::{BusSpec, RsiSpec, SlcanPort, SpecError, bus_of_option};
+pub use spec::{BusSpec, LIVE_BUSES, RsiSpec, SlcanPort, SpecError, bus_of_option};
 pub use station::Station;
 pub use urgent::{Granted, Role, Urgent};

@@ -140,6 +140,9 @@ pub struct SpecError {
     pub example: &'static str,
 }
 
+/// The kinds of CAN buses, for help texts.
+pub const LIVE_BUSES: &str = "can0, socketcand://host:port/bus, slcan:/dev/ttyACM0 or slcan://host:port";
+
 const ANY: &str =
     "sim, can0, socketcand://127.0.0.1:29536/can0, slcan:/dev/ttyACM0 or slcan://127.0.0.1:3333";
 const SOCKETCAND: &str = "socketcand://127.0.0.1:29536/can0";
@@ -311,6 +314,14 @@ impl BusSpec {
     /// The clock for programs on this bus: one that the bus moves, or the monotonic one, started now.
     pub fn clock(&self) -> Clock {
         if matches!(self, Self::Lockstep { .. }) { Clock::manual() } else { Clock::start() }
+    }
+
+    /// The host of the server that has the CAN interface; `None` of a bus without a server.
+    pub fn server(&self) -> Option<&str> {
+        match self {
+            Self::Socketcand { host, .. } | Self::Lockstep { host, .. } => Some(host),
+            Self::Sim | Self::SocketCan { .. } | Self::Slcan { .. } | Self::Rsi(_) => None,
+        }
     }
 }
 

@@ -26,9 +26,7 @@ use crate::machine::Machine;
 /// Which bus, and what to keep of it.
 #[derive(Clone, Debug, clap::Args)]
 pub struct BusArgs {
-    /// Bus: sim (the cell inside this program, in virtual time), can0, socketcand://host:port/bus,
-    /// slcan:/dev/ttyACM0 or slcan://host:port.
-    #[arg(long, value_parser = can_link::bus_of_option, default_value = "sim", value_name = "SPEC", help_heading = "Bus")]
+    #[arg(long, help = format!("Bus: sim (the cell inside this program, in virtual time), {}", can_link::LIVE_BUSES), value_parser = can_link::bus_of_option, default_value = "sim", value_name = "SPEC", help_heading = "Bus")]
     pub bus: BusSpec,
     #[command(flatten)]
     pub cell: CellArgs,

@@ -60,11 +60,9 @@ impl Recorder {
         machine: Option<Machine>,
     ) -> io::Result<Self> {
         let bus = match spec {
-            BusSpec::SocketCan { interface } => interface.clone(),
             BusSpec::Socketcand { bus, .. } | BusSpec::Lockstep { bus, .. } => bus.clone(),
-            BusSpec::Sim => "sim".to_owned(),
-            BusSpec::Slcan { .. } => "slcan".to_owned(),
-            BusSpec::Rsi(_) => "rsi".to_owned(),
+            // The interface, or the kind of the bus.
+            other => other.to_string().split(':').next().unwrap_or_default().to_owned(),
         };
         let [text, viewer] = files_of(path);
         Ok(Self {

@@ -297,7 +297,8 @@ mod tests {
     use clap::Parser;
 
     use super::*;
-    use crate::cli::{Cli, Verb};
+    use crate::cli::Cli;
+    use crate::cmd::Verb;
 
     fn ended(words: &str) -> Result<(), ExpectedError> {
         let words = std::iter::once("cubectl").chain(words.split_whitespace());

@@ -43,8 +43,7 @@ const HALT_TIME: Duration = Duration::from_millis(50);
     after_help = "Examples:\n  cubectl controller run --bus can0 --storage arm.storage\n  cubectl controller run --bus socketcand://127.0.0.1:29536/can0 --period-ms 17\n  cubectl controller run --bus can0 --robot my_arm.toml --gains gains.toml\n  cubectl throw --target 1,1,-1 --bus can0 --controller 10   # in another terminal\n\nThe period is that of the storage, or --period-ms, or the shortest one that this machine and this bus hold: a second of\nquestions to the drives tells. One that does not hold is refused before anything moves. A real-time priority is\nasked for and used where the system allows it (limits.conf: rtprio, memlock).\n\nCtrl-C stops the arm along its path and halts the drives; another Ctrl-C half a second later ends at once, the drives'\nwatchdogs then stop them."
 )]
 pub struct Args {
-    /// Bus: can0, socketcand://host:port/bus, slcan:/dev/ttyACM0 or slcan://host:port.
-    #[arg(long, value_parser = can_link::bus_of_option, value_name = "SPEC")]
+    #[arg(long, help = format!("Bus: {}", can_link::LIVE_BUSES), value_parser = can_link::bus_of_option, value_name = "SPEC")]
     pub bus: BusSpec,
     /// Cyphal node-ID. Default: the stored one, else 10.
     #[arg(long, value_name = "NODE-ID", value_parser = node_id)]

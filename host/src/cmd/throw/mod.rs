@@ -57,9 +57,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE", conflicts_with = "target")]
     #[serde(skip)]
     pub plan: Option<PathBuf>,
-    /// Bus: sim (the cell inside this program, in virtual time), can0, socketcand://host:port/bus,
-    /// slcan:/dev/ttyACM0 or slcan://host:port.
-    #[arg(long, value_parser = can_link::bus_of_option, default_value_t, value_name = "SPEC", help_heading = "Bus")]
+    #[arg(long, help = format!("Bus: sim (the cell inside this program, in virtual time), {}", can_link::LIVE_BUSES), value_parser = can_link::bus_of_option, default_value_t, value_name = "SPEC", help_heading = "Bus")]
     #[serde(skip)]
     pub bus: BusSpec,
     #[command(flatten)]

@@ -19,44 +19,40 @@ fn spec_of(session: &Session) -> Option<BusSpec> {
 
 /// What to do if no module answers and the wire is quiet.
 pub(super) fn no_answer(session: &Session) -> String {
-    of_silence(spec_of(session).as_ref())
-}
-
-fn of_silence(bus: Option<&BusSpec>) -> String {
-    let check = "check the supply of the modules and the bit rate";
-    match bus {
-        Some(BusSpec::SocketCan { interface }) => format!(
-            "{check}: `sudo ip link set {interface} down`, then `sudo ip link set {interface} up type can bitrate 500000` \
-             ({OTHER_RATES})"
-        ),
-        Some(BusSpec::Slcan { port, .. }) => {
-            let other = BusSpec::Slcan { port: port.clone(), bitrate: Bitrate::K500 };
-            format!("{check}: --bus '{other}' ({OTHER_RATES})")
-        }
-        Some(BusSpec::Socketcand { host, .. } | BusSpec::Lockstep { host, .. }) => {
-            format!("{check}: it is set where the server of this bus runs, on {host}")
-        }
-        Some(BusSpec::Sim | BusSpec::Rsi(_)) | None => SIMULATED.to_owned(),
-    }
+    rate_and_restart(spec_of(session).as_ref()).0
 }
 
 /// What to do after bus-off.
 pub(super) fn after_bus_off(session: &Session) -> String {
-    of_bus_off(spec_of(session).as_ref())
+    rate_and_restart(spec_of(session).as_ref()).1
 }
 
-fn of_bus_off(bus: Option<&BusSpec>) -> String {
-    let check = "wrong bit rate, or CAN-H and CAN-L short or swapped; then";
-    match bus {
-        Some(BusSpec::SocketCan { interface }) => {
-            format!("{check} `sudo ip link set {interface} down && sudo ip link set {interface} up`")
+/// Advice for a quiet wire, and for bus-off.
+fn rate_and_restart(bus: Option<&BusSpec>) -> (String, String) {
+    let (rate, restart) = match bus {
+        Some(BusSpec::SocketCan { interface }) => (
+            format!(
+                "`sudo ip link set {interface} down`, then `sudo ip link set {interface} up type can bitrate 500000` \
+                 ({OTHER_RATES})"
+            ),
+            format!("`sudo ip link set {interface} down && sudo ip link set {interface} up`"),
+        ),
+        Some(BusSpec::Slcan { port, .. }) => {
+            let other = BusSpec::Slcan { port: port.clone(), bitrate: Bitrate::K500 };
+            (format!("--bus '{other}' ({OTHER_RATES})"), "unplug the adapter and plug it in again".to_owned())
         }
-        Some(BusSpec::Slcan { .. }) => format!("{check} unplug the adapter and plug it in again"),
-        Some(BusSpec::Socketcand { host, .. } | BusSpec::Lockstep { host, .. }) => {
-            format!("{check} restart the interface on {host}")
-        }
-        Some(BusSpec::Sim | BusSpec::Rsi(_)) | None => SIMULATED.to_owned(),
-    }
+        other => match other.and_then(BusSpec::server) {
+            Some(host) => (
+                format!("it is set where the server of this bus runs, on {host}"),
+                format!("restart the interface on {host}"),
+            ),
+            None => return (SIMULATED.to_owned(), SIMULATED.to_owned()),
+        },
+    };
+    (
+        format!("check the supply of the modules and the bit rate: {rate}"),
+        format!("wrong bit rate, or CAN-H and CAN-L short or swapped; then {restart}"),
+    )
 }
 
 #[cfg(test)]
@@ -76,9 +72,9 @@ mod tests {
             ("socketcand://lab:29536/can0", "the server of this bus runs, on lab", "the interface on lab"),
         ] {
             let spec: BusSpec = bus.parse().unwrap();
-            let next = [of_silence(Some(&spec)), of_bus_off(Some(&spec))];
+            let next = <[String; 2]>::from(rate_and_restart(Some(&spec)));
             assert!(next[0].contains(silence) && next[1].contains(bus_off), "{next:?}");
         }
-        assert!(of_silence(None).contains("scenario") && of_bus_off(None).contains("scenario"));
+        assert!(<[String; 2]>::from(rate_and_restart(None)).iter().all(|next| next.contains("scenario")));
     }
 }
