@@ -27,7 +27,12 @@ use robot_model::collision::Scene;
 
 /// The controller has found its drives by then, and they are at home; the stream begins some tenths of a second later and takes two seconds.
 const fn begins(family: Family) -> Duration {
-    Duration::from_millis(if matches!(family, Family::PowerCube) { 500 } else { 2_500 })
+    Duration::from_millis(match family {
+        Family::PowerCube => 500,
+        // Modules look for their commutation first.
+        Family::Cia402Interpolating => 8_000,
+        _ => 2_500,
+    })
 }
 
 const COMMANDS: u32 = 100;

@@ -19,10 +19,11 @@ use operator::job::{Answer, JobError, Judge, Order, Outcome, Record, Step, defau
 use operator::port::OnBus;
 use planner::plan::file::PlanFile;
 use planner::plan::{Arm, Joints};
+use planner::store::fingerprint_of;
 use planner::way::Travel;
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant};
-use robot_model::RobotModel;
+use robot_model::{RobotModel, text_of};
 use tuner::gains::gains_file::GainsFile;
 
 use super::evidence::{BusTap, Evidence, ReportedOutcome, Seen};
@@ -34,13 +35,18 @@ pub const ROBOT: &str = "powercube6";
 pub enum Family {
     PowerCube,
     Cia402,
+    /// The same arm with modules in interpolated position mode, which count millidegrees.
+    Cia402Interpolating,
+    /// The same arm with servos that go on for a period without a new target.
+    Cia402Extrapolating,
     Mit,
     Odrive,
 }
 
 impl Family {
     /// Those that follow positions.
-    pub const FOLLOWING: [Self; 3] = [Self::Cia402, Self::Mit, Self::Odrive];
+    pub const FOLLOWING: [Self; 5] =
+        [Self::Cia402, Self::Cia402Interpolating, Self::Cia402Extrapolating, Self::Mit, Self::Odrive];
 
     /// The robot, by name or file, and a throw. It is kept as a file: what a scenario shows depends on the path of the arm, and must not
     /// change with the planner.
@@ -53,7 +59,9 @@ impl Family {
         match self {
             // To (1, 1, -1) m in the default form.
             Self::PowerCube => (ROBOT, include_str!("throw.json")),
-            Self::Cia402 => (robot!("canopen6"), include_str!("throw_canopen6.json")),
+            Self::Cia402 | Self::Cia402Interpolating | Self::Cia402Extrapolating => {
+                (robot!("canopen6"), include_str!("throw_canopen6.json"))
+            }
             Self::Mit => (robot!("openarm7"), include_str!("throw_openarm7.json")),
             Self::Odrive => (robot!("odrive6"), include_str!("throw_odrive6.json")),
         }
@@ -89,11 +97,19 @@ impl Bench {
     /// Loads the throw and the gains for it.
     pub fn of(family: Family) -> Result<Self, String> {
         let (robot_source, throw) = family.throw();
-        let robot = RobotModel::load(robot_source).map_err(|error| error.to_string())?;
-        let arm = robot.clone();
+        let mut robot = RobotModel::load(robot_source).map_err(|error| error.to_string())?;
         let path = Path::new(robot_source);
-        let plan = PlanFile::from_json(path, throw).map_err(|error| error.to_string())?;
-        plan.require_robot(path, &arm).map_err(|error| error.to_string())?;
+        let mut plan = PlanFile::from_json(path, throw).map_err(|error| error.to_string())?;
+        plan.require_robot(path, &robot).map_err(|error| error.to_string())?;
+        if family == Family::Cia402Interpolating {
+            let (file, text) = text_of(robot_source).map_err(|error| error.to_string())?;
+            let own = "mode = \"interpolated_position\", counts_per_turn = 360000";
+            let text = text.replace("counts_per_turn = 655360", own);
+            robot = RobotModel::from_toml(&file, &text).map_err(|error| error.to_string())?;
+            // The motion stays the same.
+            plan.robot.fingerprint = fingerprint_of(&robot);
+        }
+        let arm = robot.clone();
         let mut settings = settings_of(&robot).map_err(|error| error.to_string())?;
         let choice = choose(PeriodRequest::Any, None, &robot, settings.cycle_period_us)
             .map_err(|error| error.to_string())?;
@@ -128,6 +144,7 @@ impl Bench {
         let mut scenario = Scenario { name: "trust".to_owned(), seed, ..Scenario::default() };
         scenario.duration = Duration::from_secs(60);
         scenario.cell.drive.starts_homed = true;
+        scenario.cell.servos_extrapolate = self.family == Family::Cia402Extrapolating;
         let start = self.plan.motion.to_motion().start_rad();
         scenario.cell.start_q_rad = Some(self.turned(&start, START_OFFSET_RAD).as_slice().to_vec());
         scenario
