@@ -110,7 +110,7 @@ impl Judge<'_> {
         self.limits(scenario, run, &mut found);
         let excursion = self.excursion(scenario, run);
         let excursion_rad = excursion.rad;
-        if excursion_rad > self.excursion_max_rad(run) + encoder_slack_rad(&scenario.faults) {
+        if excursion_rad > self.excursion_max_rad() + encoder_slack_rad(&scenario.faults) {
             let Excursion { joint, at, .. } = excursion;
             found(
                 Rule::Excursion,
@@ -134,22 +134,14 @@ impl Judge<'_> {
     }
 
     /// See [`EXCURSION_MAX_RAD`]. For other arms: the longest braking distance from the fastest speeds of the nominal run.
-    fn excursion_max_rad(&self, run: &Evidence) -> f64 {
+    fn excursion_max_rad(&self) -> f64 {
         if self.arm.drives().is_some() {
             return EXCURSION_MAX_RAD;
         }
-        // A servo that missed set points runs to the next one, faster than in the nominal run. It needs the braking distance from the speed
-        // that it reached; beyond the limit of speed this is no excuse.
-        let runs_after = self.arm.cia402_servos().is_some();
-        let fastest = |trace: &Trace, joint: usize| {
-            (0..trace.len()).map(|index| trace.sample(index)[joint][1].abs()).fold(0.0, f64::max)
-        };
+        let trace = &self.nominal.trace;
         let brake_rad = |(joint, limits): (usize, &robot_model::JointLimits)| {
-            let mut v_rad_s = fastest(&self.nominal.trace, joint);
-            if runs_after {
-                let allowed_rad_s = (1.0 + SPEED_SHARE) * limits.v_max_rad_s;
-                v_rad_s = v_rad_s.max(fastest(&run.trace, joint).min(allowed_rad_s));
-            }
+            let speeds = (0..trace.len()).map(|index| trace.sample(index)[joint][1].abs());
+            let v_rad_s = speeds.fold(0.0, f64::max);
             v_rad_s * v_rad_s / (2.0 * limits.a_control_max_rad_s2)
         };
         let limits = self.arm.joints().iter().map(|joint| &joint.limits).enumerate();
