@@ -9,7 +9,7 @@ use protocol::ModuleId;
 use super::{Args, Done, read_gains};
 use crate::cmd::arm::doctor::examine_modules;
 use crate::cmd::controlled::{is_soft, tell_warnings};
-use crate::cmd::ended::failure;
+use crate::cmd::ended::{Seen, failure};
 use crate::cmd::finding::Level;
 use crate::cmd::folder::Folder;
 use crate::cmd::meaning::Deed;
@@ -142,13 +142,11 @@ impl Drives {
         ui.progress.quiet();
         tell_warnings(&mut session);
         let wrong = failure(&record).map(|shown| self.explained(&record, shown, &mut session, &args.bus));
-        let (bus, simulated, bus_errors) =
-            (session.name().to_owned(), session.is_simulated(), session.bus_errors().len());
+        let mut seen = Seen::of(&session);
+        seen.controller = if self.soft { "soft" } else { "node" };
         let soft = session.finish_controller();
         let lost = session.finish().err().map(ExpectedError::from);
-        let time = if simulated { "virtual time" } else { "real time" };
-        let controller = if self.soft { "soft" } else { "node" };
-        Ok(Done { record, wrong, lost, bus, time, controller, bus_errors, soft, page, ..Done::default() })
+        Ok(Done { record, wrong, lost, seen, soft, page, ..Done::default() })
     }
 
     /// The error of a job, with what the drives say about it and the next step.
@@ -163,7 +161,8 @@ impl Drives {
             && matches!(record.ended, Some(JobError::Operator(_)))
             && record.at_work.is_some_and(|(step, _)| step == Step::Drives)
             && error.code == exit::DRIVE
-            && let Ok(Some(found)) = session.put_back(|session| diagnosis(session, &self.cell.robot, |_| true))
+            && let Ok(Some(found)) =
+                session.put_back(|session| diagnosis(session, &self.cell.robot, |_| true))
         {
             error.also.extend(found);
         }

@@ -18,7 +18,7 @@ use planner::follow::verify::verify_commands;
 use planner::plan::file::{PlanFileError, RobotId};
 
 use super::{Args, Done};
-use crate::cmd::ended::{failure, off_target};
+use crate::cmd::ended::{self, failure, off_target};
 use crate::cmd::folder::Folder;
 use crate::cmd::link::not_on_can;
 use crate::cmd::meaning::Deed;
@@ -115,18 +115,9 @@ impl Led {
         let lost = link.finish().err();
         let (lines, heard) = (link.operator.lines().to_vec(), link.operator.station().heard());
         let wrong = failure(&record).map(|shown| explained(&record, shown, &heard));
-        let (answering, time) = (link.answering(), link.time);
-        Ok(Done {
-            record,
-            wrong,
-            lost,
-            lines,
-            bus: link.name,
-            time,
-            answering,
-            controller: "led",
-            ..Done::default()
-        })
+        let answering = link.answering();
+        let seen = ended::Seen::of_robot(link.name, link.time, answering);
+        Ok(Done { record, wrong, lost, lines, seen, ..Done::default() })
     }
 
     /// Set and actual axes by cycle, from the start of the plan.
@@ -183,12 +174,8 @@ pub fn simulate(request: &str, plan: &FollowPlan, stop: Arc<AtomicBool>) -> Resu
     let mut done = led.perform(&args, None, stop, &mut |_| Answer::Yes)?;
     let order = led.order(&args);
     let wrong = done.wrong.take().or_else(|| off_target(&done.record, &order.judge));
-    let about = Circumstances {
-        exit_code: wrong.as_ref().map_or(exit::OK, |error| error.code),
-        cause: wrong.as_ref().map(ExpectedError::all_that_happened),
-        next: wrong.as_ref().map_or_else(Vec::new, ExpectedError::all_steps),
-        ..done.circumstances(args.seed.unwrap_or(1))
-    };
+    let about =
+        Circumstances { seed: Some(args.seed.unwrap_or(1)), ..done.seen.circumstances(wrong.as_ref()) };
     let summary = summary(&order, &done.record, &about);
     let seen = done.record.led.as_mut().and_then(|led| led.seen.take()).unwrap_or_default();
     Ok(Simulated { summary, seen })

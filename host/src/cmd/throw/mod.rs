@@ -14,7 +14,7 @@ use self::drives::Drives;
 pub(super) use self::drives::period_request;
 use self::led::Led;
 use super::consent::Consent;
-use super::ended::{command_line, off_target, outcome_last};
+use super::ended::{Seen, command_line, off_target, outcome_last};
 use super::folder::Folder;
 use super::last_look::LastLook;
 use super::log::report;
@@ -214,33 +214,12 @@ struct Done {
     wrong: Option<ExpectedError>,
     /// Why the recording is not whole.
     lost: Option<ExpectedError>,
-    bus: String,
-    time: &'static str,
-    controller: &'static str,
-    bus_errors: usize,
+    seen: Seen,
     soft: Option<SoftReport>,
     /// What went into the station of a robot that is led, and came out.
     lines: Vec<Line>,
-    /// Rights of the thread that answered it.
-    answering: Option<String>,
     /// The live view.
     page: Option<LiveServer>,
-}
-
-impl Done {
-    /// What the summary says beside the record.
-    fn circumstances(&self, seed: u64) -> Circumstances<'_> {
-        Circumstances {
-            bus: &self.bus,
-            time: self.time,
-            controller: self.controller,
-            seed: Some(seed),
-            bus_errors: self.bus_errors,
-            soft: self.soft.as_ref(),
-            answering: self.answering.clone(),
-            ..Circumstances::default()
-        }
-    }
 }
 
 impl Prepared {
@@ -270,8 +249,10 @@ impl Prepared {
             Self::Drives(drives) => gains_toml(&done.record, drives.gains.as_ref()),
             Self::Led(_) => None,
         };
-        let mut about = match self {
+        let about = match self {
             Self::Drives(drives) => Circumstances {
+                seed: Some(drives.cell.seed),
+                soft: done.soft.as_ref(),
                 wall_s: &progress.wall_s,
                 plan_s: drives.plan_s,
                 gains_from: match (&drives.choice, args.gains.is_some()) {
@@ -282,13 +263,12 @@ impl Prepared {
                 gains_crc32: gains.as_ref().map(|text| firmware::crc::Crc32::of(text.as_bytes())),
                 period_why: drives.choice.as_ref().map_or("the controller's", |choice| choice.why),
                 timing: drives.timing.as_ref(),
-                ..done.circumstances(drives.cell.seed)
+                ..done.seen.circumstances(wrong)
             },
-            Self::Led(_) => done.circumstances(args.seed.unwrap_or(1)),
+            Self::Led(_) => {
+                Circumstances { seed: Some(args.seed.unwrap_or(1)), ..done.seen.circumstances(wrong) }
+            }
         };
-        about.exit_code = wrong.map_or(exit::OK, |error| error.code);
-        about.cause = wrong.map(ExpectedError::all_that_happened);
-        about.next = wrong.map_or_else(Vec::new, ExpectedError::all_steps);
         let mut value = summary(&self.order(args), &done.record, &about);
         value["command_line"] = command_line().into();
         if let Some(before) = tracked {
