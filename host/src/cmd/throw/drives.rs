@@ -118,7 +118,13 @@ impl Drives {
     }
 
     /// Throws on the bus: opens it, does the job, closes it.
-    pub(super) fn throw(&self, args: &Args, folder: &Folder, ui: &mut Ui) -> Result<Done, ExpectedError> {
+    pub(super) fn throw(
+        &self,
+        args: &Args,
+        order: &Order<'_>,
+        folder: &Folder,
+        ui: &mut Ui,
+    ) -> Result<Done, ExpectedError> {
         let bus = BusArgs {
             bus: args.bus.clone(),
             cell: self.cell_args.clone(),
@@ -138,7 +144,7 @@ impl Drives {
             Some(Controller::Soft) | None => None,
         };
         let mut operator = OnBus::new(&mut session, wanted);
-        let record = perform(&mut operator, &self.order(args), &mut |step| ui.answer(step));
+        let record = perform(&mut operator, order, &mut |step| ui.answer(step));
         ui.progress.quiet();
         tell_warnings(&mut session);
         let wrong = failure(&record).map(|shown| self.explained(&record, shown, &mut session, &args.bus));

@@ -187,16 +187,16 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         "The arm stands at the start. Ball in the hand, nobody near?",
     ];
     let mut ui = Ui { progress, consent, words, look, agreed: false };
+    let order = prepared.order(args);
     let mut done = match &prepared {
-        Prepared::Drives(drives) => drives.throw(args, &folder, &mut ui)?,
-        Prepared::Led(led) => led.throw(args, &folder, &mut ui)?,
+        Prepared::Drives(drives) => drives.throw(args, &order, &folder, &mut ui)?,
+        Prepared::Led(led) => led.throw(args, &order, &folder, &mut ui)?,
     };
     let Ui { mut progress, look, .. } = ui;
     progress.quiet();
-    let order = prepared.order(args);
     let off = || off_target(&done.record, &order.judge);
     let wrong = look.and_then(|look| look.refused).or(done.wrong.take()).or_else(off);
-    let written = prepared.write(args, &folder, &done, (&mut progress, wrong.as_ref(), tracked));
+    let written = prepared.write(args, &order, &folder, &done, (&mut progress, wrong.as_ref(), tracked));
     let said = wrong.is_none().then_some(&done.record.verdict);
     progress.closing(&done.record, said, &folder.path, begun);
     if let Some(page) = done.page.take() {
@@ -241,6 +241,7 @@ impl Prepared {
     fn write(
         &self,
         args: &Args,
+        order: &Order<'_>,
         folder: &Folder,
         done: &Done,
         (progress, wrong, tracked): (&mut ProgressView, Option<&ExpectedError>, Option<&Measured>),
@@ -269,7 +270,7 @@ impl Prepared {
                 Circumstances { seed: Some(args.seed.unwrap_or(1)), ..done.seen.circumstances(wrong) }
             }
         };
-        let mut value = summary(&self.order(args), &done.record, &about);
+        let mut value = summary(order, &done.record, &about);
         value["command_line"] = command_line().into();
         if let Some(before) = tracked {
             value["target"] = before.json();
