@@ -58,10 +58,11 @@ pub fn off_target(record: &Record, judge: &Judge<'_>) -> Option<ExpectedError> {
 }
 
 /// What a session says of its bus, for the summary; read before the session ends.
+#[derive(Default)]
 pub(super) struct Seen {
     bus: String,
     time: &'static str,
-    controller: &'static str,
+    pub(super) controller: &'static str,
     bus_errors: usize,
     /// Rights of the thread that answered a robot.
     answering: Option<String>,
@@ -93,7 +94,12 @@ impl Seen {
         wrong: Option<&ExpectedError>,
         wall_s: &[f64],
     ) -> Value {
-        let about = Circumstances {
+        summary(order, record, &Circumstances { wall_s, ..self.circumstances(wrong) })
+    }
+
+    /// What the summary says beside the record.
+    pub(super) fn circumstances(&self, wrong: Option<&ExpectedError>) -> Circumstances<'_> {
+        Circumstances {
             bus: &self.bus,
             time: self.time,
             controller: self.controller,
@@ -102,10 +108,8 @@ impl Seen {
             cause: wrong.map(ExpectedError::all_that_happened),
             next: wrong.map_or_else(Vec::new, ExpectedError::all_steps),
             bus_errors: self.bus_errors,
-            wall_s,
             ..Circumstances::default()
-        };
-        summary(order, record, &about)
+        }
     }
 }
 

@@ -9,7 +9,8 @@ use serde::Serialize;
 
 use super::collect::Reading;
 use super::{AFTER_S, BEFORE_S, PlanClock};
-use crate::samples::{BitTimes, BusFrame};
+use crate::log::candump::Line;
+use crate::samples::BitTimes;
 
 /// Width of a step of the curve, s.
 pub const STEP_S: f64 = 0.01;
@@ -87,7 +88,7 @@ pub struct BusUse {
 }
 
 #[must_use]
-pub fn usage(frames: &[BusFrame], clock: PlanClock, end_t_s: f64, times: BitTimes) -> BusUse {
+pub fn usage(frames: &[Line], clock: PlanClock, end_t_s: f64, times: BitTimes) -> BusUse {
     let steps = ((end_t_s + AFTER_S + BEFORE_S) / STEP_S).ceil() as usize;
     let mut taken_s = vec![0.0; steps];
     let mut ids: BTreeMap<(Traffic, u32), (String, u64, f64)> = BTreeMap::new();
@@ -161,7 +162,8 @@ mod tests {
         let frame = Frame::from_array(StandardId::from_low_bits(0x0E1), [0x0B, 0x0E, 0xAA, 0x55, 0xAA, 0x55]);
         let stuff = f64::from(bits::length(&frame).stuff);
         let at = |k: u64| Instant::from_micros(1_000_000 + 1_000 * k);
-        let frames: Vec<BusFrame> = (1..=100).map(|k| BusFrame { at: at(k), frame }).collect();
+        let frames: Vec<Line> =
+            (1..=100).map(|k| Line { number: k as usize, at: at(k), frame, sent: None }).collect();
         let clock = PlanClock::starting(Instant::from_micros(1_000_000));
         let usage = usage(&frames, clock, 0.1, BitTimes::of(1_000_000, None));
         let expected = (95.0 + stuff) * 1e-3;
@@ -178,7 +180,8 @@ mod tests {
         let data = [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFC];
         let frame = Frame::from_array(StandardId::from_low_bits(1), data).with_fd(protocol::FdFlags::BRS);
         let at = |k: u64| Instant::from_micros(1_000_000 + 1_000 * k);
-        let frames: Vec<BusFrame> = (1..=100).map(|k| BusFrame { at: at(k), frame }).collect();
+        let frames: Vec<Line> =
+            (1..=100).map(|k| Line { number: k as usize, at: at(k), frame, sent: None }).collect();
         let clock = PlanClock::starting(Instant::from_micros(1_000_000));
         // 17 bits and 2 stuff bits, 96 and 12 at 5 Mbit/s, 10 bits and 3 behind.
         for (data_bit_rate_bit_s, us) in [(Some(5_000_000), 19.0 + 108.0 / 5.0 + 13.0), (None, 140.0)] {

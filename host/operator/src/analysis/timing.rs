@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::PlanClock;
 use super::collect::Heard;
 use super::distribution::Distribution;
-use crate::samples::BusFrame;
+use crate::log::candump::Line;
 
 /// Control cycles: time between two motion commands to the same drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -63,7 +63,7 @@ fn key(module: u8, frame: &Frame) -> Option<Key> {
 
 /// Answers while the plan ran.
 #[must_use]
-pub fn answers(frames: &[BusFrame], clock: PlanClock, end_t_s: f64) -> Answers {
+pub fn answers(frames: &[Line], clock: PlanClock, end_t_s: f64) -> Answers {
     let mut waiting: BTreeMap<Key, f64> = BTreeMap::new();
     let mut latencies: BTreeMap<u8, Vec<f64>> = BTreeMap::new();
     let mut answers = Answers::default();

@@ -349,7 +349,7 @@ impl Steps<'_, '_> {
             record.ball = watch_ball(*operator);
         }
         match &order.judge {
-            Judge::Throw { plan, .. } => throw::observe(*operator, order.arm, plan, record),
+            Judge::Throw { plan, .. } => throw::observe(*operator, order, plan, record),
             Judge::Follow { .. } => follow::observe(*operator, order, record),
             Judge::Reach => reach::observe(*operator, order, record),
         }

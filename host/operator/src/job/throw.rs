@@ -2,11 +2,11 @@
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
+use super::order::Order;
 use super::record::{BallOutcome, Landing, LandingSource, Record};
 use super::verdict::Outcome;
 use crate::analysis::{Run, RunAnalysis, analyse};
 use crate::port::Operator;
-use planner::plan::Arm;
 use planner::plan::file::PlanFile;
 use robot_model::RobotModel;
 
@@ -37,14 +37,13 @@ pub(super) fn radius_99_m(covariance_m2: &Matrix2<f64>) -> f64 {
 }
 
 /// Result of the samples of the throw, and where the ball landed.
-pub(super) fn observe(operator: &mut dyn Operator, arm: &Arm, plan: &PlanFile, record: &mut Record) {
-    record.analysis = operator.take_samples(arm, record.drives.clone()).and_then(|samples| {
-        let motion = plan.motion.to_motion();
+pub(super) fn observe(operator: &mut dyn Operator, order: &Order<'_>, plan: &PlanFile, record: &mut Record) {
+    record.analysis = operator.take_samples(order.arm, record.drives.clone()).and_then(|samples| {
         let run = Run {
             samples: &samples,
-            motion: &motion,
+            motion: order.program.motion(),
             throw: Some(plan),
-            arm,
+            arm: order.arm,
             start: None,
             gripper_opening: record.gripper_opening,
             certified: record.certified,

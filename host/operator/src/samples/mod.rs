@@ -14,8 +14,9 @@ pub mod of_log;
 
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::cubecell::joint_state::JointSample;
-use protocol::{Frame, Instant, bits};
+use protocol::{Instant, bits};
 
+use crate::log::candump::Line;
 use crate::log::watch::LogEvent;
 use drives::Drives;
 
@@ -87,17 +88,10 @@ pub struct Freeze {
     pub frames: Vec<(Instant, String)>,
 }
 
-#[derive(Clone, Copy, Debug)]
-pub struct BusFrame {
-    /// End of the frame.
-    pub at: Instant,
-    pub frame: Frame,
-}
-
 #[derive(Clone, Debug)]
 pub struct BusLog {
-    /// Its frames, in ascending time.
-    pub frames: Vec<BusFrame>,
+    /// Its frames in ascending time; the time of a line is the end of its frame.
+    pub frames: Vec<Line>,
     /// How long bits take on it.
     pub bit_times: BitTimes,
     pub drives: Drives,

@@ -5,9 +5,7 @@ use protocol::powercube::{MotionCommand, Parameter, Reply, Request, Value};
 use protocol::{Duration, Instant};
 
 use super::drives::Drives;
-use super::{
-    At, BitTimes, BusFrame, BusLog, Freeze, GroupTold, JointFreeze, JointSamples, RampOrder, Samples,
-};
+use super::{At, BitTimes, BusLog, Freeze, GroupTold, JointFreeze, JointSamples, RampOrder, Samples};
 use crate::drives::{self, Measured, Seen};
 use crate::log::candump::Line;
 use crate::log::facts::{Fact, position};
@@ -23,8 +21,7 @@ impl Samples {
     /// A position is measured where the answer that carries it begins: drives measure just before they answer. What differs in a family
     /// is in its file of `drives`. Motors other than PowerCubes are those of the robot file.
     #[must_use]
-    pub fn of_log(lines: Vec<Line>, drives: Drives, arm: &Arm, bit_rate_bit_s: u32) -> Self {
-        let frames = lines.into_iter().map(|line| BusFrame { at: line.at, frame: line.frame }).collect();
+    pub fn of_log(frames: Vec<Line>, drives: Drives, arm: &Arm, bit_rate_bit_s: u32) -> Self {
         let data_bit_rate_bit_s = arm.data_bit_rate_bit_s();
         let bus = BusLog { frames, bit_times: BitTimes::of(bit_rate_bit_s, data_bit_rate_bit_s), drives };
         let samples = read(&bus, arm);
@@ -47,7 +44,7 @@ fn read(bus: &BusLog, arm: &Arm) -> Samples {
         },
         ramps: vec![Ramp::default(); drives.address.len()],
     };
-    for BusFrame { at, frame } in &bus.frames {
+    for Line { at, frame, .. } in &bus.frames {
         let notes = watch.take(*at, frame);
         reader.samples.events.extend(notes.events);
         reader.samples.freezes.extend(notes.freeze.map(|freeze| frozen(&freeze, drives)));

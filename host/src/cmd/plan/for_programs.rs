@@ -3,22 +3,21 @@
 use std::sync::atomic::AtomicBool;
 
 use super::args::Args;
-use super::search::{Planned, Watcher};
+use super::search::{Solved, Watcher};
 use super::shards::{self, Made};
 use super::sweep;
 use crate::cmd::request;
 use crate::error::ExpectedError;
 use planner::follow::limits::AXES;
 use planner::follow::plan::FollowPlan;
-use planner::plan::file::PlanFile;
 
-/// The plan that `cubectl plan throw` makes of this request, as [`Planned`] has it. `stop`, once set, ends the search after the
+/// The plan that `cubectl plan throw` makes of this request, as [`Solved`] has it. `stop`, once set, ends the search after the
 /// start under way, with what was found by then.
 ///
 /// # Errors
 /// A field is refused (exit code 2 of the program), input is refused, or no throw reaches the target. Throws that follow the flight
 /// of the ball are made by [`follow`].
-pub fn plan(request: &str, stop: &AtomicBool) -> Result<Planned<PlanFile>, ExpectedError> {
+pub fn plan(request: &str, stop: &AtomicBool) -> Result<Solved, ExpectedError> {
     let args: Args = request::read("plan throw", request)?;
     let robot = crate::cmd::robot(&args.search.options.robot)?;
     if robot.n() == AXES && args.follow.apply_to(&robot) {
@@ -29,7 +28,7 @@ pub fn plan(request: &str, stop: &AtomicBool) -> Result<Planned<PlanFile>, Expec
     }
     args.require_ordinary()?;
     let starts = args.search.options.starts(&robot);
-    args.search.plan_from(&robot, &starts, args.target, (args.seed, args.fast), Watcher::Program(stop))
+    args.search.solve(&robot, &starts, args.target, (args.seed, args.fast), Watcher::Program(stop), None)
 }
 
 /// The plan that `cubectl plan throw` makes of this request for a throw that follows the flight of the ball.

@@ -19,9 +19,8 @@ use planner::plan::file::PlanFile;
 use planner::plan::problem::{Weights, short};
 use planner::plan::release_delays::ReleaseNodes;
 use planner::plan::statistics::{Noise, Region};
-use planner::plan::{Arm, Budget, Goal, NoThrow, Obstruction, Options, Watch};
+use planner::plan::{Budget, Goal, NoThrow, Obstruction, Options, Watch};
 use planner::request::{self, Answer, Refusal, Request, Wanted};
-use planner::store::Index;
 use robot_model::RobotModel;
 
 /// How to look for a throw.
@@ -70,14 +69,16 @@ pub enum Watcher<'a> {
 
 /// A throw that was found.
 #[derive(Debug, Clone)]
-pub(super) struct Solved {
-    pub(super) plan: PlanFile,
-    pub(super) note: Option<&'static str>,
+pub struct Solved {
+    pub plan: PlanFile,
+    /// What was given up of what was asked for.
+    pub note: Option<&'static str>,
     /// Whether stored throws were asked for and did not suffice.
     pub(super) searched: bool,
     /// Landings of disturbed throws, if any were asked for.
     pub(super) landings: Option<Landings>,
-    took: Duration,
+    /// Time of the search.
+    pub took: Duration,
 }
 
 /// Landings of disturbed throws to a target (Monte Carlo).
@@ -94,7 +95,7 @@ pub(super) struct Landings {
 
 /// Disturbed throws to draw.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Draws {
+pub(in crate::cmd) struct Draws {
     pub(super) count: usize,
     pub(super) seed: u64,
 }
@@ -114,17 +115,6 @@ pub enum ObjectiveName {
     Spread,
     /// The predicted odds against a hit of the region.
     Hit,
-}
-
-/// A plan with what it took to find it.
-#[derive(Debug, Clone)]
-pub struct Planned<P = (Arm, PlanFile)> {
-    /// The plan, with the robot where the robot was loaded for it.
-    pub plan: P,
-    /// Time of the search.
-    pub took: Duration,
-    /// What was given up of what was asked for.
-    pub note: Option<&'static str>,
 }
 
 impl SearchOptions {
@@ -181,45 +171,6 @@ impl SearchOptions {
         }
     }
 
-    /// Plans the throw to `target` (m, world frame), with progress on a terminal. With `fast`
-    /// stored throws are enough, if one of them leads there.
-    pub fn plan(&self, target: [f64; 3], seed: u64, fast: bool) -> Result<Planned, ExpectedError> {
-        let arm = crate::cmd::robot(&self.options.robot)?;
-        let Planned { plan, took, note } = self.plan_for(&arm, target, seed, fast)?;
-        Ok(Planned { plan: (arm, plan), took, note })
-    }
-
-    /// As [`SearchOptions::plan`], for an arm of four to seven joints; also the time of the search.
-    pub fn plan_for(
-        &self,
-        arm: &RobotModel,
-        target: [f64; 3],
-        seed: u64,
-        fast: bool,
-    ) -> Result<Planned<PlanFile>, ExpectedError> {
-        let starts = self.options.starts(arm);
-        let planned = self.plan_from(arm, &starts, target, (seed, fast), Watcher::Terminal)?;
-        if let Some(note) = planned.note {
-            console::note!("cubectl: {note}");
-        }
-        Ok(planned)
-    }
-
-    /// As [`SearchOptions::plan_for`], from throws that are at hand; what was given up is not printed.
-    pub fn plan_from(
-        &self,
-        arm: &RobotModel,
-        starts: &Starts,
-        target: [f64; 3],
-        (seed, fast): (u64, bool),
-        watcher: Watcher<'_>,
-    ) -> Result<Planned<PlanFile>, ExpectedError> {
-        let Solved { mut plan, note, took, .. } =
-            self.solve(arm, &starts.index, target, (seed, fast), watcher, None)?;
-        plan.search.stored.clone_from(&starts.sources);
-        Ok(Planned { plan, took, note })
-    }
-
     /// Refuses options that make no sense together, for any target.
     ///
     /// # Errors
@@ -259,11 +210,15 @@ impl SearchOptions {
         own
     }
 
-    /// The throw to `target` (m, world frame) from the throws of an index; nothing is stored.
-    pub(super) fn solve(
+    /// The throw to `target` (m, world frame) from stored throws and random starts. With `fast` stored throws are enough, if one of
+    /// them leads there.
+    ///
+    /// # Errors
+    /// Options or target are refused, or no throw reaches the target: [`exit::NO_THROW`].
+    pub(in crate::cmd) fn solve(
         &self,
         arm: &RobotModel,
-        index: &Index,
+        starts: &Starts,
         target: [f64; 3],
         (seed, fast): (u64, bool),
         watcher: Watcher<'_>,
@@ -279,8 +234,8 @@ impl SearchOptions {
                 ExpectedError::bad_input(&format!("time budget of {} s is not a duration", short(t)))
             })?),
         };
-        let starts = self.starts.unwrap_or(Budget::default().starts);
-        let budget = Budget { starts, all: self.starts.is_some(), time, seed };
+        let count = self.starts.unwrap_or(Budget::default().starts);
+        let budget = Budget { starts: count, all: self.starts.is_some(), time, seed };
         let mut asked = Options { goal, ..self.options.resolve() };
         if self.objective == ObjectiveName::Time {
             asked.weights = Weights { k_b: 0.0, k_j: 0.0, ..asked.weights };
@@ -300,7 +255,7 @@ impl SearchOptions {
             quick: fast.then_some(FAST_TRIES),
             budget,
         };
-        let plan = || request.plan(arm, index, &wanted, watch);
+        let plan = || request.plan(arm, &starts.index, &wanted, watch);
         let planned = watched(watch, &budget, watcher, plan);
         let request::Planned {
             answer: Answer { given_up, best, searched, took },
@@ -321,7 +276,7 @@ impl SearchOptions {
             console::note!("cubectl: {}, in {:.2} s", NOT_FAST, took.as_secs_f64());
         }
         let landings = found.map(|found| landings(&found, &centre, region));
-        let plan = plan.ok_or_else(|| {
+        let mut plan = plan.ok_or_else(|| {
             if asked.finger_release {
                 ExpectedError::new(
                     exit::NO_THROW,
@@ -338,7 +293,12 @@ impl SearchOptions {
                 )
             }
         })?;
-        Ok(Solved { plan, note: note(given_up), searched, landings, took })
+        plan.search.stored.clone_from(&starts.sources);
+        let note = note(given_up);
+        if let (Some(note), Watcher::Terminal) = (note, watcher) {
+            console::note!("cubectl: {note}");
+        }
+        Ok(Solved { plan, note, searched, landings, took })
     }
 }
 

@@ -223,7 +223,7 @@ impl Sweep<'_> {
         let own = self.search.with_target(target);
         let solved = own.solve(
             self.arm,
-            &starts.index,
+            starts,
             target.target_m,
             (self.seed, self.fast),
             Watcher::Caller(watch),
@@ -231,8 +231,7 @@ impl Sweep<'_> {
         );
         let head = [number as f64].into_iter().chain(target.target_m).map(|value| value.to_string());
         let (outcome, numbers, note) = match solved {
-            Ok(Solved { mut plan, note, searched, landings, .. }) => {
-                plan.search.stored.clone_from(&starts.sources);
+            Ok(Solved { plan, note, searched, landings, .. }) => {
                 let outcome = if note.is_some() { "relaxed" } else { "thrown" };
                 let notes = note.into_iter().chain(searched.then_some(NOT_FAST)).collect::<Vec<_>>();
                 (outcome, of_plan(&plan, landings), notes.join("; "))

@@ -1,7 +1,7 @@
 //! `cubectl plan throw --target x,y,z`
 
 use super::args::Args;
-use super::search::Planned;
+use super::search::{Solved, Watcher};
 use super::{follow, require_writable};
 use crate::cmd::meaning::Deed;
 use crate::error::ExpectedError;
@@ -32,7 +32,9 @@ impl Args {
 }
 
 fn run_for(arm: &RobotModel, args: &Args) -> Result<(), ExpectedError> {
-    let Planned { plan, took, .. } = args.search.plan_for(arm, args.target, args.seed, args.fast)?;
+    let starts = args.search.options.starts(arm);
+    let Solved { plan, took, .. } =
+        args.search.solve(arm, &starts, args.target, (args.seed, args.fast), Watcher::Terminal, None)?;
     if let Some(path) = &args.out {
         plan.write(path).map_err(|e| ExpectedError::of(exit::OUTPUT, &e))?;
     }

@@ -1,6 +1,6 @@
 //! A throw with drives on a bus: before anything moves cell, target, plan, controller, control period and gains; then the link.
 
-use std::time::Instant as WallTime;
+use std::time::{Duration, Instant as WallTime};
 
 use can_link::BusSpec;
 use firmware::settings::Settings;
@@ -9,11 +9,11 @@ use protocol::ModuleId;
 use super::{Args, Done, read_gains};
 use crate::cmd::arm::doctor::examine_modules;
 use crate::cmd::controlled::{is_soft, tell_warnings};
-use crate::cmd::ended::failure;
+use crate::cmd::ended::{Seen, failure};
 use crate::cmd::finding::Level;
 use crate::cmd::folder::Folder;
 use crate::cmd::meaning::Deed;
-use crate::cmd::plan::search::{Planned, SearchOptions};
+use crate::cmd::plan::search::{SearchOptions, Solved, Watcher};
 use crate::cmd::progress::{ProgressView, Ui};
 use crate::cmd::survey::Wanted;
 use crate::cmd::tracker::{Measured, TargetArg};
@@ -42,7 +42,6 @@ const ANSWERS_MAX: protocol::Duration = protocol::Duration::from_millis(400);
 pub(super) struct Drives {
     pub(super) cell_args: CellArgs,
     pub(super) cell: Cell,
-    pub(super) arm: Arm,
     pub(super) plan: PlanFile,
     /// Time of planning by the wall, s.
     pub(super) plan_s: f64,
@@ -67,22 +66,22 @@ pub(super) fn prepare(args: &Args) -> Result<Drives, ExpectedError> {
     let mut cell = cell_args.load()?;
     require_gripper(&cell.robot, &args.robot)?;
     let (target_m, tracked) = args.aim()?;
-    let Planned { plan: (arm, plan), took, .. } = planned(args, target_m, cell.seed)?;
+    let (plan, took) = planned(args, &cell.robot, target_m, cell.seed)?;
     if interrupt().load(std::sync::atomic::Ordering::Relaxed) {
         return Err(ExpectedError::new(exit::INTERRUPTED, "interrupted; nothing has moved"));
     }
-    preflight(&arm, &plan)?;
-    let Ground { soft, timing } = probe_bus(args, &arm)?;
+    preflight(&cell.robot, &plan)?;
+    let Ground { soft, timing } = probe_bus(args, &cell.robot)?;
     if !soft {
         args.given.require_meaning(&[Deed::ControllerOnBus])?;
     }
     let mut settings = settings_of(&cell.robot).map_err(|error| ExpectedError::bad_input(&error))?;
-    let given = args.gains.as_ref().map(|path| read_gains(path, arm.name())).transpose()?;
+    let given = args.gains.as_ref().map(|path| read_gains(path, cell.robot.name())).transpose()?;
     let choice = if soft {
         let request = period_request(given.clone(), args.period);
         let usual_us = usual_us(&cell.robot, &cell.setup, &settings);
         let choice = choose(request, timing.as_ref(), &cell.robot, usual_us)
-            .map_err(|refused| without_period(refused, args, &arm))?;
+            .map_err(|refused| without_period(refused, args, &cell.robot))?;
         apply(&choice, &mut settings);
         Some(choice)
     } else {
@@ -92,7 +91,7 @@ pub(super) fn prepare(args: &Args) -> Result<Drives, ExpectedError> {
     let gains = choice.as_ref().map_or(given, |choice| Some(choice.gains.clone()));
     take_plan(&mut cell.setup.cell, &plan);
     let plan_s = took.as_secs_f64();
-    Ok(Drives { cell_args, cell, arm, plan, plan_s, tracked, soft, timing, settings, choice, gains })
+    Ok(Drives { cell_args, cell, plan, plan_s, tracked, soft, timing, settings, choice, gains })
 }
 
 impl Drives {
@@ -109,7 +108,7 @@ impl Drives {
 
     pub(super) fn order(&self, args: &Args) -> Order<'_> {
         let travel = Travel { share: args.approach_share, seed: self.cell.seed, range: None };
-        let mut order = Order::throw(&self.arm, &self.plan, travel);
+        let mut order = Order::throw(&self.cell.robot, &self.plan, travel);
         order.gains = self.gains.as_ref();
         order.extent = if args.back { Extent::Back } else { Extent::Run };
         if let Some(tolerance_m) = args.tolerance {
@@ -119,7 +118,13 @@ impl Drives {
     }
 
     /// Throws on the bus: opens it, does the job, closes it.
-    pub(super) fn throw(&self, args: &Args, folder: &Folder, ui: &mut Ui) -> Result<Done, ExpectedError> {
+    pub(super) fn throw(
+        &self,
+        args: &Args,
+        order: &Order<'_>,
+        folder: &Folder,
+        ui: &mut Ui,
+    ) -> Result<Done, ExpectedError> {
         let bus = BusArgs {
             bus: args.bus.clone(),
             cell: self.cell_args.clone(),
@@ -139,17 +144,15 @@ impl Drives {
             Some(Controller::Soft) | None => None,
         };
         let mut operator = OnBus::new(&mut session, wanted);
-        let record = perform(&mut operator, &self.order(args), &mut |step| ui.answer(step));
+        let record = perform(&mut operator, order, &mut |step| ui.answer(step));
         ui.progress.quiet();
         tell_warnings(&mut session);
         let wrong = failure(&record).map(|shown| self.explained(&record, shown, &mut session, &args.bus));
-        let (bus, simulated, bus_errors) =
-            (session.name().to_owned(), session.is_simulated(), session.bus_errors().len());
+        let mut seen = Seen::of(&session);
+        seen.controller = if self.soft { "soft" } else { "node" };
         let soft = session.finish_controller();
         let lost = session.finish().err().map(ExpectedError::from);
-        let time = if simulated { "virtual time" } else { "real time" };
-        let controller = if self.soft { "soft" } else { "node" };
-        Ok(Done { record, wrong, lost, bus, time, controller, bus_errors, soft, page, ..Done::default() })
+        Ok(Done { record, wrong, lost, seen, soft, page, ..Done::default() })
     }
 
     /// The error of a job, with what the drives say about it and the next step.
@@ -164,7 +167,8 @@ impl Drives {
             && matches!(record.ended, Some(JobError::Operator(_)))
             && record.at_work.is_some_and(|(step, _)| step == Step::Drives)
             && error.code == exit::DRIVE
-            && let Ok(Some(found)) = session.put_back(|session| diagnosis(session, &self.arm, |_| true))
+            && let Ok(Some(found)) =
+                session.put_back(|session| diagnosis(session, &self.cell.robot, |_| true))
         {
             error.also.extend(found);
         }
@@ -208,18 +212,25 @@ fn require_gripper(robot: &RobotModel, path: &str) -> Result<(), ExpectedError> 
     .next(format!("`cubectl move --robot {path} --joints {zeros} --home` moves the arm; nothing has moved")))
 }
 
-/// The plan of a file, or a new one.
-fn planned(args: &Args, target_m: Option<[f64; 3]>, seed: u64) -> Result<Planned, ExpectedError> {
+/// The plan of a file, or a new one; the time that it took.
+fn planned(
+    args: &Args,
+    arm: &Arm,
+    target_m: Option<[f64; 3]>,
+    seed: u64,
+) -> Result<(PlanFile, Duration), ExpectedError> {
     let Some(path) = &args.plan else {
         let target = target_m.ok_or_else(|| ExpectedError::bad_input(&"give --target or --plan"))?;
         let search = SearchOptions::usual(&args.robot, &args.obstacle, args.starts);
-        return search.plan(target, seed, !args.thorough);
+        let (starts, watcher) = (search.options.starts(arm), Watcher::Terminal);
+        let Solved { plan, took, .. } =
+            search.solve(arm, &starts, target, (seed, !args.thorough), watcher, None)?;
+        return Ok((plan, took));
     };
     let began = WallTime::now();
     let plan = PlanFile::read(path).map_err(|error| ExpectedError::bad_input(&error))?;
-    let arm = crate::cmd::robot(&args.robot)?;
-    plan.require_robot(path, &arm).map_err(|error| ExpectedError::bad_input(&error))?;
-    Ok(Planned { plan: (arm, plan), took: began.elapsed(), note: None })
+    plan.require_robot(path, arm).map_err(|error| ExpectedError::bad_input(&error))?;
+    Ok((plan, began.elapsed()))
 }
 
 /// Checks the plan by other means than the planner's. A ball that would touch the arm misses, also where the plan's form allows

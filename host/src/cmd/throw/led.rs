@@ -18,7 +18,7 @@ use planner::follow::verify::verify_commands;
 use planner::plan::file::{PlanFileError, RobotId};
 
 use super::{Args, Done};
-use crate::cmd::ended::{failure, off_target};
+use crate::cmd::ended::{self, failure, off_target};
 use crate::cmd::folder::Folder;
 use crate::cmd::link::not_on_can;
 use crate::cmd::meaning::Deed;
@@ -92,16 +92,23 @@ impl Led {
     }
 
     /// Throws with the robot at the bus: opens the link, does the job, closes it.
-    pub(super) fn throw(&self, args: &Args, folder: &Folder, ui: &mut Ui) -> Result<Done, ExpectedError> {
+    pub(super) fn throw(
+        &self,
+        args: &Args,
+        order: &Order<'_>,
+        folder: &Folder,
+        ui: &mut Ui,
+    ) -> Result<Done, ExpectedError> {
         if args.bus != BusSpec::Sim {
             ui.consent.require(QUESTION, &interrupt())?;
         }
-        self.perform(args, Some(&folder.file(LOG)), interrupt(), &mut |step| ui.answer(step))
+        self.perform(args, order, Some(&folder.file(LOG)), interrupt(), &mut |step| ui.answer(step))
     }
 
     fn perform(
         &self,
         args: &Args,
+        order: &Order<'_>,
         log: Option<&Path>,
         stop: Arc<AtomicBool>,
         ui: OnProgress<'_>,
@@ -111,22 +118,13 @@ impl Led {
         simulated.options.hand.gripper.landing_z_m = Some(self.plan.target_m[2]);
         let opening = Opening { bus: &args.bus, simulated, log, quiet: args.json, stop };
         let mut link = RobotLink::open(opening, described, ready(&self.arm, described, &self.plan)?)?;
-        let record = perform(&mut link.operator, &self.order(args), ui);
+        let record = perform(&mut link.operator, order, ui);
         let lost = link.finish().err();
         let (lines, heard) = (link.operator.lines().to_vec(), link.operator.station().heard());
         let wrong = failure(&record).map(|shown| explained(&record, shown, &heard));
-        let (answering, time) = (link.answering(), link.time);
-        Ok(Done {
-            record,
-            wrong,
-            lost,
-            lines,
-            bus: link.name,
-            time,
-            answering,
-            controller: "led",
-            ..Done::default()
-        })
+        let answering = link.answering();
+        let seen = ended::Seen::of_robot(link.name, link.time, answering);
+        Ok(Done { record, wrong, lost, lines, seen, ..Done::default() })
     }
 
     /// Set and actual axes by cycle, from the start of the plan.
@@ -180,15 +178,11 @@ pub fn simulate(request: &str, plan: &FollowPlan, stop: Arc<AtomicBool>) -> Resu
     plan.require_true(Path::new(IN_MEMORY), &arm).map_err(|error| ExpectedError::bad_input(&error))?;
     let plan = opened(&args, &arm, &believed.described, plan)?;
     let led = Led { arm, plan, plan_s: 0.0, believed, tracked: None };
-    let mut done = led.perform(&args, None, stop, &mut |_| Answer::Yes)?;
     let order = led.order(&args);
+    let mut done = led.perform(&args, &order, None, stop, &mut |_| Answer::Yes)?;
     let wrong = done.wrong.take().or_else(|| off_target(&done.record, &order.judge));
-    let about = Circumstances {
-        exit_code: wrong.as_ref().map_or(exit::OK, |error| error.code),
-        cause: wrong.as_ref().map(ExpectedError::all_that_happened),
-        next: wrong.as_ref().map_or_else(Vec::new, ExpectedError::all_steps),
-        ..done.circumstances(args.seed.unwrap_or(1))
-    };
+    let about =
+        Circumstances { seed: Some(args.seed.unwrap_or(1)), ..done.seen.circumstances(wrong.as_ref()) };
     let summary = summary(&order, &done.record, &about);
     let seen = done.record.led.as_mut().and_then(|led| led.seen.take()).unwrap_or_default();
     Ok(Simulated { summary, seen })

@@ -14,7 +14,7 @@ use self::drives::Drives;
 pub(super) use self::drives::period_request;
 use self::led::Led;
 use super::consent::Consent;
-use super::ended::{command_line, off_target, outcome_last};
+use super::ended::{Seen, command_line, off_target, outcome_last};
 use super::folder::Folder;
 use super::last_look::LastLook;
 use super::log::report;
@@ -187,16 +187,16 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         "The arm stands at the start. Ball in the hand, nobody near?",
     ];
     let mut ui = Ui { progress, consent, words, look, agreed: false };
+    let order = prepared.order(args);
     let mut done = match &prepared {
-        Prepared::Drives(drives) => drives.throw(args, &folder, &mut ui)?,
-        Prepared::Led(led) => led.throw(args, &folder, &mut ui)?,
+        Prepared::Drives(drives) => drives.throw(args, &order, &folder, &mut ui)?,
+        Prepared::Led(led) => led.throw(args, &order, &folder, &mut ui)?,
     };
     let Ui { mut progress, look, .. } = ui;
     progress.quiet();
-    let order = prepared.order(args);
     let off = || off_target(&done.record, &order.judge);
     let wrong = look.and_then(|look| look.refused).or(done.wrong.take()).or_else(off);
-    let written = prepared.write(args, &folder, &done, (&mut progress, wrong.as_ref(), tracked));
+    let written = prepared.write(args, &order, &folder, &done, (&mut progress, wrong.as_ref(), tracked));
     let said = wrong.is_none().then_some(&done.record.verdict);
     progress.closing(&done.record, said, &folder.path, begun);
     if let Some(page) = done.page.take() {
@@ -214,33 +214,12 @@ struct Done {
     wrong: Option<ExpectedError>,
     /// Why the recording is not whole.
     lost: Option<ExpectedError>,
-    bus: String,
-    time: &'static str,
-    controller: &'static str,
-    bus_errors: usize,
+    seen: Seen,
     soft: Option<SoftReport>,
     /// What went into the station of a robot that is led, and came out.
     lines: Vec<Line>,
-    /// Rights of the thread that answered it.
-    answering: Option<String>,
     /// The live view.
     page: Option<LiveServer>,
-}
-
-impl Done {
-    /// What the summary says beside the record.
-    fn circumstances(&self, seed: u64) -> Circumstances<'_> {
-        Circumstances {
-            bus: &self.bus,
-            time: self.time,
-            controller: self.controller,
-            seed: Some(seed),
-            bus_errors: self.bus_errors,
-            soft: self.soft.as_ref(),
-            answering: self.answering.clone(),
-            ..Circumstances::default()
-        }
-    }
 }
 
 impl Prepared {
@@ -262,6 +241,7 @@ impl Prepared {
     fn write(
         &self,
         args: &Args,
+        order: &Order<'_>,
         folder: &Folder,
         done: &Done,
         (progress, wrong, tracked): (&mut ProgressView, Option<&ExpectedError>, Option<&Measured>),
@@ -270,8 +250,10 @@ impl Prepared {
             Self::Drives(drives) => gains_toml(&done.record, drives.gains.as_ref()),
             Self::Led(_) => None,
         };
-        let mut about = match self {
+        let about = match self {
             Self::Drives(drives) => Circumstances {
+                seed: Some(drives.cell.seed),
+                soft: done.soft.as_ref(),
                 wall_s: &progress.wall_s,
                 plan_s: drives.plan_s,
                 gains_from: match (&drives.choice, args.gains.is_some()) {
@@ -282,14 +264,13 @@ impl Prepared {
                 gains_crc32: gains.as_ref().map(|text| firmware::crc::Crc32::of(text.as_bytes())),
                 period_why: drives.choice.as_ref().map_or("the controller's", |choice| choice.why),
                 timing: drives.timing.as_ref(),
-                ..done.circumstances(drives.cell.seed)
+                ..done.seen.circumstances(wrong)
             },
-            Self::Led(_) => done.circumstances(args.seed.unwrap_or(1)),
+            Self::Led(_) => {
+                Circumstances { seed: Some(args.seed.unwrap_or(1)), ..done.seen.circumstances(wrong) }
+            }
         };
-        about.exit_code = wrong.map_or(exit::OK, |error| error.code);
-        about.cause = wrong.map(ExpectedError::all_that_happened);
-        about.next = wrong.map_or_else(Vec::new, ExpectedError::all_steps);
-        let mut value = summary(&self.order(args), &done.record, &about);
+        let mut value = summary(order, &done.record, &about);
         value["command_line"] = command_line().into();
         if let Some(before) = tracked {
             value["target"] = before.json();
