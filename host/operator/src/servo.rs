@@ -270,7 +270,7 @@ fn around(bounds: PerJoint<Bounds>, pose: &Joints, settings: &Settings) -> PerJo
     wider
 }
 
-/// Uploads, arms and runs a plan that holds the arm at its place. The servo has proven the braking that the controller uses.
+/// Uploads, arms and runs a plan that holds the arm where it stands. The controller brakes with the accelerations that were checked before.
 fn begin(
     operator: &mut dyn Interactive,
     settings: &Settings,

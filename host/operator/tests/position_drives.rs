@@ -184,11 +184,12 @@ fn a_node_with_ids_of_powercubes_is_refused_at_the_start_with_numbers_that_do() 
     );
 }
 
-/// Numbers of the test alone.
+/// Made-up endpoints.
 const ENDPOINTS: &str = "[odrive_endpoints]\nfirmware = \"0.6.9\"\nencoder_msg_rate_ms = 210\ninput_vel_scale = 211\ninput_torque_scale = 212\n\
                          watchdog_timeout = 300\nenable_watchdog = 301\ncontrol_mode = 402\ninput_mode = 403\n\n[gripper]\n";
 
-/// State and mismatch of a controller that has looked at the axes of a robot file with [`ENDPOINTS`]; `change` acts on the axes before.
+/// Runs a controller for 3 s on the axes of a robot file with [`ENDPOINTS`], after `change` has acted on the axes. Returns the state of the
+/// controller and the mismatch that it found.
 fn looked_at(change: impl FnOnce(&mut [&mut OdriveAxis])) -> (StateKind, Option<String>) {
     let text = include_str!("../../../robots/odrive6.toml").replacen("[gripper]\n", ENDPOINTS, 1);
     let robot = RobotModel::from_toml("arm.toml", &text).unwrap();

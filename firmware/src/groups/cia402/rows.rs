@@ -13,7 +13,7 @@ use crate::settings::Settings;
 
 /// Content of object 60A9 if object 6080 is in turns per minute, as drives are delivered.
 const TURNS_PER_MINUTE: u32 = 0x00B4_4700;
-/// Limit of speed in a servo, as a multiple of the top speed of its joint. The position loop of the servo needs the rest.
+/// Limit of speed in a servo, as a multiple of the top speed of its joint. With less the servo could not catch up with its set points.
 const SPEED_ROOM: f32 = 1.03;
 /// Time beyond the following window, ms.
 const AWAY_MS: u32 = 10;

@@ -32,7 +32,7 @@ impl CanopenServo {
         counts as f64 / self.options.counts_per_rad()
     }
 
-    /// The reference brakes from where the shaft is, with its speed: behind lost targets the line may be far away, and faster.
+    /// Brakes from the position and the speed of the shaft. After lost targets the line may be far away from the shaft, and faster.
     fn brake(&mut self, now: Instant) {
         let (from_rad, v_rad_s) = (self.now_rad(now), self.axis.v_rad_s);
         let a_rad_s2 = self.rad(self.dictionary.get(0x6085, 0)).max(1e-3);
@@ -67,7 +67,7 @@ impl CanopenServo {
         let offset = self.dictionary.get(cia402::TORQUE_OFFSET, 0) as f64 * 1e-3 * self.options.rated_nm;
         let speed_share = self.axis.v_rad_s.abs() / self.options.no_load_rad_s;
         let ServoOptions { stiffness_nm_rad, damping_nms_rad, .. } = self.options;
-        // The output of the position loop is the demand of the velocity loop. It is limited.
+        // The position loop asks the velocity loop for a speed, at most the limit of object 6080.
         let away_rad = reference_rad - self.now_rad(middle);
         let demand_rad_s = v_rad_s + stiffness_nm_rad / damping_nms_rad * away_rad;
         let most_rad_s = self.speed_max_rad_s();

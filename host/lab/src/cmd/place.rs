@@ -171,7 +171,7 @@ fn table(judged: &[Vec<Judged>]) -> String {
     out
 }
 
-/// The text of the cell file with the bases of this cell, and the cell that is read from it.
+/// Writes the bases of this cell into the text of the cell file. Returns the text, and the cell that a program reads from it.
 fn written(args: &Args, cell: &TwoArmOptions) -> Result<(String, TwoArmOptions), ExpectedError> {
     let read = args.catching.cell.as_ref().map_or_else(
         || Ok(TWO_ARMS.to_owned()),

@@ -24,7 +24,7 @@ use super::throws::{draw_throws, flight, why_no_place};
 const CHANGE: (f64, f64) = (0.6, 0.1);
 /// The result is rounded to these steps: turns in deg, heights in m.
 const STEP: (f64, f64) = (0.5, 0.005);
-/// Most iterations for the turn of a throw, and the lateral error at which they end, m.
+/// A throw is turned in at most this many iterations. They end when the lateral error is below `NEAR_M`, m.
 const TURNS: usize = 8;
 const NEAR_M: f64 = 0.002;
 /// Margin to the ends of the joint ranges, rad; the same as in `planner::catch::draw`.

@@ -127,7 +127,7 @@ impl Default for CanDrives {
 }
 
 impl CanDrives {
-    /// What the last search found to be not as the robot file says (fault 209): its joint, and object, register or parameter.
+    /// Joint, and the object, register or parameter that differs from the robot file, as the last search for drives found it (fault 209).
     #[must_use]
     pub fn mismatch(&self) -> Option<String> {
         let told = |joint: &JointIndex, what: &dyn Display| format!("joint {}: {what}", joint.get() + 1);

@@ -35,7 +35,7 @@ pub struct OdriveEndpoints {
 }
 
 impl OdriveEndpoints {
-    /// Names of the parameters, as the last part of the maker's path.
+    /// Keys in the robot file: the last part of each path in `flat_endpoints.json`.
     pub const KEYS: [&'static str; 7] = [
         "encoder_msg_rate_ms",
         "input_vel_scale",
