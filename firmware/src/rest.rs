@@ -13,9 +13,7 @@ use crate::group::PositionSample;
 pub const WINDOW: Duration = Duration::from_millis(50);
 /// Width of a standing position, rad: one and a half steps of the encoder (0.02 degrees, `robot-models` 1.2). A joint that
 /// stands between two steps toggles by one.
-pub const BAND_RAD: f32 = 1e-6 * BAND_URAD as f32;
-/// [`BAND_RAD`] in µrad.
-pub const BAND_URAD: u32 = 530;
+pub const BAND_RAD: f32 = 530e-6;
 
 /// Longest time from a halt to measured rest: the slowest drive brakes from its highest speed in less than half of it.
 pub const HALT_REST_MAX: Duration = Duration::from_millis(1_500);
@@ -23,18 +21,23 @@ pub const HALT_REST_MAX: Duration = Duration::from_millis(1_500);
 /// loop.
 pub const REST_SLACK: Duration = Duration::from_millis(250);
 
-/// Time since which a joint stands. `BAND` is the width of a standing position, µrad.
+/// Time since which a joint stands.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Rest<const BAND: u32 = BAND_URAD> {
+pub struct Rest {
     since: Option<PositionSample>,
     last: Instant,
 }
 
-impl<const BAND: u32> Rest<BAND> {
+impl Rest {
     /// Takes a measured position.
     pub fn take(&mut self, sample: PositionSample) {
+        self.take_within(sample, BAND_RAD);
+    }
+
+    /// Takes a measured position of a joint that stands within `band_rad`.
+    pub fn take_within(&mut self, sample: PositionSample, band_rad: f32) {
         // The comparison is false for NaN: such a position does not stand.
-        let stands = self.since.is_some_and(|since| (sample.q_rad - since.q_rad).abs() <= 1e-6 * BAND as f32);
+        let stands = self.since.is_some_and(|since| (sample.q_rad - since.q_rad).abs() <= band_rad);
         if !stands {
             self.since = Some(sample);
         }
@@ -73,7 +76,7 @@ mod tests {
 
     fn measured(speed_rad_s: f32, every_ms: u64) -> Rest {
         let step = 0.02f32.to_radians();
-        let mut rest: Rest = Rest::default();
+        let mut rest = Rest::default();
         for k in 0..=20 {
             let at = ms(k * every_ms);
             let q_rad = (speed_rad_s * (k * every_ms) as f32 * 1e-3 / step).round() * step;
@@ -84,7 +87,7 @@ mod tests {
 
     #[test]
     fn joint_stands_once_its_position_has_not_changed_for_the_window() {
-        let mut rest: Rest = Rest::default();
+        let mut rest = Rest::default();
         assert_eq!(rest.since(ms(0), AGE), None, "nothing measured");
         for (at, stands) in [(0, false), (20, false), (40, false), (50, true), (70, true)] {
             rest.take(PositionSample { q_rad: 1.0, at: ms(at) });
@@ -114,7 +117,7 @@ mod tests {
         for speed in [-2.0, -0.1, 0.02, 0.012] {
             assert!(measured(speed, 10).is_moving(ms(200), AGE), "{speed}");
         }
-        let mut rest: Rest = Rest::default();
+        let mut rest = Rest::default();
         for k in 0..10 {
             let q_rad = if k % 2 == 0 { 0.0 } else { 0.02f32.to_radians() };
             rest.take(PositionSample { q_rad, at: ms(10 * k) });
@@ -124,7 +127,7 @@ mod tests {
 
     #[test]
     fn position_that_is_no_number_is_no_rest() {
-        let mut rest: Rest = Rest::default();
+        let mut rest = Rest::default();
         for k in 0..10 {
             rest.take(PositionSample { q_rad: f32::NAN, at: ms(10 * k) });
         }

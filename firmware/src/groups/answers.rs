@@ -11,7 +11,7 @@ use protocol::{Duration, Frame, Instant};
 use super::shape::Axis;
 use crate::group::PositionSample;
 use crate::joints::at_least;
-use crate::rest::{BAND_URAD, Rest};
+use crate::rest::Rest;
 use crate::settings::{JointSettings, Settings};
 use crate::supervisor::is_plausible;
 
@@ -30,9 +30,9 @@ pub(super) enum Worth {
     Frozen,
 }
 
-/// See the [module](self). `BAND` is the width of a standing position, µrad.
+/// See the [module](self).
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Answers<const BAND: u32 = BAND_URAD> {
+pub struct Answers {
     /// The last request has no answer yet.
     pub(super) awaited: bool,
     /// The answer before was missed: the next one may be that one, late.
@@ -47,10 +47,10 @@ pub(super) struct Answers<const BAND: u32 = BAND_URAD> {
     /// Set point sent last.
     pub(super) sent: Axis,
     pub(super) sample: Option<PositionSample>,
-    pub(super) rest: Rest<BAND>,
+    pub(super) rest: Rest,
 }
 
-impl<const BAND: u32> Answers<BAND> {
+impl Answers {
     /// The period ends. Returns the answers missed in a row, if one was missed.
     pub(super) fn close(&mut self) -> Option<u32> {
         self.is_doubtful = core::mem::take(&mut self.awaited);
@@ -78,7 +78,8 @@ impl<const BAND: u32> Answers<BAND> {
         (self.awaited, self.missed_in_row) = (false, 0);
     }
 
-    /// Takes a position that the drive measured at `at`. `follows`: the joint should move with its set points.
+    /// Takes a position that the drive measured at `at`. `follows`: the joint should move with its set points. A joint stands
+    /// within `band_rad`.
     pub(super) fn take(
         &mut self,
         frame: &Frame,
@@ -86,6 +87,7 @@ impl<const BAND: u32> Answers<BAND> {
         at: Instant,
         limits: &JointSettings,
         follows: bool,
+        band_rad: f32,
     ) -> Worth {
         let mut data = [0; 8];
         data.iter_mut().zip(frame.data()).for_each(|(to, from)| *to = *from);
@@ -101,7 +103,7 @@ impl<const BAND: u32> Answers<BAND> {
         let sample = PositionSample { q_rad, at };
         self.implausible_in_row = 0;
         self.sample = Some(sample);
-        self.rest.take(sample);
+        self.rest.take_within(sample, band_rad);
         Worth::Measured
     }
 

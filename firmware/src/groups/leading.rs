@@ -7,7 +7,7 @@ use super::dynamics::Motion;
 use super::shape::Axis;
 use crate::fault::{Cause, Refusal};
 use crate::group::{Command, GroupEvent, InForce, PositionSample, Readings, SetPoint, Taken};
-use crate::joints::{PerJoint, at_least, at_most, clamp};
+use crate::joints::{PerJoint, at_least, clamp};
 use crate::reach::{self, SoftLimits, way_rad};
 use crate::settings::{JointSettings, Settings};
 use crate::span;
@@ -161,12 +161,12 @@ impl Leader {
     }
 
     /// The next set point of a drive that is held, kept near where its joint is at `reached_at`.
-    pub(super) fn next<const BAND: u32>(
+    pub(super) fn next(
         &mut self,
         settings: &Settings,
         joint: JointIndex,
         reached_at: Instant,
-        answers: &mut Answers<BAND>,
+        answers: &mut Answers,
         is_homed: bool,
     ) -> Motion {
         self.lead(settings, joint, answers.sample, is_homed);
@@ -182,12 +182,12 @@ impl Leader {
     }
 
     /// The set point and the joint behind it stand, the joint for `swing` at least.
-    pub(super) fn is_at_rest<const BAND: u32>(
+    pub(super) fn is_at_rest(
         &self,
         now: Instant,
         settings: &Settings,
         joint: JointIndex,
-        answers: &Answers<BAND>,
+        answers: &Answers,
         swing: Duration,
     ) -> bool {
         let since = answers.rests_since(now, settings);
@@ -209,10 +209,10 @@ impl Leader {
     }
 
     /// What the set points know; `state` and `error` are the family's.
-    pub(super) fn readings<const BAND: u32>(
+    pub(super) fn readings(
         &self,
         joint: JointIndex,
-        answers: &Answers<BAND>,
+        answers: &Answers,
         state: Option<u32>,
         error: bool,
     ) -> Readings {
@@ -313,27 +313,6 @@ impl Leader {
             }
             _ => set.drive(0.0, braking_rad_s2, dt_s),
         }
-    }
-}
-
-/// Limits of fingers that a motor moves between two angles, with those of a joint for the rest.
-pub(super) fn finger_limits(own: &JointSettings, [one, other]: [f32; 2], v_max_rad_s: f32) -> JointSettings {
-    JointSettings {
-        inverted: false,
-        offset_rad: 0.0,
-        q_min_rad: at_most(one, other),
-        q_max_rad: at_least(one, other),
-        v_max_rad_s,
-        ..*own
-    }
-}
-
-/// See [`crate::group::DriveGroup::check_drive`].
-pub(super) fn check_drive(joint: JointIndex, is_homed: bool, is_fit: bool) -> Result<(), Refusal> {
-    match (is_homed, is_fit) {
-        (false, _) => Err(Refusal::at(Cause::NotHomed, joint)),
-        (true, false) => Err(Refusal::at(Cause::DriveNotReady, joint)),
-        (true, true) => Ok(()),
     }
 }
 

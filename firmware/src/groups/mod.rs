@@ -7,6 +7,7 @@ pub mod dynamics;
 mod leading;
 pub mod mit;
 pub mod odrive;
+mod position;
 pub mod powercube;
 pub mod rsi;
 mod shape;

@@ -9,11 +9,13 @@ use super::finding::{Step, cause_of};
 use super::options::{Follow, Servo};
 use crate::fault::Cause;
 use crate::groups::answers::{Answers, Worth};
+use crate::groups::position::{self, Drive as _};
+use crate::rest::BAND_RAD;
 use crate::settings::JointSettings;
 
 /// See the [module](self).
 #[derive(Clone, Debug, Default)]
-pub(super) struct Drive {
+pub struct Drive {
     pub(super) step: Step,
     /// Since when it is in this step.
     pub(super) since: Instant,
@@ -42,11 +44,33 @@ pub(super) struct Drive {
     pub(super) is_ours: bool,
 }
 
-impl Drive {
-    pub(super) fn is_held(&self) -> bool {
+impl position::Drive for Drive {
+    fn answers(&self) -> &Answers {
+        &self.answers
+    }
+
+    fn answers_mut(&mut self) -> &mut Answers {
+        &mut self.answers
+    }
+
+    fn is_held(&self) -> bool {
         matches!(self.step, Step::Held | Step::Homing(_) | Step::Zero)
     }
 
+    fn is_ready(&self) -> bool {
+        self.step == Step::Held
+    }
+
+    fn is_homed(&self) -> bool {
+        self.is_homed
+    }
+
+    fn switch_off(&mut self, now: Instant) {
+        self.go_to(now, Step::Off);
+    }
+}
+
+impl Drive {
     /// It takes and gives process data.
     pub(super) fn has_process_data(&self) -> bool {
         self.is_held()
@@ -101,7 +125,7 @@ impl Drive {
         let status = Status(status as u16);
         let q_rad = limits.to_joint_rad(servo.to_rad(counts));
         let follows = self.step == Step::Held && status.state() == Some(State::OperationEnabled);
-        let worth = self.answers.take(frame, q_rad, at, limits, follows);
+        let worth = self.answers.take(frame, q_rad, at, limits, follows, BAND_RAD);
         if worth == Worth::Measured {
             self.status = Some(status);
             self.follows = servo.follow == Follow::Cyclic || status.mode_works();

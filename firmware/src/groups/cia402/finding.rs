@@ -24,11 +24,12 @@ use canopen_protocol::sdo::AbortCode;
 use canopen_protocol::{NodeId, Object};
 use protocol::{Duration, Instant, JointIndex};
 
+use super::Cia402;
 use super::options::{Follow, HOST_NODE, Servo};
 use super::rows::{self, BEFORE_ZERO, Kind, Row, homing_rows, little_endian, row};
-use super::{Cia402, Mode};
 use crate::fault::Cause;
-use crate::group::GroupEvent;
+use crate::groups::leading::Mode;
+use crate::groups::position::Drive as _;
 use crate::settings::Settings;
 
 /// Time for an answer to service data.
@@ -131,14 +132,6 @@ impl Cia402 {
             }
             Step::Homing(number) => homing_rows().get(usize::from(number)).copied(),
             _ => None,
-        }
-    }
-
-    /// Ends the search.
-    pub(super) fn refuse(&mut self, joint: JointIndex, cause: Cause) {
-        if self.leader.is_finding() {
-            self.leader.mode = Mode::Halted;
-            self.fail(joint, cause);
         }
     }
 
@@ -306,13 +299,8 @@ impl Cia402 {
     }
 
     fn at_home(&mut self, now: Instant, settings: &Settings, joint: JointIndex) {
-        let drive = self.drives.at_mut(joint);
-        drive.go_to(now, Step::Held);
-        if drive.home(settings.joint.at(joint)) {
-            self.push(GroupEvent::Homed(joint));
-        } else {
-            self.fail(joint, Cause::HomingFailed);
-        }
+        self.drives.at_mut(joint).go_to(now, Step::Held);
+        self.end_homing(settings, joint);
     }
 
     /// Process data while the servo is looked for, or takes its zero.
@@ -373,13 +361,13 @@ impl Cia402 {
                 drive.heard_at = now;
                 drive.go_to(now, Step::Enabling);
             }
-            (self.is_synchronous, self.beats_at) = (true, now);
+            (self.own.is_synchronous, self.own.beats_at) = (true, now);
         } else if all(self, Step::Enabled) {
             let is_proven = settings.joints().all(|joint| self.drives.at(joint).is_proven);
             let next = if is_proven || !settings.watchdog_prove { Step::Held } else { Step::Silence };
-            self.proof_ends_at = now + rows::time_out(settings) + settings.cycle_period() * 4;
+            self.own.proof_ends_at = now + rows::time_out(settings) + settings.cycle_period() * 4;
             self.all_to(now, settings, next);
-        } else if all(self, Step::Silence) && now >= self.proof_ends_at {
+        } else if all(self, Step::Silence) && now >= self.own.proof_ends_at {
             self.end_proof(now, settings);
         }
     }

@@ -8,6 +8,7 @@ use super::finding::Step;
 use super::rows;
 use super::{Cia402, Options, SYNC_FRAME};
 use crate::groups::dynamics::{Motion, torques_ahead_nm};
+use crate::groups::position::Drive as _;
 use crate::joints::{PerJoint, clamp};
 use crate::settings::Settings;
 
@@ -19,7 +20,7 @@ impl Cia402 {
     pub(super) fn lead_all(&mut self, settings: &Settings) {
         let mut motion = PerJoint::default();
         // The line to a set point ends two SYNCs after the last one.
-        let reached_at = self.sync_at + SYNC_FRAME + settings.cycle_period() * 2;
+        let reached_at = self.at + SYNC_FRAME + settings.cycle_period() * 2;
         for joint in settings.joints() {
             let drive = self.drives.at_mut(joint);
             let at = if drive.step == Step::Held {
@@ -65,13 +66,13 @@ impl Cia402 {
 
     pub(super) fn beat(&mut self, now: Instant, settings: &Settings) {
         let is_silent = settings.joints().any(|joint| self.drives.at(joint).step == Step::Silence);
-        if !self.is_synchronous || is_silent || now < self.beats_at {
+        if !self.own.is_synchronous || is_silent || now < self.own.beats_at {
             return;
         }
         let refresh = Duration::from_micros(settings.watchdog_refresh_us.into());
         // Not later than half of what the servos wait.
         let most = Duration::from_micros(rows::time_out(settings).as_micros() / 2);
-        self.beats_at = now + refresh.min(most);
+        self.own.beats_at = now + refresh.min(most);
         if let Some(node) = Self::host_node() {
             self.send(nmt::State::Operational.encode(node));
         }

@@ -6,21 +6,22 @@ use protocol::{Frame, Instant};
 use super::finding::{self, Step};
 use crate::fault::Cause;
 use crate::groups::answers::{Answers, Worth, only_turn_rad};
+use crate::groups::position::{self, Drive as _};
 use crate::groups::shape::Axis;
 use crate::settings::JointSettings;
 
-/// Width of a standing position, µrad: four steps of the position. A joint without a brake creeps slowly against its friction.
-const STANDING_URAD: u32 = 1_530;
+/// Width of a standing position, rad: four steps of the position. A joint without a brake creeps slowly against its friction.
+const STANDING_RAD: f32 = 1_530e-6;
 
 /// See the [module](self).
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Drive {
+pub struct Drive {
     pub(super) step: Step,
     /// Periods in this step.
     pub(super) periods: u32,
     /// Since when the motor has got no command that feeds it; `None`: it is being asked for the first time.
     pub(super) looked_since: Option<Instant>,
-    pub(super) answers: Answers<STANDING_URAD>,
+    pub(super) answers: Answers,
     /// It was a request for a register.
     pub(super) asked: Option<RegisterRequest>,
     /// Place of the last command in its burst, from 1.
@@ -35,10 +36,6 @@ pub(super) struct Drive {
 }
 
 impl Drive {
-    pub(super) fn is_held(&self) -> bool {
-        self.step == Step::Held
-    }
-
     /// Looks for the motor from the beginning, unless it is held and answers.
     pub(super) fn find(&mut self, missed_max: u32) {
         if !self.is_held() || self.answers.missed_in_row > missed_max || self.cause(u8::MAX).is_some() {
@@ -74,7 +71,7 @@ impl Drive {
     pub(super) fn take(&mut self, state: State, at: Instant, limits: &JointSettings, frame: &Frame) -> Worth {
         let q_rad = self.joint_rad(limits, state.p_rad);
         let follows = self.is_held() && state.status == Status::Enabled;
-        let worth = self.answers.take(frame, q_rad, at, limits, follows);
+        let worth = self.answers.take(frame, q_rad, at, limits, follows, STANDING_RAD);
         if worth == Worth::Measured {
             self.state = Some(state);
         }
@@ -98,6 +95,28 @@ impl Drive {
         let turn_rad = self.answers.sample.and_then(|sample| only_turn_rad(limits, sample.q_rad));
         self.is_homed = self.is_held() && turn_rad == Some(0.0);
         self.is_homed
+    }
+}
+
+impl position::Drive for Drive {
+    fn answers(&self) -> &Answers {
+        &self.answers
+    }
+
+    fn answers_mut(&mut self) -> &mut Answers {
+        &mut self.answers
+    }
+
+    fn is_held(&self) -> bool {
+        self.step == Step::Held
+    }
+
+    fn is_homed(&self) -> bool {
+        self.is_homed
+    }
+
+    fn switch_off(&mut self, _: Instant) {
+        self.go_to(Step::Off);
     }
 }
 

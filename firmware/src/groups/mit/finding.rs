@@ -206,14 +206,6 @@ pub(super) const fn cause(status: Status) -> Option<Cause> {
 }
 
 impl Mit {
-    /// Ends the search.
-    pub(super) fn refuse(&mut self, joint: JointIndex, cause: Cause) {
-        if self.leader.is_finding() {
-            self.leader.mode = Mode::Halted;
-            self.fail(joint, cause);
-        }
-    }
-
     /// An answer to a request for a register.
     pub(super) fn take_register(
         &mut self,

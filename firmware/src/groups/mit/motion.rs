@@ -6,6 +6,7 @@ use protocol::{Frame, Instant, JointIndex};
 use super::finding::{Ask, Step};
 use super::{Mit, Motor};
 use crate::groups::dynamics::{Motion, torques_ahead_nm};
+use crate::groups::position::Drive as _;
 use crate::joints::PerJoint;
 use crate::settings::Settings;
 
@@ -39,9 +40,7 @@ impl Mit {
             let below = if is_odd { -BELOW_ZERO } else { 0.0 };
             let (v_rad_s, t_nm) = (v_rad_s + below * ranges.v_max_rad_s(), t_nm + below * ranges.t_max_nm());
             let command = SetPoint { p_rad, v_rad_s, kp_nm_rad, kd_nm_s_rad, t_nm };
-            if self.leader.moves() {
-                self.counters.motions = self.counters.motions.saturating_add(1);
-            }
+            self.count_motion();
             return encode(Command::Mit(command), &motor);
         }
         self.leader.joints.at_mut(joint).set.v_rad_s = 0.0;
@@ -105,9 +104,7 @@ impl Mit {
             frames.set(joint, None);
             let drive = self.drives.at_mut(joint);
             (drive.answers.awaited, drive.place) = (true, place);
-            self.counters.bits = self.counters.bits.wrapping_add(self.options.frame_bits());
-            // There is room for one frame per motor.
-            let _ = self.out.push_back(frame);
+            self.send(frame);
         }
     }
 }

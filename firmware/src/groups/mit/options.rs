@@ -182,13 +182,9 @@ impl Options {
         Ok(self)
     }
 
-    fn all(&self) -> impl Iterator<Item = &Motor> {
+    /// Of the joints, base first, then of the gripper.
+    pub(super) fn all(&self) -> impl Iterator<Item = &Motor> {
         self.motors.iter().chain(self.gripper.as_ref().map(|gripper| &gripper.motor))
-    }
-
-    /// Places of the motors.
-    pub(super) fn places(&self) -> impl Iterator<Item = JointIndex> + use<> {
-        JointIndex::first(self.all().count())
     }
 
     /// Every id on which the group or one of its motors sends. No other node of the bus may use one of them.

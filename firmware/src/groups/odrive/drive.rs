@@ -7,6 +7,7 @@ use super::finding::{Step, cause_of};
 use super::options::{Axis, Home};
 use crate::fault::Cause;
 use crate::groups::answers::{Answers, only_turn_rad};
+use crate::groups::position::{self, Drive as _};
 use crate::groups::shape::Axis as SetPoint;
 use crate::settings::JointSettings;
 
@@ -15,7 +16,7 @@ const HEARD_MAX: Duration = Duration::from_millis(500);
 
 /// See the [module](self).
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Drive {
+pub struct Drive {
     pub(super) step: Step,
     /// Since when it is in this step.
     pub(super) since: Instant,
@@ -46,11 +47,29 @@ pub(super) struct Drive {
     pub(super) is_reported: bool,
 }
 
-impl Drive {
-    pub(super) fn is_held(&self) -> bool {
+impl position::Drive for Drive {
+    fn answers(&self) -> &Answers {
+        &self.answers
+    }
+
+    fn answers_mut(&mut self) -> &mut Answers {
+        &mut self.answers
+    }
+
+    fn is_held(&self) -> bool {
         self.step == Step::Held
     }
 
+    fn is_homed(&self) -> bool {
+        self.is_homed
+    }
+
+    fn switch_off(&mut self, now: Instant) {
+        self.go_to(now, Step::Off);
+    }
+}
+
+impl Drive {
     /// Estimates are asked for in this step.
     pub(super) fn has_asked(&self) -> bool {
         matches!(self.step, Step::Place | Step::Close | Step::Held | Step::Off)

@@ -205,14 +205,6 @@ const fn is_watchdog(error: u32, version: Version) -> bool {
 }
 
 impl Odrive {
-    /// Ends the search.
-    pub(super) fn refuse(&mut self, joint: JointIndex, cause: Cause) {
-        if self.leader.is_finding() {
-            self.leader.mode = Mode::Halted;
-            self.fail(joint, cause);
-        }
-    }
-
     pub(super) fn mismatched(&mut self, joint: JointIndex, mismatch: Mismatch) {
         self.mismatch = Some((joint, mismatch));
         self.refuse(joint, Cause::DriveSettingsDiffer);

@@ -254,13 +254,8 @@ impl Options {
         self.all().flat_map(own)
     }
 
-    /// Places of the axes.
-    pub(super) fn places(&self) -> impl Iterator<Item = JointIndex> + use<> {
-        JointIndex::first(self.all().count())
-    }
-
     /// Of the joints, base first, then of the gripper.
-    fn all(&self) -> impl Iterator<Item = &Axis> {
+    pub(super) fn all(&self) -> impl Iterator<Item = &Axis> {
         self.axes.iter().chain(self.gripper.as_ref().map(|gripper| &gripper.axis))
     }
 

@@ -7,6 +7,7 @@ use protocol::{Duration, Frame, Instant, JointIndex};
 use super::finding::{Message, Step};
 use super::{Axis, FRAMES_MAX, Odrive};
 use crate::groups::dynamics::{Motion, torques_ahead_nm};
+use crate::groups::position::{Drive as _, Fingers};
 use crate::groups::shape::Axis as Set;
 use crate::joints::PerJoint;
 use crate::settings::Settings;
@@ -49,8 +50,7 @@ impl Odrive {
 
     /// The set point of the fingers: where they were ordered to, or where they were found.
     pub(super) fn lead_fingers(&mut self, settings: &Settings, place: JointIndex) {
-        let Some((_, gripper)) = self.gripper(settings) else { return };
-        let (open_rad, closed_rad) = (gripper.open_rad, gripper.closed_rad);
+        let Some(Fingers { open_rad, closed_rad, .. }) = self.fingers(settings) else { return };
         let drive = self.drives.at_mut(place);
         if let Some(open) = self.gripper_open.filter(|_| drive.is_held()) {
             drive.middle = Set { q_rad: if open { open_rad } else { closed_rad }, v_rad_s: 0.0 };
@@ -95,8 +95,8 @@ impl Odrive {
                 continue;
             }
             for message in self.ask(now, settings, joint, axis).into_iter().flatten() {
-                if message == Message::SetPoint && step == Step::Held && self.leader.moves() {
-                    self.counters.motions = self.counters.motions.saturating_add(1);
+                if message == Message::SetPoint && step == Step::Held {
+                    self.count_motion();
                 }
                 if let Some(frame) = self.frame_of(settings, joint, axis, message) {
                     // There is room for two frames of each axis.
@@ -125,8 +125,7 @@ impl Odrive {
             } else {
                 drive.acts_after = usual;
             }
-            self.counters.bits = self.counters.bits.wrapping_add(frame.nominal_bits());
-            let _ = self.out.push_back(frame);
+            self.send(frame);
         }
     }
 }
