@@ -61,7 +61,6 @@ const ROWS: &[Row] = &[
     ("throw", "obstacle", Refusal, "--obstacle 0.3,0,0.6,0.05,0.05,0.05"),
     ("throw", "starts", Refusal, "--starts 3"),
     ("*", "web", Elsewhere, "tests/live.rs of the operator"),
-    ("*", "web-origin", Elsewhere, "tests/live.rs of the operator"),
     ("plan throw", "target", Change, "--target 1.01,1,-1"),
     ("plan throw", "form", Change, "--form paper --starts 1"),
     ("plan throw", "robot", Change, "--robot pincher4"),

@@ -1,4 +1,4 @@
-//! The live view over its port, used by its page, by a foreign page and by a robotics viewer.
+//! The live view over its port, used by its page and by a foreign page.
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
@@ -26,9 +26,8 @@ fn view() -> View {
     let state = LiveState::new(Machine::of(&robot), Duration::ZERO, 1_000_000);
     let (state, stop) = (Arc::new(Mutex::new(state)), Arc::new(AtomicBool::new(false)));
     let any = "127.0.0.1:0".parse().unwrap();
-    let origins = vec!["https://viewer.example".to_owned()];
     let page = "<!doctype html><title>page</title>".to_owned();
-    let server = LiveServer::start(any, Arc::clone(&state), page, origins, Arc::clone(&stop)).unwrap();
+    let server = LiveServer::start(any, Arc::clone(&state), page, Arc::clone(&stop)).unwrap();
     View { server, tap: LiveTap(state), stop }
 }
 
@@ -51,19 +50,11 @@ impl View {
         (head.to_owned(), body.to_owned())
     }
 
-    fn open(
-        &self,
-        path: &str,
-        origin: Option<&str>,
-        protocol: Option<&'static str>,
-    ) -> Result<WebSocket<TcpStream>, String> {
+    fn open(&self, path: &str, origin: Option<&str>) -> Result<WebSocket<TcpStream>, String> {
         let address: SocketAddr = self.server.address();
         let mut request = format!("ws://{address}{path}").into_client_request().unwrap();
         if let Some(origin) = origin {
             request.headers_mut().insert("Origin", HeaderValue::from_str(origin).unwrap());
-        }
-        if let Some(protocol) = protocol {
-            request.headers_mut().insert("Sec-WebSocket-Protocol", HeaderValue::from_static(protocol));
         }
         let stream = TcpStream::connect(address).unwrap();
         tungstenite::client(request, stream).map(|(socket, _)| socket).map_err(|error| error.to_string())
@@ -74,7 +65,6 @@ fn json(socket: &mut WebSocket<TcpStream>) -> serde_json::Value {
     loop {
         match socket.read().unwrap() {
             Message::Text(text) => return serde_json::from_str(&text).unwrap(),
-            Message::Binary(bytes) => return serde_json::from_slice(&bytes[13..]).unwrap(),
             _ => {}
         }
     }
@@ -83,7 +73,7 @@ fn json(socket: &mut WebSocket<TcpStream>) -> serde_json::Value {
 #[test]
 fn a_page_sees_what_drives_report_and_where_the_arm_is() {
     let mut view = view();
-    let mut socket = view.open("/live", None, None).unwrap();
+    let mut socket = view.open("/live", None).unwrap();
     assert_eq!(json(&mut socket)["placed"], serde_json::Value::Null, "nothing was heard yet");
     let q_rad = [0.1_f32, -0.2, 0.3, -0.4, 0.5, -0.6];
     for (module, q) in (1..).zip(q_rad) {
@@ -117,7 +107,7 @@ fn a_page_sees_what_drives_report_and_where_the_arm_is() {
 #[test]
 fn a_page_can_stop_by_both_ways_and_no_other_message_does_anything() {
     let view = view();
-    let mut socket = view.open("/live", None, None).unwrap();
+    let mut socket = view.open("/live", None).unwrap();
     json(&mut socket);
     for text in ["", "run", "{\"stop\":true}", "STOP"] {
         socket.send(Message::text(text)).unwrap();
@@ -156,47 +146,24 @@ fn strangers_get_nothing_and_stop_nothing() {
     refused("hello", "400");
     refused(&format!("GET / HTTP/1.1\nX: {}", "x".repeat(40_000)), "431");
     assert!(!view.stop.load(Ordering::Relaxed));
-    let error = view.open("/live", Some("http://evil.example"), None).err().unwrap();
+    let error = view.open("/live", Some("http://evil.example")).err().unwrap();
     assert!(error.contains("403"), "{error}");
     let (head, body) = view.ask("GET / HTTP/1.1\nHost: localhost:PORT");
     assert!(head.contains("frame-ancestors 'none'") && body.contains("<title>page"), "{head}");
-    view.open("/live", Some("https://viewer.example"), None).unwrap();
-}
-
-#[test]
-fn a_robotics_viewer_subscribes_and_gets_transforms() {
-    let mut view = view();
-    let refused = view.open("/", None, Some("mqtt")).err().unwrap();
-    assert!(refused.contains("400"), "{refused}");
-    let mut socket = view.open("/", Some("https://viewer.example"), Some("foxglove.websocket.v1")).unwrap();
-    assert_eq!(json(&mut socket)["op"], "serverInfo");
-    let advertised = json(&mut socket);
-    let tf = advertised["channels"].as_array().unwrap().iter().find(|c| c["topic"] == "/tf").unwrap();
-    assert_eq!((&tf["schemaName"], &tf["encoding"]), (&"foxglove.FrameTransforms".into(), &"json".into()));
-    for module in 1..=6 {
-        view.tell(10 * u64::from(module), module, 0.0);
-    }
-    let subscribe =
-        format!("{{\"op\":\"subscribe\",\"subscriptions\":[{{\"id\":5,\"channelId\":{}}}]}}", tf["id"]);
-    socket.send(Message::text(subscribe)).unwrap();
-    let transforms = json(&mut socket);
-    assert_eq!(transforms["transforms"].as_array().unwrap().len(), 6);
-    assert_eq!(transforms["transforms"][5]["child_frame_id"], "link6");
 }
 
 #[test]
 fn a_port_that_other_machines_reach_is_refused() {
     let robot = RobotModel::load("powercube6").unwrap();
     let state = Arc::new(Mutex::new(LiveState::new(Machine::of(&robot), Duration::ZERO, 1_000_000)));
-    let started =
-        LiveServer::start("0.0.0.0:0".parse().unwrap(), state, String::new(), Vec::new(), Arc::default());
+    let started = LiveServer::start("0.0.0.0:0".parse().unwrap(), state, String::new(), Arc::default());
     assert!(matches!(started.err(), Some(ServeError::NotLoopback(_))));
 }
 
 #[test]
 fn a_job_that_is_over_leaves_its_last_picture_its_words_and_its_report() {
     let mut view = view();
-    let mut socket = view.open("/live", None, None).unwrap();
+    let mut socket = view.open("/live", None).unwrap();
     view.tell(1_000, 1, 0.25);
     let report = "GET /report HTTP/1.1\nHost: localhost:PORT";
     assert!(view.ask(report).0.starts_with("HTTP/1.1 404"), "there is none yet");

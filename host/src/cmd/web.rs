@@ -20,7 +20,7 @@ use crate::report::live;
 
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct WebArgs {
-    /// Serve a live page to browsers and robotics viewers of this machine: a port, or 127.0.0.1:PORT; 0 is any that is free. It
+    /// Serve a live page to browsers of this machine: a port, or 127.0.0.1:PORT; 0 is any that is free. It
     /// looks and stops; it moves nothing [without a value: 8777].
     #[arg(
         long,
@@ -31,9 +31,6 @@ pub struct WebArgs {
         help_heading = "Live view"
     )]
     pub web: Option<SocketAddr>,
-    /// Let pages of this origin read it too, such as `https://viewer.example`; may be given several times.
-    #[arg(long, value_name = "ORIGIN", requires = "web", help_heading = "Live view")]
-    pub web_origin: Vec<String>,
 }
 
 impl WebArgs {
@@ -55,7 +52,7 @@ impl WebArgs {
         let state = Arc::new(Mutex::new(state));
         session.add_tap(Box::new(LiveTap(Arc::clone(&state))));
         let page = live::page(robot, session.name(), plan);
-        let server = LiveServer::start(address, state, page, self.web_origin.clone(), stop)
+        let server = LiveServer::start(address, state, page, stop)
             .map_err(|error| ExpectedError::of(exit::OUTPUT, &error))?;
         console::note!("live view at {}", server.url());
         Ok(Some(server))

@@ -3,7 +3,7 @@
 //! The port is bound to the loopback, but a page from any other place that is open in a browser of this machine can
 //! send requests to it, and a foreign name can lead there (DNS rebinding). Two headers that a page cannot forge
 //! show it: `Host` must name this port by an address of the loopback or by `localhost`, and `Origin`, where a
-//! browser sends it, must be this page's own or one that the user allowed.
+//! browser sends it, must be this page's own.
 
 use std::net::SocketAddr;
 
@@ -15,8 +15,6 @@ pub enum Wanted {
     Report,
     /// A WebSocket of the page: snapshots out, stop in.
     Live,
-    /// A WebSocket of a robotics viewer.
-    Viewer,
     Stop,
 }
 
@@ -27,7 +25,7 @@ pub enum Refused {
     #[error("this page is for {0} only")]
     Host(SocketAddr),
     /// A request from another page.
-    #[error("pages of {0} may not read this; the one who started cubectl can allow them with --web-origin")]
+    #[error("pages of {0} may not read this")]
     Origin(String),
     /// Nothing is there.
     #[error("there is no such page; the live page is at /")]
@@ -61,26 +59,23 @@ pub struct Asked<'a> {
     pub origin: Option<&'a str>,
     /// It requests a WebSocket.
     pub upgrade: bool,
-    pub protocols: Option<&'a str>,
 }
 
-/// Judges a request at the port `own`; pages of `allowed` origins may read too.
-pub fn judge(asked: &Asked<'_>, own: SocketAddr, allowed: &[String]) -> Result<Wanted, Refused> {
+/// Judges a request at the port `own`.
+pub fn judge(asked: &Asked<'_>, own: SocketAddr) -> Result<Wanted, Refused> {
     let names = names(own);
     if !asked.host.is_some_and(|host| names.iter().any(|name| name.eq_ignore_ascii_case(host))) {
         return Err(Refused::Host(own));
     }
-    if let Some(origin) = asked.origin {
-        let own = names.iter().any(|name| origin.eq_ignore_ascii_case(&format!("http://{name}")));
-        if !own && !allowed.iter().any(|allowed| allowed.eq_ignore_ascii_case(origin)) {
-            return Err(Refused::Origin(origin.to_owned()));
-        }
+    let is_own =
+        |origin: &str| names.iter().any(|name| origin.eq_ignore_ascii_case(&format!("http://{name}")));
+    if let Some(origin) = asked.origin.filter(|origin| !is_own(origin)) {
+        return Err(Refused::Origin(origin.to_owned()));
     }
     let path = asked.path.split('?').next().unwrap_or_default();
     match (path, asked.method, asked.upgrade) {
         ("/stop", "POST", false) => Ok(Wanted::Stop),
         ("/live", "GET", true) => Ok(Wanted::Live),
-        ("/", "GET", true) => Ok(Wanted::Viewer),
         ("/", "GET", false) => Ok(Wanted::Page),
         ("/report", "GET", false) => Ok(Wanted::Report),
         ("/" | "/stop" | "/live" | "/report", _, _) => Err(Refused::Method),
@@ -105,8 +100,7 @@ mod tests {
     #[test]
     fn only_this_port_of_the_loopback_and_pages_of_its_own_are_answered() {
         let own: SocketAddr = "127.0.0.1:8080".parse().unwrap();
-        let allowed = ["https://viewer.example".to_owned()];
-        let judge = |asked: Asked<'_>| judge(&asked, own, &allowed);
+        let judge = |asked: Asked<'_>| judge(&asked, own);
         let here = Some("http://localhost:8080");
         assert_eq!(judge(asked("GET", "/", "127.0.0.1:8080", None)), Ok(Wanted::Page));
         assert_eq!(judge(asked("GET", "/?x=1", "LOCALHOST:8080", here)), Ok(Wanted::Page));
@@ -121,9 +115,9 @@ mod tests {
             let refused = judge(asked("POST", "/stop", "localhost:8080", Some(origin)));
             assert_eq!(refused, Err(Refused::Origin(origin.to_owned())));
         }
-        let viewer = asked("GET", "/", "localhost:8080", Some("https://viewer.example"));
-        assert_eq!(judge(Asked { upgrade: true, ..viewer }), Ok(Wanted::Viewer));
-        assert_eq!(judge(Asked { path: "/live", upgrade: true, ..viewer }), Ok(Wanted::Live));
+        let page = Asked { upgrade: true, ..asked("GET", "/live", "localhost:8080", here) };
+        assert_eq!(judge(page), Ok(Wanted::Live));
+        assert_eq!(judge(Asked { path: "/", ..page }), Err(Refused::Method));
         assert_eq!(
             judge(asked("GET", "/stop", "localhost:8080", None)),
             Err(Refused::Method),

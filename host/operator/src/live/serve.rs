@@ -8,13 +8,12 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use tungstenite::handshake::server::{create_response, write_response};
-use tungstenite::http::{HeaderValue, Request};
+use tungstenite::http::Request;
 use tungstenite::protocol::{Role, WebSocket, WebSocketConfig};
 use tungstenite::{Error as WireError, Message};
 
 use super::gate::{Asked, Wanted, judge};
 use super::state::{LiveState, Snapshot};
-use super::viewer::{PROTOCOLS, Viewer};
 
 /// Time between two snapshots to one page: 50 Hz.
 pub const PERIOD: Duration = Duration::from_millis(20);
@@ -28,7 +27,7 @@ const HEADERS_MAX: usize = 64;
 const REQUEST_WITHIN: Duration = Duration::from_secs(5);
 /// A page that reads nothing for this long is disconnected.
 const WRITE_WITHIN: Duration = Duration::from_secs(2);
-/// Longest message that a page or a viewer sends, bytes.
+/// Longest message that a page sends, bytes.
 const MESSAGE_MAX_BYTES: usize = 64 * 1024;
 /// What a page sends to stop.
 const STOP: &str = "stop";
@@ -84,7 +83,6 @@ struct Shared {
     stop: Arc<AtomicBool>,
     page: String,
     own: SocketAddr,
-    origins: Vec<String>,
     ended: AtomicBool,
     connections: AtomicUsize,
 }
@@ -97,12 +95,11 @@ pub struct LiveServer {
 
 impl LiveServer {
     /// Serves `page` and what `state` holds at `address`, which must be of the loopback; port 0 is any that is free. A page that
-    /// stops sets `stop`. Pages of `origins` (`https://viewer.example`) may read too.
+    /// stops sets `stop`.
     pub fn start(
         address: SocketAddr,
         state: Arc<Mutex<LiveState>>,
         page: String,
-        origins: Vec<String>,
         stop: Arc<AtomicBool>,
     ) -> Result<Self, ServeError> {
         if !address.ip().is_loopback() {
@@ -114,7 +111,7 @@ impl LiveServer {
         listener.set_nonblocking(true).map_err(refused)?;
         let (ended, connections) = (AtomicBool::new(false), AtomicUsize::new(0));
         let job = Mutex::new(None);
-        let shared = Arc::new(Shared { job, state, stop, page, own, origins, ended, connections });
+        let shared = Arc::new(Shared { job, state, stop, page, own, ended, connections });
         let accepting = {
             let shared = Arc::clone(&shared);
             thread::Builder::new()
@@ -222,51 +219,37 @@ fn serve(mut stream: TcpStream, shared: &Shared) -> io::Result<()> {
         host: header("Host"),
         origin: header("Origin"),
         upgrade: header("Upgrade").is_some_and(|upgrade| upgrade.eq_ignore_ascii_case("websocket")),
-        protocols: header("Sec-WebSocket-Protocol"),
     };
-    let wanted = match judge(&asked, shared.own, &shared.origins) {
+    let wanted = match judge(&asked, shared.own) {
         Ok(wanted) => wanted,
         Err(refused) => {
             return answer(&mut stream, refused.status(), "text/plain", &format!("{refused}\n"));
         }
     };
-    if wanted == Wanted::Stop {
-        shared.stop.store(true, Ordering::Relaxed);
-        return answer(&mut stream, "200 OK", "text/plain", "stopping\n");
-    }
-    if shared.connections.load(Ordering::Relaxed) > CONNECTIONS_MAX {
+    // A stop is never refused.
+    if wanted != Wanted::Stop && shared.connections.load(Ordering::Relaxed) > CONNECTIONS_MAX {
         return answer(&mut stream, "503 Service Unavailable", "text/plain", "too many connections\n");
     }
-    let protocol = match wanted {
-        Wanted::Page | Wanted::Stop => {
-            return answer(&mut stream, "200 OK", "text/html; charset=utf-8", &shared.page);
+    match wanted {
+        Wanted::Stop => {
+            shared.stop.store(true, Ordering::Relaxed);
+            answer(&mut stream, "200 OK", "text/plain", "stopping\n")
         }
-        Wanted::Report => {
-            return match shared.ended_job() {
-                Some((Ended { report: true, .. }, page)) => {
-                    answer(&mut stream, "200 OK", "text/html; charset=utf-8", &page)
-                }
-                _ => answer(&mut stream, "404 Not Found", "text/plain", "there is no report yet\n"),
-            };
-        }
-        Wanted::Live => None,
-        Wanted::Viewer => {
-            let offered = asked.protocols.unwrap_or_default();
-            let known =
-                PROTOCOLS.into_iter().find(|known| offered.split(',').any(|one| one.trim() == *known));
-            if known.is_none() {
-                let text = format!("spoken here: {}\n", PROTOCOLS.join(", "));
-                return answer(&mut stream, "400 Bad Request", "text/plain", &text);
+        Wanted::Page => answer(&mut stream, "200 OK", "text/html; charset=utf-8", &shared.page),
+        Wanted::Report => match shared.ended_job() {
+            Some((Ended { report: true, .. }, page)) => {
+                answer(&mut stream, "200 OK", "text/html; charset=utf-8", &page)
             }
-            known
-        }
-    };
-    let Some(mut socket) = upgraded(stream, &request, protocol)? else { return Ok(()) };
-    let ended = match wanted {
-        Wanted::Viewer => look(&mut socket, shared),
-        _ => show(&mut socket, shared),
-    };
-    match ended {
+            _ => answer(&mut stream, "404 Not Found", "text/plain", "there is no report yet\n"),
+        },
+        Wanted::Live => live(stream, &request, shared),
+    }
+}
+
+/// Serves snapshots until the page leaves or the view ends.
+fn live(stream: TcpStream, request: &httparse::Request<'_, '_>, shared: &Shared) -> io::Result<()> {
+    let Some(mut socket) = upgraded(stream, request)? else { return Ok(()) };
+    match show(&mut socket, shared) {
         // Orderly ends, and connections that broke.
         Ok(()) | Err(WireError::ConnectionClosed | WireError::AlreadyClosed) => Ok(()),
         Err(WireError::Io(error)) => Err(error),
@@ -328,20 +311,16 @@ fn answer(stream: &mut TcpStream, status: &str, kind: &str, body: &str) -> io::R
 fn upgraded(
     mut stream: TcpStream,
     request: &httparse::Request<'_, '_>,
-    protocol: Option<&'static str>,
 ) -> io::Result<Option<WebSocket<TcpStream>>> {
     let mut asked = Request::builder().method(request.method.unwrap_or_default()).uri("/");
     for header in request.headers.iter() {
         asked = asked.header(header.name, header.value);
     }
     let response = asked.body(()).map_err(|_| ()).and_then(|asked| create_response(&asked).map_err(|_| ()));
-    let Ok(mut response) = response else {
+    let Ok(response) = response else {
         answer(&mut stream, "400 Bad Request", "text/plain", "not a good request for a WebSocket\n")?;
         return Ok(None);
     };
-    if let Some(protocol) = protocol {
-        response.headers_mut().insert("Sec-WebSocket-Protocol", HeaderValue::from_static(protocol));
-    }
     let mut head = Vec::new();
     write_response(&mut head, &response).map_err(io::Error::other)?;
     stream.write_all(&head)?;
@@ -353,12 +332,8 @@ fn upgraded(
     Ok(Some(WebSocket::from_raw_socket(stream, Role::Server, Some(config))))
 }
 
-/// Reads what comes until `until`; gives each text to `take`.
-fn listen(
-    socket: &mut WebSocket<TcpStream>,
-    until: Instant,
-    mut take: impl FnMut(&str),
-) -> Result<(), WireError> {
+/// Reads what comes until `until`: a page can stop.
+fn listen(socket: &mut WebSocket<TcpStream>, until: Instant, stop: &AtomicBool) -> Result<(), WireError> {
     loop {
         let left = until.saturating_duration_since(Instant::now());
         if left.is_zero() {
@@ -366,7 +341,7 @@ fn listen(
         }
         socket.get_ref().set_read_timeout(Some(left))?;
         match socket.read() {
-            Ok(Message::Text(text)) => take(text.as_str()),
+            Ok(Message::Text(text)) if text.as_str() == STOP => stop.store(true, Ordering::Relaxed),
             Ok(_) => {}
             Err(WireError::Io(error)) if is_time(&error) => return Ok(()),
             Err(error) => return Err(error),
@@ -391,35 +366,7 @@ fn show(socket: &mut WebSocket<TcpStream>, shared: &Shared) -> Result<(), WireEr
             .map_err(|error| WireError::Io(error.into()))?;
         socket.send(Message::text(text))?;
         next = (next + PERIOD).max(Instant::now());
-        listen(socket, next, |text| {
-            if text == STOP {
-                shared.stop.store(true, Ordering::Relaxed);
-            }
-        })?;
-    }
-    socket.close(None)
-}
-
-/// Messages for a robotics viewer.
-fn look(socket: &mut WebSocket<TcpStream>, shared: &Shared) -> Result<(), WireError> {
-    let state = || shared.state.lock().unwrap_or_else(PoisonError::into_inner);
-    let greeting = Viewer::greeting(state().machine());
-    for text in greeting {
-        socket.send(Message::text(text))?;
-    }
-    let mut viewer = Viewer::default();
-    let mut next = Instant::now();
-    while !shared.ended.load(Ordering::Relaxed) {
-        let messages = {
-            let state = state();
-            let snapshot = state.snapshot(viewer.last_event());
-            viewer.messages(&snapshot, state.machine())
-        };
-        for message in messages {
-            socket.send(Message::binary(message))?;
-        }
-        next = (next + PERIOD).max(Instant::now());
-        listen(socket, next, |text| viewer.take(text))?;
+        listen(socket, next, &shared.stop)?;
     }
     socket.close(None)
 }

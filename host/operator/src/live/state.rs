@@ -196,12 +196,6 @@ impl LiveState {
         }
     }
 
-    /// The machine behind the bus.
-    #[must_use]
-    pub const fn machine(&self) -> &Machine {
-        &self.machine
-    }
-
     /// Time passes.
     pub fn advance_to(&mut self, now: Instant) {
         self.now = self.now.max(now);
