@@ -7,8 +7,8 @@ use planner::disc::aero::Body;
 use planner::disc::arm::{DiscArm, READY_RAD};
 use planner::disc::flight::{Air, DiscState, Path};
 use planner::disc::intercept::{Plan, Settings, plan};
-use planner::disc::motion::{At, MotionLaw};
 use planner::disc::paper::Throw;
+use planner::motion_law::State;
 use robot_model::RobotModel;
 
 struct Case {
@@ -18,15 +18,15 @@ struct Case {
     plan: Plan,
 }
 
-fn case(throw: &Throw, law: MotionLaw) -> Case {
+fn case(throw: &Throw, jerk: bool) -> Case {
     let robot = RobotModel::load("pincher4").unwrap();
     let model = &robot;
     let arm = DiscArm::new(model.clone()).unwrap();
     let body = Body::of_paper();
     let released = DiscState::released(throw, nalgebra::Vector3::z(), 0.0, &body);
     let path = Path::flown(&body, &Air::vacuum(), &released, 3.0);
-    let rest = READY_RAD.map(|q| At { q, ..At::default() });
-    let plan = plan(&arm, &path, &rest, &Settings { law, ..Settings::default() }).unwrap();
+    let rest = READY_RAD.map(State::rest);
+    let plan = plan(&arm, &path, &rest, &Settings { jerk, ..Settings::default() }).unwrap();
     Case { robot, arm, path, plan }
 }
 
@@ -40,12 +40,12 @@ fn own(start_m: [f64; 3], velocity_m_s: [f64; 3]) -> Throw {
 
 #[test]
 fn planned_catches_are_catches_of_the_joints_as_the_drives_move_them() {
-    for (name, throw, law) in [
-        ("flat", Throw::flat(), MotionLaw::Acceleration),
-        ("own", own([0.5, -2.2, 0.7], [0.0, 3.8, 1.5]), MotionLaw::Acceleration),
-        ("own, with jerk limits", own([0.5, -2.6, 0.7], [0.0, 3.2, 3.0]), MotionLaw::Jerk),
+    for (name, throw, jerk) in [
+        ("flat", Throw::flat(), false),
+        ("own", own([0.5, -2.2, 0.7], [0.0, 3.8, 1.5]), false),
+        ("own, with jerk limits", own([0.5, -2.6, 0.7], [0.0, 3.2, 3.0]), true),
     ] {
-        let case = case(&throw, law);
+        let case = case(&throw, jerk);
         let judged = executed(&case, None);
         println!("{name}: {:?} {:?}", judged.tracking, judged.verdict.caught);
         assert!(judged.executed.reported.is_ok(), "{name}: {:?}", judged.executed.reported);
@@ -64,7 +64,7 @@ fn planned_catches_are_catches_of_the_joints_as_the_drives_move_them() {
 
 #[test]
 fn a_drive_lost_in_flight_is_reported_and_is_not_a_catch() {
-    let case = case(&Throw::flat(), MotionLaw::Acceleration);
+    let case = case(&Throw::flat(), false);
     let judged = executed(&case, Some(DriveLost { joint: 1, at_s: 0.2 }));
     assert!(
         matches!(judged.executed.reported, Err(OperatorError::Stopped { .. })),
@@ -77,7 +77,7 @@ fn a_drive_lost_in_flight_is_reported_and_is_not_a_catch() {
 /// The observer sees the joints and the order to close: without the order, or with a late one, nothing is caught.
 #[test]
 fn a_disc_that_flies_otherwise_is_no_catch() {
-    let mut case = case(&Throw::flat(), MotionLaw::Acceleration);
+    let mut case = case(&Throw::flat(), false);
     let body = Body::of_paper();
     let other =
         Throw { start_m: Throw::flat().start_m - nalgebra::Vector3::new(0.0, 0.3, 0.0), ..Throw::flat() };

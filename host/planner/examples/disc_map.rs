@@ -13,9 +13,9 @@ use planner::disc::arm::{DiscArm, READY_RAD};
 use planner::disc::flight::Path;
 use planner::disc::intercept::local::Effort;
 use planner::disc::intercept::{self, Decline, Settings};
-use planner::disc::motion::At;
 use planner::disc::paper::{self, Reading, Throw};
 use planner::disc::witness::{self, Gripper, Rule, Verdict, judge};
+use planner::motion_law::State;
 use rayon::prelude::*;
 use robot_model::RobotModel;
 
@@ -86,7 +86,7 @@ fn witnessed(arm: &DiscArm, plan: &intercept::Plan, path: &Path) -> Verdict {
 /// By the planner, judged by the observer; limits of the robot file times `limit_scale`.
 fn planned(arm: &DiscArm, throw: &Throw, limit_scale: f64) -> Outcome {
     let path = Path::parabola(throw, 1.5);
-    let rest = READY_RAD.map(|q| At { q, ..At::default() });
+    let rest = READY_RAD.map(State::rest);
     match intercept::plan(
         arm,
         &path,

@@ -29,6 +29,7 @@
 //!   |
 //!   v
 //! throw                one throw: cubic splines of all joints through one release
+//! motion_law           one joint from a state to an angle and a speed in a given time
 //! parallel             work on all cores
 //! ```
 //!
@@ -39,6 +40,7 @@ pub mod disc;
 pub mod flight;
 pub mod follow;
 pub mod motion;
+pub mod motion_law;
 pub mod parallel;
 pub mod plan;
 pub mod record;

@@ -3,8 +3,8 @@
 use nalgebra::{Matrix3, Matrix3x6, Vector3};
 use planner::catch::Joints;
 use planner::catch::arm::CatchArm;
-use planner::catch::law::stopping_angle;
 use planner::catch::rates::Hand;
+use planner::motion_law::stopping_angle;
 use planner::plan::rng::SplitMix64;
 
 use super::catch_rig::arm;

@@ -2,11 +2,11 @@
 
 use nalgebra::{Matrix3, Vector3};
 use planner::catch::Joints;
-use planner::catch::law::State;
 use planner::catch::motion::used;
 use planner::catch::online::{Catcher, Decision};
 use planner::catch::search::search;
 use planner::catch::task::{Allowed, Decline, Mode, Settings, Start};
+use planner::motion_law::State;
 
 use super::catch_rig::{Asked, WAIT_DEG, arm, exhaustive, forecast, found, refusals, throws};
 

@@ -9,10 +9,11 @@ use planner::disc::arm::{DiscArm, READY_RAD};
 use planner::disc::estimate::{Model, View};
 use planner::disc::flight::{Air, DiscState, Path};
 use planner::disc::intercept::{self, Decline, Plan, Settings};
-use planner::disc::motion::{At, DiscMotion, MotionLaw, fixed_time};
+use planner::disc::motion::DiscMotion;
 use planner::disc::online::{Catcher, Timing};
 use planner::disc::paper::Throw;
 use planner::disc::witness::{Gripper, Moment, Rule, Verdict, judge};
+use planner::motion_law::{State, steps};
 use planner::plan::rng::SplitMix64;
 use robot_model::RobotModel;
 
@@ -21,8 +22,8 @@ static ARM: LazyLock<DiscArm> = LazyLock::new(|| {
 });
 
 /// Where the arm waits for a throw.
-fn ready() -> [At; 4] {
-    READY_RAD.map(|q| At { q, ..At::default() })
+fn ready() -> [State; 4] {
+    READY_RAD.map(State::rest)
 }
 
 /// Arm and disc every millisecond, to the end of the motion.
@@ -70,16 +71,16 @@ fn must_catch(throw: Throw) -> (Plan, Verdict) {
 #[test]
 fn two_pieces_reach_the_end_state_with_the_published_numbers() {
     // catching notes, section 3: d = 1, v0 = 0, vf = 1, T = 1.
-    let end = At { q: 1.0, v: 1.0, ..At::default() };
-    let [(a, first), _, (b, second)] = fixed_time(At::default(), end, 1.0, 10.0).unwrap();
+    let (a, [(first, _), _, (second, b)]) = steps(&State::default(), 1.0, 1.0, 1.0, 10.0).unwrap();
     assert!((a - (1.0 + 2.0_f64.sqrt())).abs() < 1e-12 && a == -b, "{a} {b}");
     assert!((first - 0.5_f64.sqrt()).abs() < 1e-12 && (first + second - 1.0).abs() < 1e-12);
     // With a speed limit below the peak of 1.707 it cruises, and still arrives.
-    let [(a, t1), (_, t2), (b, t3)] = fixed_time(At::default(), end, 1.0, 1.5).unwrap();
+    let (a, [(t1, _), (t2, _), (t3, b)]) = steps(&State::default(), 1.0, 1.0, 1.0, 1.5).unwrap();
     assert!((a * t1 - 1.5).abs() < 1e-12 && t2 > 0.0 && (t1 + t2 + t3 - 1.0).abs() < 1e-12);
     let distance = 0.5 * a * t1 * t1 + 1.5 * t2 + 1.5 * t3 + 0.5 * b * t3 * t3;
     assert!((distance - 1.0).abs() < 1e-12 && (1.5 + b * t3 - 1.0).abs() < 1e-12);
-    assert!(fixed_time(At::default(), end, 1.0, 1.0).is_none(), "1 rad in 1 s from rest at 1 rad/s at most");
+    let slow = steps(&State::default(), 1.0, 1.0, 1.0, 1.0);
+    assert!(slow.is_none(), "1 rad in 1 s from rest at 1 rad/s at most");
 }
 
 #[test]
@@ -138,7 +139,7 @@ fn the_arm_goes_early_and_waits_where_there_is_time() {
 #[test]
 fn the_law_with_jerk_keeps_the_jerk_limit_as_well() {
     let throw = through([0.5, 0.2, 0.55], [0.0, 2.0, -2.3], 0.62);
-    let settings = Settings { law: MotionLaw::Jerk, ..Settings::default() };
+    let settings = Settings { jerk: true, ..Settings::default() };
     let (plan, verdict) = caught(throw, &settings).expect("0.9 s are enough");
     assert!(verdict.caught.is_some() && verdict.within_limits(&ARM), "{verdict:?}");
     let largest = |motion: &DiscMotion| {

@@ -8,10 +8,10 @@ use operator::ball_catch::trial::{Pair, TrialOptions};
 use planner::catch::Joints;
 use planner::catch::draw::{Aimed, Window, draw};
 use planner::catch::forecast::{Forecast, Foreseen, Watch};
-use planner::catch::law::State;
 use planner::catch::search::{Choice, search};
 use planner::catch::task::{Decline, Start};
 use planner::flight::FlightModel;
+use planner::motion_law::State;
 use planner::plan::rng::SplitMix64;
 use rayon::prelude::*;
 

@@ -4,9 +4,9 @@ use firmware::fault::Refusal;
 use hil_sim::two_arms::JointsNow;
 use planner::catch::Joints;
 use planner::catch::arm::CatchArm;
-use planner::catch::law::Pieces;
 use planner::catch::motion::{CatchMotion, used};
 use planner::catch::search::Choice;
+use planner::motion_law::Pieces;
 
 /// Why a motion is not taken over; the one under way goes on.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
@@ -158,7 +158,7 @@ impl<'a> LaggingArm<'a> {
         Ok(())
     }
 
-    fn reference_at(&self, t_s: f64) -> [planner::catch::law::State; 6] {
+    fn reference_at(&self, t_s: f64) -> [planner::motion_law::State; 6] {
         match &self.next {
             Some(next) if t_s >= next.start_s => next.at(t_s),
             _ => self.motion.at(t_s),

@@ -9,7 +9,7 @@ use robot_model::{AxisTool, Family, Pose, RobotModel};
 use super::Joints;
 use super::bounce::{CupNow, StayTable};
 use super::cup::Cup;
-use super::law::{CatchLaw, Limits};
+use crate::motion_law::{Limits, MotionLaw};
 
 /// Shares of the limits that a plan may use.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -55,7 +55,7 @@ pub struct CatchArm {
     pub(super) tool: AxisTool,
     pub(super) cup: Cup,
     pub(super) stays: Arc<StayTable>,
-    pub(super) law: CatchLaw,
+    pub(super) law: MotionLaw,
     pub(super) shares: Shares,
     first: [Limits; 6],
     correction: [Limits; 6],
@@ -124,7 +124,7 @@ impl CatchArm {
             tool,
             cup,
             stays,
-            law: CatchLaw::new(jerk),
+            law: MotionLaw::new(jerk),
             shares,
             first,
             correction,
@@ -208,7 +208,7 @@ impl CatchArm {
 
     /// The law of motion.
     #[must_use]
-    pub fn law(&self) -> &CatchLaw {
+    pub fn law(&self) -> &MotionLaw {
         &self.law
     }
 

@@ -6,11 +6,11 @@ use robot_model::Branch;
 use super::Joints;
 use super::arm::CatchArm;
 use super::forecast::{Forecast, Foreseen, across};
-use super::law::{Fit, Limits, Pieces, State, least_peak, stopping_angle};
 use super::motion::looks_down;
 use super::rates::Hand;
 use super::slot::{Slot, enters, slot};
 use super::task::{Allowed, Count, Mode, Settings, Start};
+use crate::motion_law::{Fit, Limits, Pieces, State, least_peak, stopping_angle};
 
 /// Candidates that are kept.
 const SHORTLIST: usize = 24;

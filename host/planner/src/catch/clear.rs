@@ -8,9 +8,9 @@ use robot_model::collision::{CollisionChecker, Obb};
 
 use super::arm::CatchArm;
 use super::forecast::{Forecast, Foreseen};
-use super::law::{Limits, Pieces, State};
 use super::motion::{CatchMotion, check, distance_m};
 use super::task::Start;
+use crate::motion_law::{Limits, Pieces, State};
 
 /// Links from this one on can get out of a ball's way: base and turntable stay where they are.
 pub const CLEARS_FROM_LINK: usize = 2;

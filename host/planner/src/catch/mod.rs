@@ -32,7 +32,6 @@ pub mod cup;
 pub mod draw;
 mod edge;
 pub mod forecast;
-pub mod law;
 pub mod motion;
 pub mod online;
 pub mod rates;

@@ -6,7 +6,7 @@ use robot_model::collision::{CollisionChecker, Obb};
 use super::Joints;
 use super::arm::CatchArm;
 use super::forecast::Forecast;
-use super::law::{Limits, Pieces, State};
+use crate::motion_law::{Limits, Pieces, State};
 
 /// Time between two postures that are checked for contact and currents, s. At the arm's largest speeds the hand moves 5 cm in it;
 /// the boxes are checked with the ball's radius of room.

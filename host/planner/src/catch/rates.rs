@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::Joints;
 use super::arm::CatchArm;
-use super::law::Limits;
+use crate::motion_law::Limits;
 
 /// Joints that are set to a bound at most: of the five that move the middle of the mouth three others give it its velocity.
 const AT_BOUND_MAX: usize = 2;

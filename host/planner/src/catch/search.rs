@@ -25,10 +25,10 @@ use super::bounce::{CupPath, chance_to_stay};
 use super::candidates::{Candidate, SURE_TO_STAY, Search, directions};
 use super::edge::share_in_reach;
 use super::forecast::{Forecast, Foreseen, across};
-use super::law::{Limits, Pieces};
 use super::motion::{CatchMotion, Fault, check, stopped};
 use super::slot::{slots, stride};
 use super::task::{Count, Decline, Mode, Settings, Start};
+use crate::motion_law::{Limits, Pieces};
 
 /// Whole motions that are checked for one decision: bounds its time.
 const CHECKS_MAX: usize = 6;

@@ -5,8 +5,8 @@ use nalgebra::Vector3;
 use super::Joints;
 use super::arm::CatchArm;
 use super::forecast::{Forecast, Foreseen};
-use super::law::{Limits, stopping_angle};
 use super::task::{Settings, Start, passes_rim};
+use crate::motion_law::{Limits, stopping_angle};
 
 const TIMES_MAX: usize = 24;
 /// Moments of corrections, as shares of the time from the first samples that give a velocity to the last correction.

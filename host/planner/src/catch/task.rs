@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::law::State;
+use crate::motion_law::State;
 
 /// How the hand moves at the catch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

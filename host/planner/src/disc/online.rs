@@ -8,7 +8,8 @@ use super::arm::DiscArm;
 use super::estimate::{Estimate, Model, View};
 use super::intercept::local::Effort;
 use super::intercept::{self, Decline, Plan, Settings};
-use super::motion::{At, DiscMotion};
+use super::motion::DiscMotion;
+use crate::motion_law::State;
 
 /// How views become motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -103,9 +104,9 @@ impl<'a> Catcher<'a> {
 
     /// Angle and speed of each joint at a time.
     #[must_use]
-    pub fn state(&self, t_s: f64) -> [At; 4] {
+    pub fn state(&self, t_s: f64) -> [State; 4] {
         let current = self.motions.iter().rev().find(|m| m.from_s <= t_s);
-        std::array::from_fn(|j| current.map_or(At { q: self.rest[j], ..At::default() }, |m| m.at(j, t_s)))
+        std::array::from_fn(|j| current.map_or(State::rest(self.rest[j]), |m| m.at(j, t_s)))
     }
 
     /// Joint angles at a time, rad.

@@ -6,9 +6,9 @@ use planner::disc::aero::Body;
 use planner::disc::arm::{DiscArm, READY_RAD};
 use planner::disc::flight::{Air, DiscState, Path};
 use planner::disc::intercept::{self, Decline, Plan, Settings};
-use planner::disc::motion::{At, MotionLaw};
 use planner::disc::paper::{self, Reading, Run, Throw};
 use planner::disc::witness::{self, Gripper, Rule, Verdict};
+use planner::motion_law::State;
 use robot_model::RobotModel;
 use serde_json::{Value, json};
 
@@ -202,9 +202,8 @@ fn by_rule(arm: &DiscArm, throw: &Throw) -> (Run, Verdict) {
 }
 
 fn within_limits(arm: &DiscArm, path: &Path, jerk: bool) -> Result<(Plan, Verdict), Decline> {
-    let law = if jerk { MotionLaw::Jerk } else { MotionLaw::Acceleration };
-    let rest = READY_RAD.map(|q| At { q, ..At::default() });
-    let plan = intercept::plan(arm, path, &rest, &Settings { law, ..Settings::default() })?;
+    let rest = READY_RAD.map(State::rest);
+    let plan = intercept::plan(arm, path, &rest, &Settings { jerk, ..Settings::default() })?;
     let moments = witness::moments(|t_s| plan.motion.q(t_s), path, plan.motion.end_s());
     let verdict = witness::judge(arm, &Gripper::default(), &Rule::default(), &moments);
     Ok((plan, verdict))

@@ -13,8 +13,9 @@ use super::{Choice, Decline, Follow, Plan, Settings, gap_used, hand_rates, limit
 use crate::disc::Joints;
 use crate::disc::arm::DiscArm;
 use crate::disc::flight::Path;
-use crate::disc::motion::{self, Approach, At, DiscMotion, Impossible, Limit, Reach};
+use crate::disc::motion::{self, Approach, DiscMotion, Impossible, Reach};
 use crate::disc::witness::HALF_HEIGHT_M;
+use crate::motion_law::{Limits, MotionLaw, State, steps};
 use crate::plan::rng::SplitMix64;
 
 /// How much is tried.
@@ -73,10 +74,10 @@ struct Kind {
 struct Search<'a> {
     arm: &'a DiscArm,
     path: &'a Path,
-    now: &'a [At; 4],
+    now: &'a [State; 4],
     settings: &'a Settings,
-    limits: [Limit; 4],
-    range: (Joints, Joints),
+    law: MotionLaw,
+    limits: [Limits; 4],
     /// In which the disc is in reach, s.
     times_s: (f64, f64),
 }
@@ -91,8 +92,7 @@ fn wrapped(angle: f64) -> f64 {
 }
 
 impl<'a> Search<'a> {
-    fn new(arm: &'a DiscArm, path: &'a Path, now: &'a [At; 4], settings: &'a Settings) -> Option<Self> {
-        let range = (arm.model.q_min().array().into(), arm.model.q_max().array().into());
+    fn new(arm: &'a DiscArm, path: &'a Path, now: &'a [State; 4], settings: &'a Settings) -> Option<Self> {
         let farthest = arm.size.reach_m() + arm.size.hand_m + arm.size.touch_m();
         let shoulder = Vector3::z() * arm.size.base_m;
         let steps = ((path.end_s() - settings.now_s) / WAY_STEP_S).max(0.0) as u32;
@@ -101,7 +101,15 @@ impl<'a> Search<'a> {
             .filter(|t_s| (path.at(*t_s).p_m - shoulder).norm() < farthest);
         let first = near.next()?;
         let times_s = (first, near.next_back().unwrap_or(first));
-        Some(Self { arm, path, now, settings, limits: limits(arm, settings), range, times_s })
+        Some(Self {
+            arm,
+            path,
+            now,
+            settings,
+            law: MotionLaw::new(settings.jerk),
+            limits: limits(arm, settings),
+            times_s,
+        })
     }
 
     fn gap_m(&self) -> f64 {
@@ -159,7 +167,7 @@ impl<'a> Search<'a> {
         let rates = hand_rates(arm, &held, &q);
         let follow = Follow::new(&rates).ok_or(0.0)?;
         let wanted = arm.hand_axes(&q).tr_mul(&disc.v_m_s);
-        let turntable = about_zero(at[8], self.limits[0].v);
+        let turntable = about_zero(at[8], self.limits[0].v_rad_s);
         let v = follow.with_turntable(
             turntable,
             wanted.x - about_zero(at[6], INTO_M_S),
@@ -203,15 +211,15 @@ impl<'a> Search<'a> {
         sum += over(0.02 - has_s) / 0.05;
         for (j, limit) in self.limits.iter().enumerate() {
             let (q, v) = (reach.q[j], reach.v[j]);
-            sum += over(v.abs() / limit.v - 1.0);
-            let stops_rad = v * reach.half_dwell_s + 0.5 * v * v.abs() / limit.a;
+            sum += over(v.abs() / limit.v_rad_s - 1.0);
+            let stops_rad = v * reach.half_dwell_s + 0.5 * v * v.abs() / limit.a_rad_s2;
             for q in [q, q + stops_rad] {
-                sum += over((self.range.0[j] - q).max(q - self.range.1[j])) / 0.2;
+                sum += over((limit.q_rad.0 - q).max(q - limit.q_rad.1)) / 0.2;
             }
-            let to = At { q: q - v * before_s, v: v.clamp(-limit.v, limit.v), ..At::default() };
-            let late_s = (to.q - self.now[j].q).abs() / limit.v - has_s;
-            sum += match motion::fixed_time(self.now[j], to, has_s, limit.v) {
-                Some([(a, _), ..]) => over(a.abs() / limit.a - 1.0).min(10.0),
+            let (begin, v) = (q - v * before_s, v.clamp(-limit.v_rad_s, limit.v_rad_s));
+            let late_s = (begin - self.now[j].q).abs() / limit.v_rad_s - has_s;
+            sum += match steps(&self.now[j], begin, v, has_s, limit.v_rad_s) {
+                Some((a, _)) => over(a / limit.a_rad_s2 - 1.0).min(10.0),
                 None => 10.0 + over(late_s) * 10.0,
             };
         }
@@ -229,15 +237,7 @@ impl<'a> Search<'a> {
         if before > 0.0 {
             return ((POSTURE + before).min(OUT_OF_REACH), None);
         }
-        let planned = motion::plan(
-            settings.law,
-            &self.limits,
-            &self.range,
-            settings.now_s,
-            now,
-            &reach,
-            Approach::Direct,
-        );
+        let planned = motion::plan(&self.law, &self.limits, settings.now_s, now, &reach, Approach::Direct);
         let motion = match planned {
             Ok(motion) => motion,
             Err(Impossible::Limit(times)) => return ((MOTION - 1.0 + times).min(POSTURE), None),
@@ -322,7 +322,7 @@ impl Population {
 ///
 /// # Errors
 /// No catch is found: [`Decline::NoWayIn`].
-pub fn search(arm: &DiscArm, path: &Path, now: &[At; 4], settings: &Settings) -> Result<Plan, Decline> {
+pub fn search(arm: &DiscArm, path: &Path, now: &[State; 4], settings: &Settings) -> Result<Plan, Decline> {
     let effort = settings.between;
     let search = Search::new(arm, path, now, settings).ok_or(Decline::NoWayIn)?;
     let mut all: Vec<Population> = (0..8 * effort.populations)

@@ -18,15 +18,16 @@ use robot_model::Family;
 use super::Joints;
 use super::arm::DiscArm;
 use super::flight::{DiscState, Path};
-use super::motion::{self, Approach, At, DiscMotion, Impossible, Limit, MotionLaw, Reach};
+use super::motion::{self, Approach, DiscMotion, Impossible, Reach};
 use super::witness::{Gripper, HALF_HEIGHT_M, Rule};
+use crate::motion_law::{Limits, MotionLaw, State};
 use way::{stays_clear, way_is_free};
 
 /// What the planner may do.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// Which limits are kept.
-    pub law: MotionLaw,
+    /// The jerk is limited, too.
+    pub jerk: bool,
     /// Share of the limits that is used.
     pub share: f64,
     /// The arm may move from then on, s.
@@ -45,7 +46,7 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            law: MotionLaw::Acceleration,
+            jerk: false,
             share: 0.95,
             now_s: 0.0,
             margin_m: 0.002,
@@ -188,7 +189,7 @@ const WAYS_MAX: usize = 1500;
 ///
 /// # Errors
 /// [`Decline`] with the reason.
-pub fn plan(arm: &DiscArm, path: &Path, now: &[At; 4], settings: &Settings) -> Result<Plan, Decline> {
+pub fn plan(arm: &DiscArm, path: &Path, now: &[State; 4], settings: &Settings) -> Result<Plan, Decline> {
     let limits = limits(arm, settings);
     let mut tally = Tally {
         reached: false,
@@ -208,7 +209,7 @@ pub fn plan(arm: &DiscArm, path: &Path, now: &[At; 4], settings: &Settings) -> R
     }
     found.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     let looked_at = found.len();
-    let range = (arm.model.q_min().array().into(), arm.model.q_max().array().into());
+    let law = MotionLaw::new(settings.jerk);
     let mut ways = 0;
     for candidate in &found {
         if ways >= WAYS_MAX {
@@ -217,20 +218,19 @@ pub fn plan(arm: &DiscArm, path: &Path, now: &[At; 4], settings: &Settings) -> R
         let staged = RUN_UPS_S.map(|run_up_s| Approach::Staged { run_up_s });
         let reach = reach_of(candidate, settings);
         for approach in staged.into_iter().chain([Approach::Direct]) {
-            let motion =
-                match motion::plan(settings.law, &limits, &range, settings.now_s, now, &reach, approach) {
-                    Ok(motion) => motion,
-                    Err(why) => {
-                        match why {
-                            Impossible::Late(by) => tally.least_late_s = tally.least_late_s.min(by),
-                            Impossible::Limit(over) if approach == Approach::Direct => {
-                                tally.least_over = tally.least_over.min(over);
-                            }
-                            _ => {}
+            let motion = match motion::plan(&law, &limits, settings.now_s, now, &reach, approach) {
+                Ok(motion) => motion,
+                Err(why) => {
+                    match why {
+                        Impossible::Late(by) => tally.least_late_s = tally.least_late_s.min(by),
+                        Impossible::Limit(over) if approach == Approach::Direct => {
+                            tally.least_over = tally.least_over.min(over);
                         }
-                        continue;
+                        _ => {}
                     }
-                };
+                    continue;
+                }
+            };
             tally.timed = true;
             ways += 1;
             if way_is_free(arm, path, &motion, candidate.choice.t_s, settings) && stays_clear(arm, &motion) {
@@ -260,7 +260,7 @@ pub fn plan(arm: &DiscArm, path: &Path, now: &[At; 4], settings: &Settings) -> R
 pub fn refine(
     arm: &DiscArm,
     path: &Path,
-    now: &[At; 4],
+    now: &[State; 4],
     plan: &Plan,
     settings: &Settings,
 ) -> Result<Plan, Decline> {
@@ -273,13 +273,13 @@ pub fn refine(
 fn refine_at(
     arm: &DiscArm,
     path: &Path,
-    now: &[At; 4],
+    now: &[State; 4],
     plan: &Plan,
     settings: &Settings,
     t_s: f64,
 ) -> Option<Plan> {
     let limits = limits(arm, settings);
-    let range = (arm.model.q_min().array().into(), arm.model.q_max().array().into());
+    let law = MotionLaw::new(settings.jerk);
     let state = path.at(t_s);
     let v = plan.reach.v;
     let mut best: Option<Plan> = None;
@@ -300,8 +300,7 @@ fn refine_at(
         let q = q + follow.speeds(0.0, 0.5 * (low + high), 0.0, 0.0);
         let candidate = Candidate { choice, q, v, relative: relative(arm, &state, &q, &v), cost: 0.0 };
         let reach = reach_of(&candidate, settings);
-        let planned =
-            motion::plan(settings.law, &limits, &range, settings.now_s, now, &reach, Approach::Direct);
+        let planned = motion::plan(&law, &limits, settings.now_s, now, &reach, Approach::Direct);
         let Ok(motion) = planned else { continue };
         let nearer =
             best.as_ref().is_none_or(|b| (q - plan.reach.q).amax() < (b.reach.q - plan.reach.q).amax());
@@ -313,11 +312,16 @@ fn refine_at(
     best
 }
 
-fn limits(arm: &DiscArm, settings: &Settings) -> [Limit; 4] {
+fn limits(arm: &DiscArm, settings: &Settings) -> [Limits; 4] {
     let s = settings.share * settings.limit_scale;
     std::array::from_fn(|k| {
         let l = arm.model.joints()[k].limits;
-        Limit { v: l.v_max_rad_s * s, a: l.a_max_rad_s2 * s, j: l.j_max_rad_s3 * s }
+        Limits {
+            q_rad: (l.q_min_rad, l.q_max_rad),
+            v_rad_s: l.v_max_rad_s * s,
+            a_rad_s2: l.a_max_rad_s2 * s,
+            j_rad_s3: l.j_max_rad_s3 * s,
+        }
     })
 }
 
@@ -441,9 +445,9 @@ fn candidates(
     arm: &DiscArm,
     path: &Path,
     t_s: f64,
-    now: &[At; 4],
+    now: &[State; 4],
     settings: &Settings,
-    limits: &[Limit; 4],
+    limits: &[Limits; 4],
     share_max: f64,
     tally: &mut Tally,
     out: &mut Vec<Candidate>,
@@ -473,7 +477,7 @@ fn candidates(
             for along in INTO_M_S.into_iter().chain([wanted.x]) {
                 for across in ACROSS_M_S.into_iter().map(|u| u * sense).chain([wanted.z]) {
                     let v = follow.speeds(wanted.x - along, wanted.y - up, wanted.z - across, turning);
-                    let share = (0..4).map(|j| v[j].abs() / limits[j].v).fold(0.0, f64::max);
+                    let share = (0..4).map(|j| v[j].abs() / limits[j].v_rad_s).fold(0.0, f64::max);
                     if share > share_max {
                         continue;
                     }
@@ -500,11 +504,11 @@ fn candidates(
                     let q = q + follow.speeds(0.0, 0.5 * (low + high), 0.0, 0.0);
                     tally.slow_enough = true;
                     let travel = (0..4)
-                        .map(|j| (q[j] - q_now[j]).abs() / limits[j].v / (t_s - settings.now_s))
+                        .map(|j| (q[j] - q_now[j]).abs() / limits[j].v_rad_s / (t_s - settings.now_s))
                         .fold(0.0, f64::max);
                     if travel > 1.0 {
                         let late = (0..4)
-                            .map(|j| (q[j] - q_now[j]).abs() / limits[j].v - (t_s - settings.now_s))
+                            .map(|j| (q[j] - q_now[j]).abs() / limits[j].v_rad_s - (t_s - settings.now_s))
                             .fold(0.0, f64::max);
                         tally.least_late_s = tally.least_late_s.min(late);
                         continue;

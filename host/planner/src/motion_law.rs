@@ -105,6 +105,12 @@ impl Shape {
         array::from_fn(|i| self.level[i][0] * a0 + self.level[i][1] * x + self.level[i][2] * y)
     }
 
+    /// Largest change of the acceleration in the time of a ramp. Between two levels that meet, the ramp is twice as long.
+    fn change(&self, a0: f64, x: f64, y: f64) -> f64 {
+        let met = self.at[3] == self.at[4];
+        (x - a0).abs().max(y.abs()).max(if met { 0.5 * (y - x).abs() } else { x.abs() })
+    }
+
     /// Largest speed on the way.
     fn peak_speed(&self, from: &State, x: f64, y: f64, t_s: f64) -> f64 {
         let a = self.accelerations(from.a, x, y);
@@ -140,19 +146,26 @@ pub struct Fit {
     pub used: f64,
 }
 
-/// The least peak acceleration in `t_s`, with a piece at the highest speed if need be; `None` if speed or acceleration do not suffice.
-fn steps(limits: &Limits, from: &State, q: f64, v: f64, t_s: f64) -> Option<Fit> {
+/// The motion from `from` to `q`, `v` in exactly `t_s` with the least peak acceleration: two pieces of constant acceleration, and one at
+/// the highest speed `v_max_rad_s` between them where they would pass it. Returns the peak (rad/s²), and duration (s) and acceleration of each piece;
+/// `None`: at that speed the joint comes
+/// too late, or there is no time.
+#[must_use]
+pub fn steps(from: &State, q: f64, v: f64, t_s: f64, v_max_rad_s: f64) -> Option<(f64, [(f64, f64); 3])> {
+    if t_s.is_nan() || t_s <= 0.0 {
+        return None;
+    }
     let (v0, way) = (from.v, q - from.q);
     let excess = way - 0.5 * (v0 + v) * t_s;
     let change = v - v0;
     let a = (2.0 * excess + (4.0 * excess * excess + t_s * t_s * change * change).sqrt().copysign(excess))
         / (t_s * t_s);
     let v_switch = 0.5 * (v0 + v + a * t_s);
-    let (a, pieces) = if v_switch.abs() <= limits.v_rad_s {
+    let (a, pieces) = if v_switch.abs() <= v_max_rad_s {
         let first = if a == 0.0 { 0.5 * t_s } else { (0.5 * (t_s + change / a)).clamp(0.0, t_s) };
         (a.abs(), [(first, a), (0.0, 0.0), (t_s - first, -a)])
     } else {
-        let top = limits.v_rad_s.copysign(v_switch);
+        let top = v_max_rad_s.copysign(v_switch);
         let (before, after, room) = (top - v0, top - v, top * t_s - way);
         let a = (before * before + after * after) / (2.0 * room.abs());
         let fits = room * top > 0.0 && a > 0.0;
@@ -160,21 +173,22 @@ fn steps(limits: &Limits, from: &State, q: f64, v: f64, t_s: f64) -> Option<Fit>
             return None;
         }
         let (first, last) = (before.abs() / a, after.abs() / a);
-        (a, [(first, a.copysign(before)), (t_s - first - last, 0.0), (last, -a.copysign(after))])
+        // Rounded away where there is no time at the highest speed.
+        let between = t_s - first - last;
+        let between = if between > -1e-12 { between.max(0.0) } else { between };
+        (a, [(first, a.copysign(before)), (between, 0.0), (last, -a.copysign(after))])
     };
-    let used = a / limits.a_rad_s2;
-    (used <= 1.0 + 1e-12 && pieces.iter().all(|(h, _)| *h >= 0.0))
-        .then_some(Fit { form: Form::Steps(pieces), used })
+    pieces.iter().all(|(h, _)| *h >= 0.0).then_some((a, pieces))
 }
 
 /// The law, with its table of shapes if jerk is limited.
 #[derive(Debug, Clone)]
-pub struct CatchLaw {
+pub struct MotionLaw {
     shapes: Vec<Shape>,
     jerk: bool,
 }
 
-impl CatchLaw {
+impl MotionLaw {
     /// With ramps for a limited jerk, or without.
     #[must_use]
     pub fn new(jerk: bool) -> Self {
@@ -209,7 +223,9 @@ impl CatchLaw {
             return None;
         }
         if !self.jerk {
-            return steps(limits, from, q, v, t_s);
+            let (a, pieces) = steps(from, q, v, t_s, limits.v_rad_s)?;
+            let used = a / limits.a_rad_s2;
+            return (used <= 1.0 + 1e-12).then_some(Fit { form: Form::Steps(pieces), used });
         }
         let want_angle = (q - from.q - from.v * t_s) / (t_s * t_s);
         let want_speed = (v - from.v) / t_s;
@@ -222,9 +238,7 @@ impl CatchLaw {
             let e = want_speed - shape.speed[0] * from.a;
             let x = shape.inverse[0][0] * d + shape.inverse[0][1] * e;
             let y = shape.inverse[1][0] * d + shape.inverse[1][1] * e;
-            // Between two levels that meet, the ramp is twice as long.
-            let met = shape.at[3] == shape.at[4];
-            let change = (x - from.a).abs().max(y.abs()).max(if met { 0.5 * (y - x).abs() } else { x.abs() });
+            let change = shape.change(from.a, x, y);
             let used = (x.abs().max(y.abs()) * per_a).max(change * per_j / shape.ramp);
             if used < bound && shape.peak_speed(from, x, y, t_s) <= limits.v_rad_s * (1.0 + 1e-9) {
                 bound = used;
@@ -232,6 +246,36 @@ impl CatchLaw {
             }
         }
         best
+    }
+
+    /// Shortest time from rest to rest over a distance, s, that [`Self::fit`] finds.
+    #[must_use]
+    pub fn rest_to_rest_s(&self, limits: &Limits, distance_rad: f64) -> f64 {
+        let d = distance_rad.abs();
+        let (v, a, j) = (limits.v_rad_s, limits.a_rad_s2, limits.j_rad_s3);
+        if !self.jerk {
+            return if d * a <= v * v { 2.0 * (d / a).sqrt() } else { d / v + v / a };
+        }
+        let times = self.shapes.iter().map(|shape| {
+            // Levels for 1 rad in 1 s.
+            let [x, y] = shape.inverse.map(|row| row[0]);
+            let speed = shape.peak_speed(&State::default(), x, y, 1.0);
+            let jerk = shape.change(0.0, x, y) / shape.ramp;
+            (speed * d / v).max((x.abs().max(y.abs()) * d / a).sqrt()).max((jerk * d / j).cbrt())
+        });
+        times.fold(f64::INFINITY, f64::min)
+    }
+
+    /// How many times the limits of acceleration and jerk the motion of [`Self::fit`] would need at least; infinite if the speed does not suffice
+    /// without a limit of jerk.
+    #[must_use]
+    pub fn needed(&self, limits: &Limits, from: &State, q: f64, v: f64, t_s: f64) -> f64 {
+        if !self.jerk {
+            return steps(from, q, v, t_s, limits.v_rad_s)
+                .map_or(f64::INFINITY, |(a, _)| a / limits.a_rad_s2);
+        }
+        let wide = Limits { a_rad_s2: 1e3 * limits.a_rad_s2, j_rad_s3: 1e3 * limits.j_rad_s3, ..*limits };
+        self.fit(&wide, from, q, v, t_s).map_or(1e3, |fit| 1e3 * fit.used)
     }
 
     /// Appends the motion of a fit.
@@ -318,6 +362,11 @@ impl Pieces {
             v: from.v + 0.5 * h_s * (a + b),
             a: b,
         };
+    }
+
+    /// Appends a time at constant speed.
+    pub fn coast(&mut self, h_s: f64) {
+        self.push(h_s, 0.0, 0.0);
     }
 
     /// Rounding errors of a stop go: it ends at rest.
@@ -408,7 +457,7 @@ pub fn stopping_angle(limits: &Limits, jerk: bool, v: f64) -> f64 {
 
 /// Least peak acceleration of any motion from `from` to `q`, `v` in `t_s`, without a limit of jerk or speed, rad/s²:
 /// two pieces, a = \[2D + sgn(D) sqrt(4D² + T²E²)\] / T² with D = q - q0 - (v0 + v)T/2 and E = v - v0. A bound from below for every
-/// motion of [`CatchLaw::fit`], whatever its first acceleration.
+/// motion of [`MotionLaw::fit`], whatever its first acceleration.
 #[must_use]
 #[inline]
 pub fn least_peak(from: &State, q: f64, v: f64, t_s: f64) -> f64 {
@@ -425,7 +474,7 @@ mod tests {
 
     const LIMITS: Limits = Limits { q_rad: (-3.0, 3.0), v_rad_s: 2.6, a_rad_s2: 10.4, j_rad_s3: 104.0 };
 
-    fn moved(law: &CatchLaw, limits: &Limits, from: State, q: f64, v: f64, t_s: f64) -> Option<Pieces> {
+    fn moved(law: &MotionLaw, limits: &Limits, from: State, q: f64, v: f64, t_s: f64) -> Option<Pieces> {
         let fit = law.fit(limits, &from, q, v, t_s)?;
         let mut pieces = Pieces::starting(from);
         law.append(&fit, t_s, &mut pieces);
@@ -441,7 +490,7 @@ mod tests {
 
     #[test]
     fn without_a_jerk_limit_the_motion_has_the_least_peak() {
-        let law = CatchLaw::new(false);
+        let law = MotionLaw::new(false);
         let wide = Limits { v_rad_s: 100.0, a_rad_s2: 1.0, j_rad_s3: f64::INFINITY, ..LIMITS };
         for (q, v) in [(1.0, 0.0), (1.0, 1.0), (0.3, -0.8), (-0.5, 1.0)] {
             let from = State::default();
@@ -479,7 +528,7 @@ mod tests {
             q in -1.5..1.5_f64, v in -2.0..2.0_f64, v0 in -2.0..2.0_f64, a0 in -8.0..8.0_f64, t_s in 0.1..1.0_f64,
             jerk in any::<bool>(),
         ) {
-            let law = CatchLaw::new(jerk);
+            let law = MotionLaw::new(jerk);
             let from = State { q: 0.2, v: v0, a: a0 };
             if let Some(mut pieces) = moved(&law, &LIMITS, from, q, v, t_s) {
                 let end = pieces.end();
@@ -504,8 +553,23 @@ mod tests {
         ) {
             let from = State { q: 0.0, v: v0, a: 0.0 };
             if least_peak(&from, q, v, t_s) < 4.0 {
-                prop_assert!(moved(&CatchLaw::new(true), &LIMITS, from, q, v, t_s).is_some());
-                prop_assert!(moved(&CatchLaw::new(false), &LIMITS, from, q, v, t_s).is_some());
+                prop_assert!(moved(&MotionLaw::new(true), &LIMITS, from, q, v, t_s).is_some());
+                prop_assert!(moved(&MotionLaw::new(false), &LIMITS, from, q, v, t_s).is_some());
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_shortest_time_from_rest_to_rest_is_the_shortest_that_is_found(d in 0.01..2.5_f64, jerk in any::<bool>()) {
+            let law = MotionLaw::new(jerk);
+            let shortest_s = law.rest_to_rest_s(&LIMITS, -d);
+            for (share, fits) in [(0.99, false), (1.0 + 1e-9, true), (1.5, true)] {
+                let t_s = share * shortest_s;
+                let found = law.fit(&LIMITS, &State::default(), -d, 0.0, t_s);
+                prop_assert_eq!(found.is_some(), fits, "{} of {} s", share, shortest_s);
+                let needed = law.needed(&LIMITS, &State::default(), -d, 0.0, t_s);
+                prop_assert!((needed <= 1.0 + 1e-6) == fits, "{}", needed);
             }
         }
     }
@@ -513,8 +577,8 @@ mod tests {
     #[test]
     fn too_little_time_is_refused() {
         let from = State::default();
-        assert!(moved(&CatchLaw::new(false), &LIMITS, from, 1.0, 0.0, 0.3).is_none());
-        assert!(moved(&CatchLaw::new(true), &LIMITS, from, 0.1, 0.0, 0.0).is_none());
-        assert!(moved(&CatchLaw::new(true), &LIMITS, from, 0.1, f64::NAN, 0.3).is_none());
+        assert!(moved(&MotionLaw::new(false), &LIMITS, from, 1.0, 0.0, 0.3).is_none());
+        assert!(moved(&MotionLaw::new(true), &LIMITS, from, 0.1, 0.0, 0.0).is_none());
+        assert!(moved(&MotionLaw::new(true), &LIMITS, from, 0.1, f64::NAN, 0.3).is_none());
     }
 }
