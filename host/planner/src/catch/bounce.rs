@@ -20,7 +20,7 @@ use nalgebra::Vector3;
 
 use super::arm::CatchArm;
 use super::cup::Cup;
-use super::edge::{AROUND, around};
+use super::edge::{AROUND, BETWEEN_RAD, around};
 use super::forecast::across;
 use super::motion::CatchMotion;
 
@@ -184,12 +184,29 @@ fn stays(cup: &Cup, path: &CupPath, p_m: Vector3<f64>, v_m_s: Vector3<f64>) -> b
     within
 }
 
-/// Chance that a ball that is at the middle of the mouth with `v_m_s` at the start of the path, beside it by a normal distribution of
-/// `sigma_m` across its flight, stays in the cup.
-pub(super) fn chance_to_stay(cup: &Cup, path: &CupPath, v_m_s: &Vector3<f64>, sigma_m: f64) -> f64 {
-    let mouth_m = path.knots[0].mouth_m;
+/// Which flights about the mean are followed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Flights {
+    /// To choose a candidate.
+    Choosing,
+    /// To say how likely the chosen one is. They lie between those for which it was chosen: these are kinder to it than others.
+    Judging,
+}
+
+/// Chance that a ball stays in the cup that is at `off_m` beside the middle of the mouth with `v_m_s` at the start of the path, by a
+/// normal distribution of `sigma_m` across its flight. A ball that misses the cup does not stay.
+pub(super) fn chance_to_stay(
+    cup: &Cup,
+    path: &CupPath,
+    (off_m, v_m_s): (Vector3<f64>, &Vector3<f64>),
+    sigma_m: f64,
+    flights: Flights,
+) -> f64 {
+    let p_m = path.knots[0].mouth_m + off_m;
     let (a, b) = across(&v_m_s.normalize());
-    let stay = around().filter(|(x, y)| stays(cup, path, mouth_m + (a * *x + b * *y) * sigma_m, *v_m_s));
+    let (sin, cos) = if flights == Flights::Judging { BETWEEN_RAD.sin_cos() } else { (0.0, 1.0) };
+    let (a, b) = (a * cos + b * sin, b * cos - a * sin);
+    let stay = around().filter(|(x, y)| stays(cup, path, p_m + (a * *x + b * *y) * sigma_m, *v_m_s));
     stay.count() as f64 / AROUND as f64
 }
 
@@ -234,7 +251,9 @@ impl StayTable {
                             return 0.0;
                         }
                         let v_m_s = along * (SPEEDS.0 * (speed + 1) as f64);
-                        let chance = chance_to_stay(cup, &path, &v_m_s, TABLE_SIGMA_M) as f32;
+                        let chance =
+                            chance_to_stay(cup, &path, (zero, &v_m_s), TABLE_SIGMA_M, Flights::Choosing)
+                                as f32;
                         lost = if chance == 0.0 { lost + 1 } else { 0 };
                         chance
                     }));
@@ -334,10 +353,25 @@ mod tests {
     #[test]
     fn a_hand_that_slows_down_keeps_a_ball_that_leaves_a_hand_at_rest() {
         let chance = |path: &CupPath, hand_m_s: f64| {
-            chance_to_stay(&cup(0.5), path, &(axis() * -(2.5 + hand_m_s)), 0.004)
+            let v_m_s = axis() * -(2.5 + hand_m_s);
+            chance_to_stay(&cup(0.5), path, (Vector3::zeros(), &v_m_s), 0.004, Flights::Choosing)
         };
         assert_eq!(chance(&slowing(2.0, 15.0), 2.0), 1.0);
         assert_eq!(chance(&slowing(0.0, 1.0), 0.0), 0.0);
+    }
+
+    /// The rounding of the rim has its middle 73 mm beside the axis: what comes farther out is thrown outwards.
+    #[test]
+    fn a_ball_stays_with_the_share_of_its_flights_that_come_inside_the_rim() {
+        let beside = |off_m: f64, flights: Flights| {
+            let comes = (Vector3::y() * off_m, &(axis() * -2.0));
+            chance_to_stay(&cup(0.15), &slowing(0.0, 1.0), comes, 0.004, flights)
+        };
+        for flights in [Flights::Choosing, Flights::Judging] {
+            assert_eq!([0.0, 0.03, 0.09].map(|off_m| beside(off_m, flights)), [1.0, 1.0, 0.0]);
+            let half = beside(0.073, flights);
+            assert!((0.25..=0.75).contains(&half), "{flights:?}: {half}");
+        }
     }
 
     #[test]

@@ -62,6 +62,9 @@ pub(super) fn share_in_reach(
 /// Number of points of [`around`].
 pub(super) const AROUND: usize = RINGS.len() * PER_RING as usize;
 
+/// By this the points of [`around`] are turned to lie in between, rad.
+pub(super) const BETWEEN_RAD: f64 = 0.5 * TAU / PER_RING as f64;
+
 /// Points about the mean of a normal distribution in a plane, each as likely as the others, in standard deviations.
 pub(super) fn around() -> impl Iterator<Item = (f64, f64)> {
     RINGS.iter().flat_map(|radius| {

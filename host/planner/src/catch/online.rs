@@ -7,6 +7,7 @@ use nalgebra::Vector3;
 
 use super::Joints;
 use super::arm::CatchArm;
+use super::bounce::{CupPath, Flights, chance_to_stay};
 use super::clear::move_clear;
 use super::forecast::Forecast;
 use super::motion::CatchMotion;
@@ -172,12 +173,19 @@ impl<'a> Catcher<'a> {
         self.before = Some((motion, choice));
     }
 
-    /// Probability of the catch under way if nothing changes any more, with the chance to stay of its plan.
+    /// Probability of the catch under way if nothing changes any more. A ball that comes as planned has the chance to stay of the
+    /// plan; one that comes beside it, of flights about where it comes.
     fn kept_probability(&self, forecast: &Forecast, off_m: f64) -> f64 {
         let Some(choice) = &self.choice else { return 0.0 };
-        let sigma_m = forecast.at(choice.t_s).map_or(f64::INFINITY, |ball| ball.lateral_sigma_m());
-        let sigma_m = sigma_m.hypot(self.settings.tracking_sigma_m);
-        choice.stays * passes_rim(self.arm.cup().miss_max_m(), off_m, sigma_m)
+        let Some(ball) = forecast.at(choice.t_s) else { return 0.0 };
+        let sigma_m = ball.lateral_sigma_m().hypot(self.settings.tracking_sigma_m);
+        let enters = passes_rim(self.arm.cup().miss_max_m(), off_m, sigma_m);
+        if off_m < CORRECT_FROM_M {
+            return choice.stays * enters;
+        }
+        let path = CupPath::of(self.arm, &choice.motion, choice.t_s);
+        let comes = (ball.p_m - choice.p_m, &ball.v_m_s);
+        chance_to_stay(self.arm.cup(), &path, comes, sigma_m, Flights::Judging).min(enters)
     }
 
     fn judge_again(&mut self, forecast: &Forecast, off_m: f64) {

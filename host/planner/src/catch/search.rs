@@ -12,6 +12,7 @@
 //!   -> cup looks up where the hand stops                                      closed form
 //! best 24, in order: whole motion against limits, contacts, currents, ball     at most 6
 //! chance that the ball stays in the cup of that hand: it bounces 12 times       one whose ball is sure to stay ends the search
+//! the same of the chosen one, with 12 flights between these                    this chance is the predicted one
 //! of a first decision: share of the flights that it can still catch             12 flights about the mean
 //! ```
 
@@ -21,7 +22,7 @@ use robot_model::collision::CollisionChecker;
 
 use super::Joints;
 use super::arm::CatchArm;
-use super::bounce::{CupPath, chance_to_stay};
+use super::bounce::{CupPath, Flights, chance_to_stay};
 use super::candidates::{Candidate, SURE_TO_STAY, Search, directions};
 use super::edge::share_in_reach;
 use super::forecast::{Forecast, Foreseen, across};
@@ -109,7 +110,7 @@ pub fn search(
         let motion = motion_of(arm, limits, start, candidate);
         match check(arm, &mut checker, &motion, Some((forecast, candidate.ball.t_s))) {
             Ok(()) => {
-                let stays = stays(arm, &motion, candidate);
+                let stays = stays(arm, &motion, candidate, Flights::Choosing);
                 if chosen
                     .as_ref()
                     .is_none_or(|(most, other, _)| candidate.enters * stays > other.enters * most)
@@ -123,7 +124,8 @@ pub fn search(
             Err(why) => faults.push(why),
         }
     }
-    if let Some((stays, candidate, motion)) = chosen {
+    if let Some((_, candidate, motion)) = chosen {
+        let stays = stays(arm, &motion, candidate, Flights::Judging);
         let mut enters = candidate.enters;
         if start.under_way.is_none() {
             enters *= share_in_reach(arm, settings, start, forecast, candidate, &rings);
@@ -199,9 +201,9 @@ fn motion_of(arm: &CatchArm, limits: &[Limits; 6], start: &Start<'_>, candidate:
 }
 
 /// Chance that a ball that enters the cup stays in it, with the motion of the hand.
-fn stays(arm: &CatchArm, motion: &CatchMotion, candidate: &Candidate) -> f64 {
+fn stays(arm: &CatchArm, motion: &CatchMotion, candidate: &Candidate, flights: Flights) -> f64 {
     let path = CupPath::of(arm, motion, candidate.ball.t_s);
-    chance_to_stay(&arm.cup, &path, &candidate.ball.v_m_s, candidate.sigma_m)
+    chance_to_stay(&arm.cup, &path, (Vector3::zeros(), &candidate.ball.v_m_s), candidate.sigma_m, flights)
 }
 
 fn choice_of(candidate: &Candidate, motion: CatchMotion, enters: f64, stays: f64) -> Choice {
