@@ -13,8 +13,6 @@ use crate::settings::Settings;
 
 /// Content of object 60A9 if object 6080 is in turns per minute, as drives are delivered.
 const TURNS_PER_MINUTE: u32 = 0x00B4_4700;
-/// Limit of speed in a servo, as a multiple of the top speed of its joint. With less the servo could not catch up with its set points.
-const SPEED_ROOM: f32 = 1.03;
 /// Time beyond the following window, ms.
 const AWAY_MS: u32 = 10;
 const NOT_VALID: u32 = 1 << 31;
@@ -95,7 +93,7 @@ pub(super) fn all(
     use Kind::{AtMostIfThere, Error, Has, Is, IsIfThere, OfMotor, Off, Set, Shows, Unit, Write};
     let limits = settings.joint.at(joint);
     let counts = |rad: f32| (rad * servo.counts_per_turn as f32 / TAU) as u32;
-    let turns_per_minute = SPEED_ROOM * limits.v_max_rad_s * 60.0 / TAU;
+    let turns_per_minute = limits.v_max_rad_s * 60.0 / TAU;
     let homing = if servo.home == Home::Here { 1 << (mode_number(DriveMode::Homing) - 1) } else { 0 };
     let mode = mode_number(servo.follow.mode());
     let modes = 1 << (mode - 1) | homing;
@@ -161,7 +159,8 @@ pub(super) fn all(
         row(AtMostIfThere, cia402::INTERPOLATION_BUFFER, 2, 4, 1),
     ];
     let interpolated = interpolated.into_iter().filter(move |_| servo.follow == Follow::Interpolated);
-    // After lost set points the next one is far away. This limit keeps the servo from running there faster than its joint may.
+    // After lost set points the next one is far away. This limit keeps the servo from running there faster than its joint may. Plans are
+    // slower (at most 98 %), so that it catches up.
     let limited = [
         row(IsIfThere, cia402::VELOCITY_UNIT, 0, 4, TURNS_PER_MINUTE),
         row(OfMotor, cia402::MOTOR_SPEED_MAX, 0, 4, libm::roundf(turns_per_minute * 1e3) as u32),
