@@ -87,6 +87,7 @@ impl Rig {
     /// Control word and target to it, status word and position from it, with each SYNC.
     fn map(&mut self) {
         self.map_to(Entry::new(0x607A, 0, 4));
+        self.write(0x6085, 0, &4_000_000_u32.to_le_bytes()).unwrap();
     }
 
     fn map_to(&mut self, target: Entry) {
@@ -99,7 +100,6 @@ impl Rig {
         }
         self.write(0x60C2, 1, &[2]).unwrap();
         self.write(0x60C2, 2, &[(-3_i8) as u8]).unwrap();
-        self.write(0x6085, 0, &4_000_000_u32.to_le_bytes()).unwrap();
     }
 
     /// A period: the set point, unless it is missing, then the SYNC. What comes back: status word and counts.
@@ -403,7 +403,10 @@ fn a_module_takes_torque_after_its_commutation_follows_while_bit_4_is_set_and_br
     let mut rig = Rig::with(ServoOptions::of(node()).interpolating());
     rig.run(Duration::from_millis(250));
     assert_eq!(rig.read(0x6502, 0), Ok(vec![0x43, 0, 0, 0]));
-    assert_eq!(rig.read(0x608F, 1), aborted(0x0602_0000), "its unit is fixed");
+    for (index, sub) in [(0x608F, 1), (0x6091, 1), (0x1029, 1), (0x6007, 0), (0x603F, 0), (0x605A, 0)] {
+        assert_eq!(rig.read(index, sub), aborted(0x0602_0000), "{index:x} is not shown");
+        assert_eq!(rig.write(index, sub, &[1, 0]), aborted(0x0602_0000), "{index:x} is not shown");
+    }
     assert_eq!(rig.read(0x1600, 3), Ok(0x60C1_0120_u32.to_le_bytes().to_vec()), "the map as delivered");
     rig.map_to(Entry::new(0x60C1, 1, 4));
     rig.write(0x6060, 0, &[8]).unwrap();

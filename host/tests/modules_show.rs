@@ -100,6 +100,56 @@ fn a_sheet_of_servos_of_mode_8_does_not_fit_modules_that_interpolate() {
     }
 }
 
+/// Objects of a module that interpolates, beside those of the sheet.
+const INTERPOLATION: &str = "
+[60C0]
+ParameterName=interpolation_sub_mode_select
+ObjectType=0x7
+DataType=0x0003
+AccessType=rw
+LowLimit=-1
+HighLimit=0
+
+[60C1]
+ParameterName=interpolation_data_record
+ObjectType=0x8
+SubNumber=2
+
+[60C1sub1]
+ParameterName=setpoint_1
+ObjectType=0x7
+DataType=0x0004
+AccessType=rww
+PDOMapping=1
+
+[60C4]
+ParameterName=interpolation_data_configuration
+ObjectType=0x9
+SubNumber=7
+
+[60C4sub2]
+ParameterName=actual_buffer_size
+ObjectType=0x7
+DataType=0x0007
+AccessType=rw
+DefaultValue=0
+";
+
+#[test]
+fn modules_without_what_schunks_sheet_does_not_name_are_as_such_a_sheet_says() {
+    let folder = Folder::new("sheet-module");
+    let robot = interpolating(ROBOT, &folder);
+    let mut sheet = SHEET.to_owned() + INTERPOLATION;
+    for index in ["1029", "6007", "603F", "605A", "605E", "6066", "6076", "6085", "608F", "6091"] {
+        assert!(sheet.contains(&format!("[{index}]")), "{index}");
+        // A section that is no object of the node and of the controller.
+        sheet = sheet.replace(&format!("[{index}"), &format!("[5{}", &index[1..]));
+    }
+    let done = show(&folder, &sheet, &["--robot", &robot]);
+    assert_eq!(code(&done), 0, "{}{}", out(&done), err(&done));
+    assert!(out(&done).contains("node 8: "), "{}", out(&done));
+}
+
 #[test]
 fn what_cannot_be_compared_ends_with_its_code_and_a_next_step() {
     let folder = Folder::new("sheet-refused");

@@ -11,6 +11,7 @@ use firmware::state::StateKind;
 use firmware::store::{FileName, RamStorage};
 use hil_sim::bus::BusConfig;
 use hil_sim::drive::bench::{Bench, ShaftMotor};
+use hil_sim::fault::{Fault, FaultKind, IdFilter, Target, WireFault};
 use hil_sim::participants::Solo;
 use hil_sim::world::{Observer, World};
 use protocol::cyphal::crc::Crc64;
@@ -85,6 +86,28 @@ impl<G: DriveGroup<Packet = Frame>, M: ShaftMotor, const N: usize> Arm<G, M, N> 
     /// A frame reaches the controller as if another node had sent it.
     pub(crate) fn forge(&mut self, frame: &Frame) {
         self.world.with_participants(|all, now| all.1.node.handle_packet(now, frame)).unwrap();
+    }
+
+    /// Frames of these ids suffer so from now on.
+    pub(crate) fn wire(
+        &mut self,
+        kind: WireFault,
+        filter: IdFilter,
+        length: Duration,
+        every: Option<Duration>,
+    ) {
+        let fault = Fault {
+            label: "wire".to_owned(),
+            kind: FaultKind::Wire(kind),
+            target: Target::Bus,
+            filter: Some(filter),
+            start: self.now(),
+            at: None,
+            length: Some(length),
+            every,
+            probability: 1.0,
+        };
+        self.world.add_fault(fault).unwrap();
     }
 
     pub(crate) fn run_us(&mut self, us: u64) {

@@ -41,8 +41,8 @@ fn servos_are_found_without_a_motion_and_set_up_before_the_first_sync() {
         assert_eq!(object(0x6061, 0), [8]);
         assert_eq!(object(0x1016, 1), [30, 0, 0x7F, 0]);
         assert_eq!(object(0x1A00, 0), [2]);
-        // Turns per minute of the motor, behind a gear of 100, with 3 % for the position loop.
-        let wanted = settings().joint.at(joint(i)).v_max_rad_s * 60.0 / core::f32::consts::TAU * 103.0;
+        // Turns per minute of the motor, behind a gear of 100.
+        let wanted = settings().joint.at(joint(i)).v_max_rad_s * 60.0 / core::f32::consts::TAU * 100.0;
         let limit = u32::from_le_bytes(object(0x6080, 0).try_into().unwrap());
         assert!((wanted - 0.1..wanted + 1.1).contains(&(limit as f32)), "{limit} {wanted}");
         // Long before the word that gives torque the target is where the shaft stands.

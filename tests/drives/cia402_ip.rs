@@ -2,24 +2,43 @@
 //! of their own.
 
 use canopen_protocol::cia402::State;
-use canopen_protocol::{Function, Object};
+use canopen_protocol::{Function, Object, nmt};
 use firmware::fault::Cause;
+use firmware::orders::Order;
 use firmware::state::StateKind;
 use hil_sim::drive::cia402::{Interpolating, ServoOptions};
-use protocol::{Duration, Instant};
+use hil_sim::fault::{IdFilter, WireFault};
+use protocol::{Duration, Id, Instant, StandardId};
 
 use crate::cia402::others_are_held;
-use crate::cia402_rig::{Rig, node};
+use crate::cia402_rig::{PERIOD_US, Rig, node};
 use crate::rig::joint;
 use crate::six::{JOINTS, stands_rad};
 
 /// Search with a commutation of 5 s, twice the exchanges of a servo at most.
 const FIND_MS: u64 = 7_000;
 
+/// Objects that SCHUNK's DCF of 2013 does not name.
+const ABSENT: [(u16, u8); 10] = [
+    (0x1029, 1),
+    (0x6007, 0),
+    (0x603F, 0),
+    (0x605A, 0),
+    (0x605E, 0),
+    (0x6066, 0),
+    (0x6076, 0),
+    (0x6085, 0),
+    (0x608F, 1),
+    (0x6091, 1),
+];
+
+fn module(options: &mut ServoOptions, change: impl Fn(&mut Interpolating)) {
+    options.interpolating.iter_mut().for_each(change);
+}
+
 /// The commutation is found at once.
 pub(crate) fn short(_: usize, options: &mut ServoOptions) {
-    let commutation = Duration::from_millis(50);
-    options.interpolating = options.interpolating.map(|own| Interpolating { commutation, ..own });
+    module(options, |own| own.commutation = Duration::from_millis(50));
 }
 
 #[test]
@@ -37,7 +56,14 @@ fn modules_are_found_after_the_search_for_their_commutation_and_interpolate_at_r
         assert_eq!(object(0x1600, 2), 0x60C1_0120_u32.to_le_bytes());
         assert_eq!(object(0x2050, 0), [3, 0]);
         assert_ne!(object(0x6041, 0)[1] & 1 << 4, 0, "it interpolates");
-        assert_eq!(rig.drive(i, |servo, _| servo.object(0x6091, 1)), None);
+        assert!(ABSENT.iter().all(|(index, sub)| rig.drive(i, |s, _| s.object(*index, *sub)).is_none()));
+        // Without a heartbeat of the controller the node gives no process data, until it is started again.
+        let starts = rig.frames(Instant::ZERO, |frame| *frame == nmt::Command::Start.encode(Some(node(i))));
+        let [_, again] = starts[..] else { panic!("{starts:?}") };
+        let answers = rig.frames_of(Function::Tpdo(1, node(i)), Instant::ZERO);
+        let last = answers.iter().map(|(at, _)| *at).filter(|at| *at < again.0).max().unwrap();
+        let gap_us = again.0.saturating_since(last).as_micros();
+        assert!((PERIOD_US..20 * PERIOD_US).contains(&gap_us), "{gap_us}");
         // Bit 4 comes with torque only; each position is that of the shaft.
         let words = rig.frames_of(Function::Rpdo(1, node(i)), Instant::ZERO);
         let words: Vec<_> =
@@ -89,8 +115,7 @@ fn a_commutation_that_is_not_found_a_queue_of_positions_and_a_servo_without_mode
     let mut rig = Rig::interpolating(|i, options| {
         short(i, options);
         if i == 4 {
-            let commutation = Duration::from_millis(60_000);
-            options.interpolating = options.interpolating.map(|own| Interpolating { commutation, ..own });
+            module(options, |own| own.commutation = Duration::from_millis(60_000));
         }
     });
     rig.run_until(15_000, |rig| rig.kind() == StateKind::Fault);
@@ -100,12 +125,7 @@ fn a_commutation_that_is_not_found_a_queue_of_positions_and_a_servo_without_mode
     type Change = fn(&mut ServoOptions);
     let cases: [(Change, Object); 2] = [
         (|options| options.modes = ServoOptions::MODES, Object::new(0x6502, 0)),
-        (
-            |options| {
-                options.interpolating = options.interpolating.map(|own| Interpolating { queue: 8, ..own });
-            },
-            Object::new(0x60C4, 2),
-        ),
+        (|options| module(options, |own| own.queue = 8), Object::new(0x60C4, 2)),
     ];
     for (change, object) in cases {
         let mut rig = Rig::interpolating(|i, options| {
@@ -117,4 +137,77 @@ fn a_commutation_that_is_not_found_a_queue_of_positions_and_a_servo_without_mode
         let (_, mismatch) = *rig.controller().group().mismatch().unwrap();
         assert_eq!(mismatch.object, object, "{mismatch}");
     }
+}
+
+#[test]
+fn a_module_that_keeps_its_torque_without_a_heartbeat_is_refused_however_its_node_behaves() {
+    let mut rig = Rig::interpolating(short);
+    rig.drive(1, |servo, _| servo.faults_mut().supervision_is_dead = true);
+    rig.refused(Cause::WatchdogUnproven, 1);
+    // Its node goes pre-operational, its drive goes on.
+    let reacts = |on_lost_link| {
+        Rig::interpolating(move |i, options| {
+            short(i, options);
+            module(options, |own| own.on_lost_link = if i == 3 { on_lost_link } else { 1 });
+        })
+    };
+    reacts(0).refused(Cause::WatchdogUnproven, 3);
+    // Off, and a quick stop that ends without torque.
+    for on_lost_link in [2, 3] {
+        let mut rig = reacts(on_lost_link);
+        rig.run_to(FIND_MS, StateKind::Idle);
+        others_are_held(&mut rig, JOINTS);
+    }
+}
+
+#[test]
+fn modules_that_miss_the_heartbeat_in_a_motion_stop_the_arm_and_work_again_when_a_person_clears_it() {
+    let exactly = |id| IdFilter { id: Id::Standard(StandardId::new(id).unwrap()), mask: 0x7FF };
+    let lost = Duration::from_millis(60);
+    // Without their emergencies, missing process data show it.
+    for (emergencies_are_lost, cause) in [(false, Cause::DriveWatchdog), (true, Cause::DriveSilent)] {
+        let mut rig = Rig::interpolating(short).made_ready(2_000).moved_on();
+        let since = rig.now();
+        rig.wire(WireFault::Drop, exactly(0x77F), lost, None);
+        for i in (0..JOINTS).filter(|_| emergencies_are_lost) {
+            rig.wire(WireFault::Drop, exactly(Function::Emergency(node(i)).id()), lost, None);
+        }
+        // 30 ms after the last heartbeat, and what is missing is noticed.
+        rig.ends_with(since, 15 + 4, cause, 0);
+        let before = rig.shafts();
+        rig.run_us(300_000);
+        let after = rig.shafts();
+        // A shaft of the bench has no brake: it goes on with the rest of its speed, at most 0.01 rad/s.
+        assert!((0..JOINTS).all(|i| (after[i] - before[i]).abs() < 3e-3), "{before:?} {after:?}");
+        for i in 0..JOINTS {
+            assert_eq!(rig.drive(i, |servo, _| servo.state()), State::Fault);
+            // The group has given them up.
+            assert_eq!(rig.drive(i, |servo, _| servo.network()), nmt::State::Stopped);
+        }
+        rig.clear();
+        rig.run_to(FIND_MS, StateKind::Idle);
+        others_are_held(&mut rig, JOINTS);
+        rig.order(Order::Home { mask: 0x3F });
+        rig.run_to(1_500, StateKind::Ready);
+        let before = rig.shafts();
+        rig.order(Order::Jog { joint: joint(0), qd_rad_s: -0.2, hold: Duration::from_millis(200) });
+        rig.run_to(1_000, StateKind::Ready);
+        assert!((before[0] - rig.shafts()[0] - 0.04).abs() < 2e-3);
+    }
+}
+
+#[test]
+fn a_fault_from_before_is_named_by_the_history_of_errors() {
+    // The controller before has ended: its heartbeat stayed away.
+    let mut rig = Rig::interpolating(short);
+    rig.run_us(201_000);
+    (0..JOINTS).for_each(|i| rig.drive(i, |servo, now| servo.fail(now, 0x8130)));
+    rig.run_to(FIND_MS, StateKind::Idle);
+    let mut rig = Rig::interpolating(short);
+    rig.run_us(201_000);
+    rig.drive(4, |servo, now| servo.fail(now, 0x8130));
+    rig.drive(4, |servo, now| servo.emergency(now, 0x4310));
+    rig.refused(Cause::DrivePowerFault, 4);
+    rig.clear();
+    rig.run_to(FIND_MS, StateKind::Idle);
 }

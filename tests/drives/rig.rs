@@ -12,7 +12,7 @@ use firmware::trajectory_format::{self, FILE_LEN_MAX, Header};
 use hil_sim::bus::BusConfig;
 use hil_sim::drive::bench::Bench;
 use hil_sim::drive::mit::{MitMotor, MitOptions};
-use hil_sim::fault::{Fault, FaultKind, IdFilter, Target, WireFault};
+use hil_sim::fault::{IdFilter, WireFault};
 use mit_protocol::{Command, Mit as SetPoint, MotorId, Ranges};
 use protocol::{Duration, Id, Instant, JointIndex, StandardId};
 
@@ -98,21 +98,6 @@ impl Rig {
 
     pub(crate) fn motor<R>(&mut self, index: usize, act: impl FnOnce(&mut MitMotor) -> R) -> R {
         self.drive(index, |motor, _| act(motor))
-    }
-
-    fn wire(&mut self, kind: WireFault, filter: IdFilter, length: Duration, every: Option<Duration>) {
-        let fault = Fault {
-            label: "wire".to_owned(),
-            kind: FaultKind::Wire(kind),
-            target: Target::Bus,
-            filter: Some(filter),
-            start: self.now(),
-            at: None,
-            length: Some(length),
-            every,
-            probability: 1.0,
-        };
-        self.world.add_fault(fault).unwrap();
     }
 
     /// Answers of a motor reach the controller so much later for some milliseconds in each 60.

@@ -25,7 +25,7 @@ pub struct Drive {
     pub(super) is_written: bool,
     /// Objects 608F and 6091.
     pub(super) units: [u32; 4],
-    /// Object 603F.
+    /// Object 603F, or else the newest entry of object 1003.
     pub(super) error: u16,
     /// Last emergency; 0: none, or it is over.
     pub(super) emergency: u16,
@@ -76,7 +76,7 @@ impl Drive {
         self.is_held()
             || matches!(
                 self.step,
-                Step::Enabling | Step::Enabled | Step::Silence | Step::Clearing | Step::Off
+                Step::Enabling | Step::Enabled | Step::Silence | Step::Judged | Step::Clearing | Step::Off
             )
     }
 

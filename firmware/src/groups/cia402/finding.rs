@@ -1,18 +1,20 @@
 //! How a servo is found: from silence to torque, without a motion.
 //!
 //! ```text
-//! Look ──► Row 0.. ──► Configured ──► Enabling ──► Enabled ──► Silence ──► Clearing ──► Enabling ──► Enabled ──► Held
-//!  │ no answer ▲        waits for all    │ towards torque, word by word       │                                    │
-//!  └───────────┘        SYNC begins      └────────── proven before ──────────────────────────────────────────────► │
-//!                                                                                               fault, no answer ──► Off
+//! Look ──► Row 0.. ──► Configured ──► Enabling ──► Enabled ──► Silence ──► Judged ──► Clearing ──► Enabling ──► Enabled ──► Held
+//!  │ no answer ▲        waits for all    │ towards torque, word by word                   │                                 │
+//!  └───────────┘        SYNC begins      └────────── proven before ───────────────────────────────────────────────────────► │
+//!                                                                                                        fault, no answer ──► Off
 //! ```
 //!
 //! * Each object that is written is read back: some maps are fixed, and some servos take a value and keep another one.
 //! * Units, mode and profile are read and compared. Nothing in process data shows that they differ.
 //! * The target is the measured position before the servo gets torque: with torque it goes to the last target that it got.
 //! * The supervision of the controller's heartbeat is proven: all servos have torque at rest, the heartbeat stays away, and each must end in
-//!   a fault by itself.
-//! * A servo in a fault is refused until a person clears it, but for the fault that the end of the last controller left.
+//!   a fault by itself. A module that interpolates may end without torque and without a fault: not each has object 6007. A node without object
+//!   1029 goes pre-operational then. So all nodes are started again, and new process data show the states.
+//! * A servo in a fault is refused until a person clears it, but for the fault that the end of the last controller left. Its error is object
+//!   603F; without it, the newest entry of object 1003; without both, the cause is not known ([`Cause::DriveError`]).
 //! * A servo that this group holds already, and that answers, stays as it is if all others do, too.
 
 use core::fmt;
@@ -26,7 +28,7 @@ use protocol::{Duration, Instant, JointIndex};
 
 use super::Cia402;
 use super::options::{Follow, HOST_NODE, Servo};
-use super::rows::{self, BEFORE_ZERO, Kind, Row, homing_rows, little_endian, row};
+use super::rows::{self, BEFORE_ZERO, Kind, LAST_ERROR, Row, homing_rows, little_endian, row};
 use crate::fault::Cause;
 use crate::groups::leading::Mode;
 use crate::groups::position::Drive as _;
@@ -63,6 +65,8 @@ pub(super) enum Step {
     Enabled,
     /// No heartbeat comes to it.
     Silence,
+    /// Its node is started again, and shows whether it has stopped.
+    Judged,
     /// Its fault is reset.
     Clearing,
     /// It takes set points.
@@ -181,7 +185,11 @@ impl Cia402 {
         let Some(row) = self.row(settings, joint) else { return };
         match outcome {
             Err(Failure::TimeOut) => self.unanswered(now, joint),
-            Err(Failure::Aborted(AbortCode::NO_OBJECT)) if self.may_be_absent(joint, row) => {
+            // A history without errors has no entry, which servos say in several ways.
+            Err(Failure::Aborted(code))
+                if (code == AbortCode::NO_OBJECT || row.object == LAST_ERROR)
+                    && self.may_be_absent(joint, row) =>
+            {
                 self.next_row(now, settings, joint);
             }
             Err(failure) => {
@@ -241,6 +249,7 @@ impl Cia402 {
                     return self.mismatched(now, joint, mismatch);
                 }
             }
+            Kind::Error if drive.error != 0 => {}
             Kind::Error => drive.error = value as u16,
             Kind::State => {
                 let resets = mode == Mode::Finding { reset: true };
@@ -343,7 +352,7 @@ impl Cia402 {
                 self.options.servo(joint).is_some_and(|servo| servo.follow == Follow::Interpolated);
             let most = match drive.step {
                 Step::Enabling if interpolates => COMMUTATION_MAX,
-                Step::Enabling | Step::Clearing => STEP_MAX,
+                Step::Enabling | Step::Judged | Step::Clearing => STEP_MAX,
                 _ => continue,
             };
             if now.saturating_since(drive.since) > most {
@@ -353,14 +362,7 @@ impl Cia402 {
             }
         }
         if all(self, Step::Configured) {
-            for joint in settings.joints() {
-                if let Some(Servo { node, .. }) = self.options.servo(joint) {
-                    self.send(nmt::Command::Start.encode(Some(node)));
-                }
-                let drive = self.drives.at_mut(joint);
-                drive.heard_at = now;
-                drive.go_to(now, Step::Enabling);
-            }
+            self.start_all(now, settings, Step::Enabling);
             (self.own.is_synchronous, self.own.beats_at) = (true, now);
         } else if all(self, Step::Enabled) {
             let is_proven = settings.joints().all(|joint| self.drives.at(joint).is_proven);
@@ -368,7 +370,21 @@ impl Cia402 {
             self.own.proof_ends_at = now + rows::time_out(settings) + settings.cycle_period() * 4;
             self.all_to(now, settings, next);
         } else if all(self, Step::Silence) && now >= self.own.proof_ends_at {
+            self.start_all(now, settings, Step::Judged);
+        } else if all(self, Step::Judged) && settings.joints().all(|j| self.drives.at(j).status.is_some()) {
             self.end_proof(now, settings);
+        }
+    }
+
+    /// Starts the nodes: their process data run, and those from before count no more.
+    fn start_all(&mut self, now: Instant, settings: &Settings, step: Step) {
+        for joint in settings.joints() {
+            if let Some(Servo { node, .. }) = self.options.servo(joint) {
+                self.send(nmt::Command::Start.encode(Some(node)));
+            }
+            let drive = self.drives.at_mut(joint);
+            (drive.heard_at, drive.status) = (now, None);
+            drive.go_to(now, step);
         }
     }
 
@@ -378,8 +394,15 @@ impl Cia402 {
 
     fn end_proof(&mut self, now: Instant, settings: &Settings) {
         for joint in settings.joints() {
+            let is_module =
+                self.options.servo(joint).is_some_and(|servo| servo.follow == Follow::Interpolated);
             let drive = self.drives.at_mut(joint);
-            drive.is_proven = matches!(drive.state(), Some(State::Fault | State::FaultReaction));
+            drive.is_proven = match drive.state() {
+                Some(State::Fault | State::FaultReaction) => true,
+                // Without object 6007 it may lose its torque without a fault.
+                Some(State::SwitchOnDisabled) => is_module,
+                _ => false,
+            };
             if !drive.is_proven {
                 return self.refuse(joint, Cause::WatchdogUnproven);
             }

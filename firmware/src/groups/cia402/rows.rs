@@ -13,11 +13,23 @@ use crate::settings::Settings;
 
 /// Content of object 60A9 if object 6080 is in turns per minute, as drives are delivered.
 const TURNS_PER_MINUTE: u32 = 0x00B4_4700;
-/// Limit of speed in a servo, as a multiple of the top speed of its joint. With less the servo could not catch up with its set points.
-const SPEED_ROOM: f32 = 1.03;
 /// Time beyond the following window, ms.
 const AWAY_MS: u32 = 10;
 const NOT_VALID: u32 = 1 << 31;
+/// What modules that interpolate may lack. None of these is in the public DCF of SCHUNK's modules (2013).
+///
+/// | object | what holds without it |
+/// |---|---|
+/// | 1029, 6007, 605E | the module stops as its maker chose; the proof of the supervision shows that it gives up its torque |
+/// | 603F | the newest entry of object 1003 is the error; without one the cause is [`Cause::DriveError`](crate::fault::Cause::DriveError) |
+/// | 605A, 6085 | a quick stop ends as its maker chose, and brakes as fast; a joint is ordered one after a fault only |
+/// | 6066 | the time beyond the window of object 6065 is the maker's |
+/// | 6076 | nothing shows that torques fed forward have the unit of the robot file; a wrong one shows as a following error |
+/// | 608F, 6091 | the unit is fixed; nothing shows that it is that of the robot file |
+const ABSENT_IN_MODULES: [u16; 10] =
+    [0x1029, 0x6007, 0x603F, 0x605A, 0x605E, 0x6066, 0x6076, 0x6085, 0x608F, 0x6091];
+/// Newest entry of the error history; its upper half is the maker's. A servo without errors has none.
+pub(super) const LAST_ERROR: Object = Object::new(0x1003, 1);
 /// A bit of ids that servos may set by themselves: no remote frames.
 const NO_REMOTE: u32 = 1 << 30;
 
@@ -27,11 +39,13 @@ pub(super) enum Kind {
     Is,
     /// As `Is`; a servo without this object is fine.
     IsIfThere,
+    /// At most this; a servo without this object is fine.
+    AtMostIfThere,
     /// It has these bits.
     Has,
     /// One of the numbers that give the counts per turn. When the last one is read, the result is compared.
     Unit(u8),
-    /// Last error.
+    /// Last error, if none is known yet.
     Error,
     /// State of the drive.
     State,
@@ -76,10 +90,10 @@ pub(super) fn all(
     settings: &Settings,
     joint: JointIndex,
 ) -> impl Iterator<Item = Row> {
-    use Kind::{Error, Has, Is, IsIfThere, OfMotor, Off, Set, Shows, Unit, Write};
+    use Kind::{AtMostIfThere, Error, Has, Is, IsIfThere, OfMotor, Off, Set, Shows, Unit, Write};
     let limits = settings.joint.at(joint);
     let counts = |rad: f32| (rad * servo.counts_per_turn as f32 / TAU) as u32;
-    let turns_per_minute = SPEED_ROOM * limits.v_max_rad_s * 60.0 / TAU;
+    let turns_per_minute = limits.v_max_rad_s * 60.0 / TAU;
     let homing = if servo.home == Home::Here { 1 << (mode_number(DriveMode::Homing) - 1) } else { 0 };
     let mode = mode_number(servo.follow.mode());
     let modes = 1 << (mode - 1) | homing;
@@ -97,13 +111,14 @@ pub(super) fn all(
         row(Unit(3), 0x6091, 2, 4, 0),
         row(Is, 0x6076, 0, 4, servo.rated_mnm),
         row(Error, 0x603F, 0, 2, 0),
+        row(Error, LAST_ERROR.index, LAST_ERROR.sub, 4, 0),
         row(Kind::State, cia402::STATUS, 0, 2, 0),
         // No torque; then the rising bit that clears an error.
         control(Control::DISABLE_VOLTAGE),
         control(Control::FAULT_RESET),
         control(Control::DISABLE_VOLTAGE),
         row(Shows, cia402::STATUS, 0, 2, Status::of(State::SwitchOnDisabled).0.into()),
-        // On a lost link process data go on: they show the fault.
+        // On a lost link process data go on: they show the fault. Without this object the node goes pre-operational.
         row(Set, 0x1029, 1, 1, 1),
         row(Set, 0x1016, 1, 4, supervised),
         row(Set, 0x1017, 0, 2, HEARTBEAT.as_micros() as u32 / 1_000),
@@ -141,10 +156,11 @@ pub(super) fn all(
     // Straight from point to point, of which one waits: a longer queue would delay each of them.
     let interpolated = [
         row(Set, cia402::INTERPOLATION_SUBMODE, 0, 2, 0),
-        row(IsIfThere, cia402::INTERPOLATION_BUFFER, 2, 4, 1),
+        row(AtMostIfThere, cia402::INTERPOLATION_BUFFER, 2, 4, 1),
     ];
     let interpolated = interpolated.into_iter().filter(move |_| servo.follow == Follow::Interpolated);
-    // After lost set points the next one is far away. This limit keeps the servo from running there faster than its joint may.
+    // After lost set points the next one is far away. This limit keeps the servo from running there faster than its joint may. Plans are
+    // slower (at most 98 %), so that it catches up.
     let limited = [
         row(IsIfThere, cia402::VELOCITY_UNIT, 0, 4, TURNS_PER_MINUTE),
         row(OfMotor, cia402::MOTOR_SPEED_MAX, 0, 4, libm::roundf(turns_per_minute * 1e3) as u32),
@@ -190,7 +206,9 @@ impl Options {
     pub fn needs<'a>(&'a self, settings: &'a Settings, joint: JointIndex) -> impl Iterator<Item = Need> + 'a {
         let servo = self.servo(joint);
         let set_up = servo.into_iter().flat_map(move |servo| {
-            all(self, servo, settings, joint).map(move |row| Need {
+            // A history of errors may be empty: nothing is compared with it.
+            let rows = all(self, servo, settings, joint).filter(|row| row.object != LAST_ERROR);
+            rows.map(move |row| Need {
                 object: row.object,
                 bytes: row.bytes,
                 purpose: match row.kind {
@@ -240,13 +258,12 @@ pub(super) fn little_endian(bytes: &[u8]) -> u32 {
 }
 
 impl Row {
-    /// A servo without the object is fine. Modules that interpolate may have a fixed unit: then they have no object of the units.
+    /// A servo without the object is fine.
     pub(super) fn may_be_absent(&self, servo: Servo) -> bool {
-        match self.kind {
-            Kind::Off | Kind::IsIfThere | Kind::OfMotor => true,
-            Kind::Unit(_) => servo.follow == Follow::Interpolated,
-            _ => false,
-        }
+        let of_modules = || ABSENT_IN_MODULES.contains(&self.object.index);
+        matches!(self.kind, Kind::Off | Kind::IsIfThere | Kind::AtMostIfThere | Kind::OfMotor)
+            || self.object == LAST_ERROR
+            || servo.follow == Follow::Interpolated && of_modules()
     }
 
     /// The row for a servo with these [`Kind::Unit`]s.
@@ -269,6 +286,7 @@ impl Row {
     pub(super) fn holds(&self, found: u32) -> bool {
         match (self.kind, self.object.index) {
             (Kind::Has, _) => found & self.value == self.value,
+            (Kind::AtMostIfThere, _) => found <= self.value,
             (_, cia402::STATUS) => found & 0x4F == self.value & 0x4F,
             (_, 0x1800..=0x19FF) => found & !NO_REMOTE == self.value & !NO_REMOTE,
             _ => found == self.value,

@@ -18,12 +18,18 @@ const ERRORS_MAX: usize = 8;
 /// Device type: profile 402, servo drive.
 const DEVICE_TYPE: i64 = 0x0002_0192;
 const NOT_VALID: i64 = 1 << 31;
-/// Limit of the demand of the velocity loop, turns of the motor per minute. A module that interpolates does not have it.
+/// Limit of the demand of the velocity loop, turns of the motor per minute.
 pub(super) const SPEED_MAX: u16 = 0x6080;
 /// SYNCs without a position until the module brakes.
 pub(super) const CYCLES_WITHOUT_DATA: u16 = 0x200E;
 /// Bit 0: the commutation is found; bit 1: the absolute position is verified.
 pub(super) const COMMUTATION: u16 = 0x2050;
+
+/// Objects that a module that interpolates does not show, as SCHUNK's public DCF of 2013 does not name them. What they stand for is inside all the
+/// same, with the values of [`of_drive`]: reactions 6007 = 1, 605A = 2, 605E = 2 and the change to pre-operational (1029 = 0) are the defaults of CiA
+/// 402-2 and CiA 301. The time of 6066 and the braking of 6085 are the maker's and not published: those of the servo in mode 8 are assumed.
+const HIDDEN_IN_MODULES: [u16; 11] =
+    [0x1029, 0x6007, 0x603F, 0x605A, 0x605E, 0x6066, 0x6076, SPEED_MAX, 0x6085, 0x608F, 0x6091];
 
 /// Where an object may stand in process data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -88,6 +94,8 @@ pub(super) struct Situation {
 #[derive(Clone, Debug)]
 pub(super) struct Dictionary {
     rows: BTreeMap<Object, Row>,
+    /// Objects that are not shown.
+    hidden: &'static [u16],
     name: &'static str,
     errors: Vec<u16>,
 }
@@ -117,9 +125,10 @@ fn common(options: &ServoOptions) -> Vec<(u16, u8, Row)> {
 fn of_drive(options: &ServoOptions) -> Vec<(u16, u8, Row)> {
     use Mapped::{Receive, Transmit};
     let counts = f64::from(options.encoder_counts) * f64::from(options.gear);
+    let on_lost_link = options.interpolating.map_or(1, |own| own.on_lost_link.into());
     let turns_per_minute = options.no_load_rad_s * f64::from(options.gear) * 60.0 / std::f64::consts::TAU;
     vec![
-        (0x6007, 0, row(2, true, 1).writable().within(0, 3)),
+        (0x6007, 0, row(2, true, on_lost_link).writable().within(0, 3)),
         (0x603F, 0, row(2, false, 0).mapped(Transmit)),
         (drive::CONTROL, 0, row(2, false, 0).writable().mapped(Receive)),
         (drive::STATUS, 0, row(2, false, 0).mapped(Transmit)),
@@ -169,7 +178,7 @@ fn of_interpolation(own: Interpolating) -> Vec<(u16, u8, Row)> {
         (drive::INTERPOLATION_DATA, 0, row(1, false, 1)),
         (drive::INTERPOLATION_DATA, 1, row(4, true, 0).writable().mapped(Mapped::Receive)),
         (drive::INTERPOLATION_BUFFER, 0, row(1, false, 2)),
-        (drive::INTERPOLATION_BUFFER, 1, row(4, false, own.queue.into())),
+        (drive::INTERPOLATION_BUFFER, 1, row(4, false, own.queue.max(1).into())),
         (drive::INTERPOLATION_BUFFER, 2, row(4, false, own.queue.into())),
     ]
 }
@@ -213,11 +222,9 @@ impl Dictionary {
     pub(super) fn of(options: &ServoOptions) -> Self {
         let rows = common(options).into_iter().chain(of_drive(options)).chain(process_data(options));
         let own = options.interpolating.map(of_interpolation).unwrap_or_default();
-        let is_cyclic = options.interpolating.is_none();
-        let rows =
-            rows.chain(own).filter(|(index, ..)| is_cyclic || !matches!(*index, 0x608F | 0x6091 | SPEED_MAX));
-        let rows = rows.map(|(index, sub, row)| (Object::new(index, sub), row)).collect();
-        Self { rows, name: options.name, errors: Vec::new() }
+        let hidden: &[u16] = if options.interpolating.is_some() { &HIDDEN_IN_MODULES } else { &[] };
+        let rows = rows.chain(own).map(|(index, sub, row)| (Object::new(index, sub), row)).collect();
+        Self { rows, hidden, name: options.name, errors: Vec::new() }
     }
 
     /// Value of an object that there is.
@@ -245,15 +252,20 @@ impl Dictionary {
                 Some(code) => Ok(u32::from(*code).to_le_bytes().to_vec()),
                 None => Err(AbortCode::NO_SUB_INDEX),
             },
-            _ => match self.rows.get(&object) {
+            _ => match self.shown(object) {
                 Some(row) => Ok(row.encode()),
                 None => Err(self.unknown(object)),
             },
         }
     }
 
+    fn shown(&self, object: Object) -> Option<&Row> {
+        self.rows.get(&object).filter(|_| !self.hidden.contains(&object.index))
+    }
+
     fn unknown(&self, object: Object) -> AbortCode {
-        let is_known = object.index == 0x1008 || self.rows.keys().any(|own| own.index == object.index);
+        let is_known = object.index == 0x1008
+            || self.rows.keys().any(|own| own.index == object.index && self.shown(*own).is_some());
         if is_known { AbortCode::NO_SUB_INDEX } else { AbortCode::NO_OBJECT }
     }
 
@@ -272,7 +284,7 @@ impl Dictionary {
                 _ => Err(AbortCode::RANGE),
             };
         }
-        let Some(row) = self.rows.get(&object).copied() else {
+        let Some(row) = self.shown(object).copied() else {
             let is_read_only = matches!(object.index, 0x1003 | 0x1008);
             return Err(if is_read_only { AbortCode::READ_ONLY } else { self.unknown(object) });
         };
@@ -323,7 +335,7 @@ impl Dictionary {
     fn check_entry(&self, index: u16, value: i64) -> Result<(), AbortCode> {
         let (mapped, sub, bits) = ((value >> 16) as u16, (value >> 8) as u8, value as u8);
         let wanted = if index < 0x1800 { Mapped::Receive } else { Mapped::Transmit };
-        let row = self.rows.get(&Object::new(mapped, sub));
+        let row = self.shown(Object::new(mapped, sub));
         let fits = row.is_some_and(|row| row.mapped == wanted && u32::from(row.bytes) * 8 == u32::from(bits));
         if fits { Ok(()) } else { Err(AbortCode(0x0604_0041)) }
     }

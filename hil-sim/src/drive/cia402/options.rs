@@ -13,14 +13,16 @@ pub enum MissingTarget {
 }
 
 /// A module that interpolates: modes profile position, velocity and interpolated position (1, 2, 7), of which only the last one moves
-/// it here; a fixed unit, without objects 608F and 6091. Made from the public description of SCHUNK's PRL+ and ERB modules.
+/// it here; a fixed unit. It shows the objects that SCHUNK's public DCF of 2013 (PRL+, ERB) names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Interpolating {
     /// Duration of the search for the commutation, at the first order to enable in mode 7 while SYNC runs.
     pub commutation: Duration,
     /// SYNCs without a new position until it brakes, as object 200E is delivered; 0: it does not watch.
     pub cycles_without_data: u8,
-    /// Positions that may wait (object 60C4:2). More than one is shown only.
+    /// Reaction to a lost link, as object 6007 has it: 0 none, 1 fault, 2 off, 3 quick stop.
+    pub on_lost_link: u8,
+    /// Positions that may wait (object 60C4:2, delivered as 0). More than one is shown only.
     pub queue: u32,
 }
 
@@ -116,7 +118,8 @@ impl ServoOptions {
             interpolating: Some(Interpolating {
                 commutation: Duration::from_millis(5_000),
                 cycles_without_data: 6,
-                queue: 1,
+                on_lost_link: 1,
+                queue: 0,
             }),
             ..self
         }
