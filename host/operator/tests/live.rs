@@ -63,9 +63,8 @@ impl View {
 
 fn json(socket: &mut WebSocket<TcpStream>) -> serde_json::Value {
     loop {
-        match socket.read().unwrap() {
-            Message::Text(text) => return serde_json::from_str(&text).unwrap(),
-            _ => {}
+        if let Message::Text(text) = socket.read().unwrap() {
+            return serde_json::from_str(&text).unwrap();
         }
     }
 }
