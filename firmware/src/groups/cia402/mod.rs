@@ -12,8 +12,8 @@
 //!
 //! # Stops
 //!
-//! [`Command::Halt`] leads each joint to rest along a ramp of its own, from the next SYNC on, and then holds it. A servo that reports a fault
-//! or does not answer gets the order for a quick stop; with [`Command::Abandon`] its node is stopped, too, which for it is a lost link. A
+//! [`Command::Halt`](crate::group::Command::Halt) leads each joint to rest along a ramp of its own, from the next SYNC on, and then holds it. A servo that reports a fault
+//! or does not answer gets the order for a quick stop; with [`Command::Abandon`](crate::group::Command::Abandon) its node is stopped, too, which for it is a lost link. A
 //! servo that answers has taken its halt, and goes on being held. If the controller dies, its heartbeat stays away. A servo whose
 //! link is lost goes to fault by itself: its own ramp, then its brake. That is proven before the first motion.
 //!

@@ -7,9 +7,9 @@
 //!
 //! # Stops
 //!
-//! These arms have no brakes: a motor without torque lets its joint fall. So [`Command::Halt`] leads each joint to rest along a ramp of its
+//! These arms have no brakes: a motor without torque lets its joint fall. So [`Command::Halt`](crate::group::Command::Halt) leads each joint to rest along a ramp of its
 //! own, beginning with the next period, and then holds it. Only a motor that reports a fault or does not answer is
-//! switched off. [`Command::Abandon`] stops feeding those. A motor that answers has taken its halt, and goes on being held;
+//! switched off. [`Command::Abandon`](crate::group::Command::Abandon) stops feeding those. A motor that answers has taken its halt, and goes on being held;
 //! if the controller dies, its time-out takes the torque.
 //!
 //! # Answers

@@ -7,9 +7,9 @@
 //!
 //! # Stops
 //!
-//! [`Command::Halt`] leads each joint to rest along a ramp of its own, beginning with the next period, and then holds it. An axis that
+//! [`Command::Halt`](crate::group::Command::Halt) leads each joint to rest along a ramp of its own, beginning with the next period, and then holds it. An axis that
 //! reports an error, falls to idle or does not answer gets the order to stop (Estop), from which only a person leads out by clearing the
-//! fault. With [`Command::Abandon`] such an axis gets no frame any more, so its watchdog strikes. If the controller dies, all watchdogs do.
+//! fault. With [`Command::Abandon`](crate::group::Command::Abandon) such an axis gets no frame any more, so its watchdog strikes. If the controller dies, all watchdogs do.
 //!
 //! # Answers
 //!

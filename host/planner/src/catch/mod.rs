@@ -6,7 +6,6 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`law`] | motion of a joint between two states in a given time, under speed, acceleration and jerk limits |
 //! | [`forecast`] | the flight to come, with its covariance |
 //! | [`cup`] | the cup, and what it does to a ball that touches it |
 //! | [`arm`] | the arm with its cup, where it stands, its limits |
