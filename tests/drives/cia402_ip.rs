@@ -177,7 +177,7 @@ fn modules_that_miss_the_heartbeat_in_a_motion_stop_the_arm_and_work_again_when_
         let before = rig.shafts();
         rig.run_us(300_000);
         let after = rig.shafts();
-        // A shaft of the bench has no brake: it goes on with the rest of its speed, at most 0.01 rad/s.
+        // A shaft of the bench has no brake: it keeps the speed that is left, at most 0.01 rad/s.
         assert!((0..JOINTS).all(|i| (after[i] - before[i]).abs() < 3e-3), "{before:?} {after:?}");
         for i in 0..JOINTS {
             assert_eq!(rig.drive(i, |servo, _| servo.state()), State::Fault);

@@ -240,7 +240,7 @@ impl<F: Family> PositionDrives<F> {
         let _ = self.out.push_back(frame);
     }
 
-    /// Counts a motion command, if the set points move.
+    /// Counts a motion command if a motion was ordered.
     pub(super) fn count_motion(&mut self) {
         let moves = self.leader.moves();
         self.counters.motions = self.counters.motions.saturating_add(moves.into());

@@ -248,7 +248,7 @@ impl MotionLaw {
         best
     }
 
-    /// Shortest time from rest to rest over a distance, s, that [`Self::fit`] finds.
+    /// Shortest time of a motion from rest to rest that [`Self::fit`] finds, s.
     #[must_use]
     pub fn rest_to_rest_s(&self, limits: &Limits, distance_rad: f64) -> f64 {
         let d = distance_rad.abs();

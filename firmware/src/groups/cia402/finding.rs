@@ -347,9 +347,8 @@ impl Cia402 {
         let all =
             |group: &Self, step: Step| settings.joints().all(|joint| group.drives.at(joint).step == step);
         for joint in settings.joints() {
-            let drive = self.drives.at_mut(joint);
-            let interpolates =
-                self.options.servo(joint).is_some_and(|servo| servo.follow == Follow::Interpolated);
+            let drive = self.drives.at(joint);
+            let interpolates = self.interpolates(joint);
             let most = match drive.step {
                 Step::Enabling if interpolates => COMMUTATION_MAX,
                 Step::Enabling | Step::Judged | Step::Clearing => STEP_MAX,
@@ -394,8 +393,7 @@ impl Cia402 {
 
     fn end_proof(&mut self, now: Instant, settings: &Settings) {
         for joint in settings.joints() {
-            let is_module =
-                self.options.servo(joint).is_some_and(|servo| servo.follow == Follow::Interpolated);
+            let is_module = self.interpolates(joint);
             let drive = self.drives.at_mut(joint);
             drive.is_proven = match drive.state() {
                 Some(State::Fault | State::FaultReaction) => true,
@@ -414,10 +412,8 @@ impl Cia402 {
     pub(super) fn control_of(&self, joint: JointIndex) -> Control {
         let drive = self.drives.at(joint);
         let state = drive.state();
-        let enabled = match self.options.servo(joint).map(|servo| servo.follow) {
-            Some(Follow::Interpolated) => Control::ENABLE.with_mode_bit(),
-            _ => Control::ENABLE,
-        };
+        let enabled =
+            if self.interpolates(joint) { Control::ENABLE.with_mode_bit() } else { Control::ENABLE };
         match drive.step {
             Step::Zero => Control::ENABLE.with_mode_bit(),
             Step::Enabling if state == Some(State::OperationEnabled) => enabled,
@@ -427,6 +423,10 @@ impl Cia402 {
             Step::Off => Control::QUICK_STOP,
             _ => enabled,
         }
+    }
+
+    fn interpolates(&self, joint: JointIndex) -> bool {
+        self.options.servo(joint).is_some_and(|servo| servo.follow == Follow::Interpolated)
     }
 
     /// Node of the controller.

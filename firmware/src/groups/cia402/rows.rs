@@ -22,10 +22,10 @@ const NOT_VALID: u32 = 1 << 31;
 /// |---|---|
 /// | 1029, 6007, 605E | the module stops as its maker chose; the proof of the supervision shows that it gives up its torque |
 /// | 603F | the newest entry of object 1003 is the error; without one the cause is [`Cause::DriveError`](crate::fault::Cause::DriveError) |
-/// | 605A, 6085 | a quick stop ends as its maker chose, and brakes as fast; a joint is ordered one after a fault only |
+/// | 605A, 6085 | the maker chose how a quick stop brakes and ends; the controller orders one only after a fault |
 /// | 6066 | the time beyond the window of object 6065 is the maker's |
-/// | 6076 | nothing shows that torques fed forward have the unit of the robot file; a wrong one shows as a following error |
-/// | 608F, 6091 | the unit is fixed; nothing shows that it is that of the robot file |
+/// | 6076 | nobody compares the unit of the torque that is fed forward; a wrong unit shows as a following error |
+/// | 608F, 6091 | the unit is fixed, and nobody compares it with the robot file |
 const ABSENT_IN_MODULES: [u16; 10] =
     [0x1029, 0x6007, 0x603F, 0x605A, 0x605E, 0x6066, 0x6076, 0x6085, 0x608F, 0x6091];
 /// Newest entry of the error history; its upper half is the maker's. A servo without errors has none.
@@ -160,7 +160,7 @@ pub(super) fn all(
     ];
     let interpolated = interpolated.into_iter().filter(move |_| servo.follow == Follow::Interpolated);
     // After lost set points the next one is far away. This limit keeps the servo from running there faster than its joint may. Plans are
-    // slower (at most 98 %), so that it catches up.
+    // slower (at most 98 %), so the servo catches up.
     let limited = [
         row(IsIfThere, cia402::VELOCITY_UNIT, 0, 4, TURNS_PER_MINUTE),
         row(OfMotor, cia402::MOTOR_SPEED_MAX, 0, 4, libm::roundf(turns_per_minute * 1e3) as u32),

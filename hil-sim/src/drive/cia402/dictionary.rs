@@ -25,8 +25,8 @@ pub(super) const CYCLES_WITHOUT_DATA: u16 = 0x200E;
 /// Bit 0: the commutation is found; bit 1: the absolute position is verified.
 pub(super) const COMMUTATION: u16 = 0x2050;
 
-/// Objects that a module that interpolates does not show, as SCHUNK's public DCF of 2013 does not name them. What they stand for is inside all the
-/// same, with the values of [`of_drive`]: reactions 6007 = 1, 605A = 2, 605E = 2 and the change to pre-operational (1029 = 0) are the defaults of CiA
+/// Objects that a module that interpolates does not show, as SCHUNK's public DCF of 2013 does not name them. The module still acts on
+/// their values, which [`of_drive`] has: reactions 6007 = 1, 605A = 2, 605E = 2 and the change to pre-operational (1029 = 0) are the defaults of CiA
 /// 402-2 and CiA 301. The time of 6066 and the braking of 6085 are the maker's and not published: those of the servo in mode 8 are assumed.
 const HIDDEN_IN_MODULES: [u16; 11] =
     [0x1029, 0x6007, 0x603F, 0x605A, 0x605E, 0x6066, 0x6076, SPEED_MAX, 0x6085, 0x608F, 0x6091];

@@ -189,7 +189,8 @@ fn stays(cup: &Cup, path: &CupPath, p_m: Vector3<f64>, v_m_s: Vector3<f64>) -> b
 pub(super) enum Flights {
     /// To choose a candidate.
     Choosing,
-    /// To say how likely the chosen one is. They lie between those for which it was chosen: these are kinder to it than others.
+    /// To say how likely the chosen one is. They lie between the flights that chose it. Those would say too much: the candidate was chosen
+    /// because it keeps just them.
     Judging,
 }
 

@@ -173,8 +173,8 @@ impl<'a> Catcher<'a> {
         self.before = Some((motion, choice));
     }
 
-    /// Probability of the catch under way if nothing changes any more. A ball that comes as planned has the chance to stay of the
-    /// plan; one that comes beside it, of flights about where it comes.
+    /// Probability of the catch under way if nothing changes any more. If the ball comes as planned, the chance to stay is that
+    /// of the plan. If it comes beside the cup, flights about that place are judged.
     fn kept_probability(&self, forecast: &Forecast, off_m: f64) -> f64 {
         let Some(choice) = &self.choice else { return 0.0 };
         let Some(ball) = forecast.at(choice.t_s) else { return 0.0 };

@@ -267,7 +267,8 @@ pub fn refine(
     // At the same time if that is possible, else a little earlier or later.
     let shifts = [0.0, 0.005, -0.005, 0.01, -0.01, 0.02, -0.02];
     let times = shifts.map(|shift| plan.choice.t_s + shift);
-    times.iter().find_map(|t_s| refine_at(arm, path, now, plan, settings, *t_s)).ok_or(Decline::Touches)
+    let law = MotionLaw::new(settings.jerk);
+    times.iter().find_map(|t_s| refine_at(arm, path, now, plan, settings, &law, *t_s)).ok_or(Decline::Touches)
 }
 
 fn refine_at(
@@ -276,10 +277,10 @@ fn refine_at(
     now: &[State; 4],
     plan: &Plan,
     settings: &Settings,
+    law: &MotionLaw,
     t_s: f64,
 ) -> Option<Plan> {
     let limits = limits(arm, settings);
-    let law = MotionLaw::new(settings.jerk);
     let state = path.at(t_s);
     let v = plan.reach.v;
     let mut best: Option<Plan> = None;
@@ -300,7 +301,7 @@ fn refine_at(
         let q = q + follow.speeds(0.0, 0.5 * (low + high), 0.0, 0.0);
         let candidate = Candidate { choice, q, v, relative: relative(arm, &state, &q, &v), cost: 0.0 };
         let reach = reach_of(&candidate, settings);
-        let planned = motion::plan(&law, &limits, settings.now_s, now, &reach, Approach::Direct);
+        let planned = motion::plan(law, &limits, settings.now_s, now, &reach, Approach::Direct);
         let Ok(motion) = planned else { continue };
         let nearer =
             best.as_ref().is_none_or(|b| (q - plan.reach.q).amax() < (b.reach.q - plan.reach.q).amax());
