@@ -27,6 +27,7 @@
 //! [`DriveGroup::set_point`] is called joint by joint, and returns what became of the set point. A group with one
 //! packet for all axes collects them and sends at [`DriveGroup::flush`].
 
+use protocol::cyphal::cubecell::group_state::DriveDifference;
 use protocol::{Duration, Instant, JointIndex};
 
 use crate::fault::{Cause, Fault, Refusal};
@@ -319,6 +320,11 @@ pub trait DriveGroup: Default {
 
     /// See [`Readings`].
     fn readings(&self, joint: JointIndex) -> Readings;
+
+    /// What the last search for drives was refused for with [`Cause::DriveSettingsDiffer`], and the joint.
+    fn difference(&self) -> Option<(JointIndex, DriveDifference)> {
+        None
+    }
 
     /// See [`GroupCounters`].
     fn counters(&self) -> GroupCounters;

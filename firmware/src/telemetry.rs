@@ -1,6 +1,7 @@
 //! Samples of the joints and of the group for a host; the host link puts them on the wire. A joint's sample has the
 //! type of the wire, so that nothing is copied twice.
 
+use protocol::cyphal::cubecell::group_state::DriveDifference;
 /// One joint at the end of a control cycle, as it goes over the wire.
 pub use protocol::cyphal::cubecell::joint_state::{JointFlags, JointSample};
 use protocol::{Duration, Instant};
@@ -67,4 +68,6 @@ pub struct GroupSample {
     pub start_left: Option<Duration>,
     /// New end states taken in this run; 0: the plan as committed is followed.
     pub targets_taken: u16,
+    /// What in the drive of the latched fault differs from the settings; all zero: nothing.
+    pub differs: DriveDifference,
 }

@@ -1,8 +1,10 @@
 //! Arms of six CANopen servos and of six ODrives, driven by the verbs.
 
-use crate::bus_common::{Folder, code, cubectl, err, out};
+use crate::bus_common::{Folder, Served, code, cubectl, err, out};
 use crate::program::cubectl_line;
 use crate::side_by_side::interpolating;
+use hil_sim::{Cell, CellOptions};
+use robot_model::RobotModel;
 use serde_json::Value;
 
 struct Arm {
@@ -54,6 +56,49 @@ fn it_homes_jogs_and_goes_to_a_pose() {
         assert!((end_rad - 0.15).abs() < jog_off_rad, "{said}");
         let moved = cubectl_line("move --joints 0.3,0.4,0.5,0,0.2,0 --home --yes --json --robot", &[file]);
         assert_eq!(code(&moved), 0, "{}{}", out(&moved), err(&moved));
+    }
+}
+
+/// The drives on the bus are those of the built-in file; the program is given a changed one.
+#[test]
+fn each_verb_names_what_in_a_drive_is_not_as_the_robot_file_says() {
+    let openarm = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/openarm7.toml");
+    for (file, first, from, to, said) in [
+        (
+            ARMS[0].file,
+            "3",
+            "node = 5, counts_per_turn = 655360",
+            "node = 5, counts_per_turn = 65536",
+            "joint 3: by objects 608F and 6091 the servo counts 655360 in a turn, the settings need 65536 (fault 209)",
+        ),
+        (
+            openarm,
+            "1",
+            "motor = \"4310\", id = 5",
+            "motor = \"4340\", id = 5",
+            "joint 5: register 22 of the motor holds 30, the settings need 10 (fault 209)",
+        ),
+        (
+            ARMS[1].file,
+            "9",
+            "node = 13, version = \"0.6\"",
+            "node = 13, version = \"0.5\"",
+            "joint 5: the axis has firmware 0.6.10, the settings say 0.5 (fault 209)",
+        ),
+    ] {
+        let robot = RobotModel::load(file).unwrap();
+        let folder = Folder::new(&format!("differs-{}", robot.name()));
+        let other = folder.file("other.toml");
+        let text = std::fs::read_to_string(file).unwrap();
+        assert!(text.contains(from));
+        std::fs::write(&other, text.replacen(from, to, 1)).unwrap();
+        for verb in [&["home"][..], &["jog", first, "--for-s", "0.5"]] {
+            let robot = robot.clone();
+            let served = Served::new(move || Cell::new(&robot, &CellOptions::default(), 1).unwrap());
+            let refused = cubectl(&[verb, &["--robot", &other, "--bus", &served.spec]].concat());
+            assert_eq!(code(&refused), 8, "{verb:?}: {}{}", out(&refused), err(&refused));
+            assert!(err(&refused).contains(said), "{verb:?}: {}", err(&refused));
+        }
     }
 }
 

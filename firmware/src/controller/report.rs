@@ -5,6 +5,7 @@ use core::borrow::BorrowMut;
 use protocol::{Duration, Instant, JointIndex};
 
 use super::Controller;
+use crate::fault::{Cause, Fault};
 use crate::group::{DriveGroup, GroupCounters};
 use crate::spline::Spline;
 use crate::state::{State, StateKind};
@@ -58,10 +59,14 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             State::Running { clock, .. } | State::Stopping { clock, .. } => clock.at(now).0,
             _ => 0,
         };
+        let fault = self.machine.state().fault();
+        let differs = self.group.difference().filter(|&(joint, _)| {
+            fault == Some(Fault { cause: Cause::DriveSettingsDiffer, joint: Some(joint) })
+        });
         GroupSample {
             at: now,
             state: self.kind(),
-            fault: self.machine.state().fault(),
+            fault,
             homed_mask,
             uploaded: self.store.uploaded(),
             committed: self.store.committed().map(|committed| committed.name),
@@ -77,6 +82,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             arming_left: self.arming_left(now),
             start_left: self.start_left(now),
             targets_taken: self.targets_taken,
+            differs: differs.map_or_else(Default::default, |(_, what)| what),
         }
     }
 

@@ -3,6 +3,7 @@
 use core::fmt;
 
 use heapless::Deque;
+use protocol::cyphal::cubecell::group_state::DriveDifference;
 use protocol::{Duration, Frame, Instant, JointIndex};
 
 use super::answers::Answers;
@@ -54,7 +55,7 @@ pub trait Family: fmt::Debug + Default {
     /// A drive.
     type Drive: Drive;
     /// What in a drive differs from the settings.
-    type Mismatch: fmt::Debug;
+    type Mismatch: fmt::Debug + Copy + Into<DriveDifference>;
 
     /// Periods from the order to run to the start of the plan.
     const LEAD_PERIODS: u64;
@@ -465,6 +466,10 @@ impl<F: Family> DriveGroup for PositionDrives<F> {
     fn readings(&self, joint: JointIndex) -> Readings {
         let (state, error) = F::state(self, joint);
         self.leader.readings(joint, self.drives.at(joint).answers(), state, error)
+    }
+
+    fn difference(&self) -> Option<(JointIndex, DriveDifference)> {
+        self.mismatch.map(|(joint, mismatch)| (joint, mismatch.into()))
     }
 
     fn counters(&self) -> GroupCounters {

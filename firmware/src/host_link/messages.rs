@@ -169,6 +169,7 @@ pub fn group_message(sample: &GroupSample, sequence: u16, complete: bool) -> gro
             .start_left
             .map_or(0, |left| u32::try_from(left.as_micros()).unwrap_or(u32::MAX).max(1)),
         targets_taken: sample.targets_taken,
+        differs: sample.differs,
     }
 }
 

@@ -1,6 +1,7 @@
 //! Arms of CANopen servos and of ODrives in the simulated cell, judged by their plant, and what a drive may do wrong.
 
 use firmware::fault::Cause;
+use firmware::group::DriveGroup as _;
 use firmware::groups::odrive::Parameter;
 use firmware::state::StateKind;
 use hil_sim::bus::BusConfig;
@@ -15,7 +16,7 @@ use operator::bus::args::{Cell, CellArgs};
 use operator::bus::period::{set_period, settings_with_gains};
 use operator::bus::session::Session;
 use operator::bus::sim::{SimSetup, soft_controller};
-use operator::drives::CanDrives;
+use operator::drives::{CanDrives, difference_text};
 use operator::job::{Answer, Judge, Order, Program, perform};
 use operator::port::{OnBus, Operator};
 use planner::plan::Joints;
@@ -203,7 +204,10 @@ fn looked_at(change: impl FnOnce(&mut [&mut OdriveAxis])) -> (StateKind, Option<
         .unwrap();
     world.run_until(protocol::Instant::ZERO + Duration::from_secs(3), &mut ()).unwrap();
     let controller = world.participants().1.node.controller();
-    (controller.state().kind(), controller.group().mismatch())
+    let mismatch = controller.group().difference().map(|(joint, reported)| {
+        format!("joint {}: {}", joint.get() + 1, difference_text(reported).unwrap())
+    });
+    (controller.state().kind(), mismatch)
 }
 
 #[test]

@@ -44,7 +44,7 @@ TYPES = {
     "file.Write.Response": uavcan.file.Write_1_1.Response,
     "diagnostic.Record": uavcan.diagnostic.Record_1_1,
     "JointState": cubecell.JointState_1_0,
-    "GroupState": cubecell.GroupState_1_1,
+    "GroupState": cubecell.GroupState_1_2,
     "Stop": cubecell.Stop_1_0,
     "ArmPrepare": cubecell.command.ArmPrepare_1_0,
     "ArmOffer": cubecell.command.ArmOffer_1_0,
@@ -136,6 +136,11 @@ def vectors(dtype, rng):
             yield data, "invalid"
         elif has_nan(pycyphal.dsdl.to_builtin(read)) or getattr(read, "state", 0) > STATE_MAX:
             continue
+        elif getattr(read, "differing_setting", 1) == 0:
+            # Values without a setting mean nothing; the three numbers are not sent if they are zero.
+            if read.differing_found or read.differing_expected:
+                continue
+            yield data, write(read)[:-12].hex()
         else:
             yield data, write(read).hex() or "-"
         made += 1

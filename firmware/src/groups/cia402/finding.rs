@@ -17,16 +17,15 @@
 //!   603F; without it, the newest entry of object 1003; without both, the cause is not known ([`Cause::DriveError`]).
 //! * A servo that this group holds already, and that answers, stays as it is if all others do, too.
 
-use core::fmt;
-
+use canopen_protocol::NodeId;
 use canopen_protocol::cia402::{Control, State, Status};
 use canopen_protocol::client::{Failure, Transfer};
 use canopen_protocol::nmt;
 use canopen_protocol::sdo::AbortCode;
-use canopen_protocol::{NodeId, Object};
 use protocol::{Duration, Instant, JointIndex};
 
 use super::Cia402;
+use super::mismatch::{Found, Mismatch};
 use super::options::{Follow, HOST_NODE, Servo};
 use super::rows::{self, BEFORE_ZERO, Kind, LAST_ERROR, Row, homing_rows, little_endian, row};
 use crate::fault::Cause;
@@ -77,40 +76,6 @@ pub(super) enum Step {
     Zero,
     /// It gets no set point any more.
     Off,
-}
-
-/// What a servo answered.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Found {
-    /// A value.
-    Value(u32),
-    /// It refused.
-    Refused(AbortCode),
-}
-
-/// An object that is not as the settings say.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Mismatch {
-    /// Which one.
-    pub object: Object,
-    /// What the servo holds.
-    pub found: Found,
-    /// What it should hold.
-    pub expected: u32,
-}
-
-impl fmt::Display for Mismatch {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { object, expected, .. } = self;
-        match self.found {
-            Found::Value(found) => {
-                write!(f, "object {object} of the servo holds {found:#x}, the settings need {expected:#x}")
-            }
-            Found::Refused(code) => {
-                write!(f, "object {object} of the servo cannot hold {expected:#x}: {code}")
-            }
-        }
-    }
 }
 
 /// What an emergency, or object 603F, stands for.
@@ -244,7 +209,7 @@ impl Cia402 {
                 let wanted = u64::from(servo.counts_per_turn) * turns * shaft;
                 if part == 3 && (counts * motor != wanted || wanted == 0) {
                     let per_turn = (counts * motor).checked_div(turns * shaft).unwrap_or(0);
-                    let found = Found::Value(u32::try_from(per_turn).unwrap_or(u32::MAX));
+                    let found = Found::CountsPerTurn(u32::try_from(per_turn).unwrap_or(u32::MAX));
                     let mismatch = Mismatch { object: row.object, found, expected: servo.counts_per_turn };
                     return self.mismatched(now, joint, mismatch);
                 }

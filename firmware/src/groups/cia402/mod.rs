@@ -40,6 +40,7 @@
 
 mod drive;
 mod finding;
+mod mismatch;
 pub mod options;
 mod rows;
 mod sending;
@@ -49,8 +50,8 @@ use canopen_protocol::{Function, NodeId, nmt};
 use protocol::{Duration, Frame, Id, Instant, JointIndex};
 
 use self::drive::Drive;
-pub use self::finding::{Found, Mismatch};
 use self::finding::{HEARTBEAT, Step};
+pub use self::mismatch::{Found, Mismatch};
 pub use self::options::{Follow, GripperOutput, Home, Options, OptionsError, Servo};
 pub use self::rows::{Need, Use};
 use super::answers::Worth;

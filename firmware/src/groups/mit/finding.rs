@@ -14,14 +14,13 @@
 //!   The time-out cannot be left off.
 //! * A motor that this group holds already, and that answers, stays as it is: to prove anything again would drop the arm.
 
-use core::fmt;
-
 use mit_protocol::{
     Command, Mit as SetPoint, Register, RegisterAnswer, RegisterRequest, RegisterValue, State, Status,
 };
 use protocol::{Duration, Instant, JointIndex};
 
 use super::Mit;
+use super::mismatch::Mismatch;
 use super::options::Motor;
 use crate::fault::Cause;
 use crate::groups::leading::Mode;
@@ -63,33 +62,6 @@ pub(super) enum Step {
 pub(super) enum Ask {
     Register(RegisterRequest),
     Command(Command),
-}
-
-/// A register that is not as the settings say.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Mismatch {
-    /// Which one.
-    pub register: Register,
-    /// What the motor holds.
-    pub found: RegisterValue,
-    /// What it should hold.
-    pub expected: RegisterValue,
-}
-
-impl fmt::Display for Mismatch {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "register {} of the motor holds ", self.register.number())?;
-        show(f, self.found)?;
-        f.write_str(", the settings need ")?;
-        show(f, self.expected)
-    }
-}
-
-fn show(f: &mut fmt::Formatter<'_>, value: RegisterValue) -> fmt::Result {
-    match value {
-        RegisterValue::Whole(value) => write!(f, "{value}"),
-        RegisterValue::Float(value) => write!(f, "{value}"),
-    }
 }
 
 /// Time without a command after which a motor gives no torque.

@@ -36,11 +36,13 @@
 //! |---|---|
 //! | [`options`] | motors, gains, ids |
 //! | `finding` | from silence to torque: registers compared, time-out proven |
+//! | `mismatch` | what is not as the settings say |
 //! | `drive` | a motor as the group knows it |
 //! | `motion` | the commands of a period |
 
 mod drive;
 mod finding;
+mod mismatch;
 mod motion;
 pub mod options;
 
@@ -48,8 +50,8 @@ use mit_protocol::{RegisterAnswer, RegisterRequest, State};
 use protocol::{Duration, Frame, Id, Instant, JointIndex};
 
 use self::drive::Drive;
-pub use self::finding::Mismatch;
 use self::finding::{STEP_PERIODS, Step};
+pub use self::mismatch::Mismatch;
 pub use self::options::{GripperMotor, Motor, Options, OptionsError};
 use super::answers::Worth;
 use super::position::{Drive as _, Family, Fingers, PositionDrives};

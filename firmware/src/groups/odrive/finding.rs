@@ -16,12 +16,11 @@
 //! * Estimates that come by themselves have no time: such an axis is refused.
 //! * An axis in error is refused until a person clears it, but for the watchdog's: that is what the end of the last controller left.
 
-use core::fmt;
-
 use odrive_protocol::{AxisState, ControlMode, Heartbeat, InputMode, Order, Report, Request, Sdo, Version};
 use protocol::{Duration, Instant, JointIndex};
 
 use super::Odrive;
+use super::mismatch::Mismatch;
 use super::options::{Axis, Parameter, VELOCITY_MAX_REV_S};
 use crate::fault::Cause;
 use crate::groups::answers::Answers;
@@ -75,62 +74,6 @@ pub(super) enum Step {
     Held,
     /// It gets no set point any more.
     Off,
-}
-
-/// What is not as the settings say.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Mismatch {
-    /// Version of the firmware; `None`: it does not report one, as 0.5.
-    Firmware {
-        /// Major, minor, revision.
-        found: Option<[u8; 3]>,
-        /// What the robot file says.
-        expected: Version,
-    },
-    /// A parameter holds something else, or does not answer.
-    Parameter {
-        /// Which one.
-        parameter: Parameter,
-        /// Its bytes.
-        found: Option<[u8; 4]>,
-        /// What it should hold.
-        expected: [u8; 4],
-    },
-    /// Estimates come by themselves.
-    UnaskedEstimates,
-    /// The speed of the joint is beyond the field.
-    Speed {
-        /// Turns/s that the joint needs.
-        needed_rev_s: f32,
-    },
-}
-
-impl fmt::Display for Mismatch {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Firmware { found: None, .. } => {
-                f.write_str("the axis reports no firmware, as 0.5 does: the settings say 0.6")
-            }
-            Self::Firmware { found: Some([a, b, c]), expected } => {
-                let expected = if *expected == Version::V05 { "0.5" } else { "0.6, with these endpoints if some are given" };
-                write!(f, "the axis has firmware {a}.{b}.{c}, the settings say {expected}")
-            }
-            Self::Parameter { parameter, found: None, .. } => {
-                write!(f, "{} does not answer: its endpoint belongs to another firmware", parameter.path())
-            }
-            Self::Parameter { parameter, found: Some(found), expected } => {
-                let [found, expected] = [found, expected].map(|bytes| u32::from_le_bytes(*bytes));
-                write!(f, "{} holds {found:#x}, the settings need {expected:#x}", parameter.path())
-            }
-            Self::UnaskedEstimates => f.write_str(
-                "estimates come by themselves: set encoder_msg_rate_ms (0.5: encoder_rate_ms) of the axis to 0",
-            ),
-            Self::Speed { needed_rev_s } => write!(
-                f,
-                "the joint needs {needed_rev_s:.1} turns/s, the field for velocities ends at {VELOCITY_MAX_REV_S}"
-            ),
-        }
-    }
 }
 
 /// One exchange of the set-up.

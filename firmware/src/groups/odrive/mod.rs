@@ -34,6 +34,7 @@
 
 mod drive;
 mod finding;
+mod mismatch;
 pub mod options;
 mod sending;
 
@@ -41,8 +42,8 @@ use odrive_protocol::{Heartbeat, Order, Report, Version};
 use protocol::{Duration, Frame, Id, Instant, JointIndex};
 
 use self::drive::Drive;
-pub use self::finding::Mismatch;
 use self::finding::{Message, SPEED_ROOM, Step};
+pub use self::mismatch::Mismatch;
 pub use self::options::{
     Axis, Endpoints, GripperAxis, Home, Options, OptionsError, Parameter, VELOCITY_MAX_REV_S,
 };

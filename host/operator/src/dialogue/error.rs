@@ -4,7 +4,7 @@ use firmware::fault::Cause;
 use protocol::Duration;
 use protocol::cyphal::client::StartError;
 use protocol::cyphal::cubecell::command::Refusal;
-use protocol::cyphal::cubecell::group_state::{GroupState, State};
+use protocol::cyphal::cubecell::group_state::{DriveDifference, GroupState, State};
 use protocol::cyphal::id::NodeId;
 use protocol::cyphal::uavcan::command::Status;
 use protocol::cyphal::upload::UploadError;
@@ -12,6 +12,7 @@ use protocol::cyphal::upload::UploadError;
 use super::presence::PRESENCE;
 use crate::bus::BusFailure;
 use crate::bus::period::PERIOD_MAX_US;
+use crate::drives::difference_text;
 use crate::node::stop_watch::{StopSeen, is_stop_by_other};
 
 /// Why an order was not carried out.
@@ -93,13 +94,15 @@ pub enum OperatorError {
     #[error("{0}")]
     Socket(std::io::Error),
     /// It stopped, or reports a fault.
-    #[error("the controller {}: {}", if *.state == State::Fault { "reports a fault" } else { "has stopped" }, fault_text(.cause, .joint))]
+    #[error("the controller {}: {}", if *.state == State::Fault { "reports a fault" } else { "has stopped" }, fault_text(*.cause, *.joint, *.differs))]
     Stopped {
         /// Stopped or Fault.
         state: State,
         cause: u16,
         /// Joint, from 1; 0 = the group.
         joint: u8,
+        /// What in its drive is not as the robot file says.
+        differs: DriveDifference,
     },
     /// The robot's program does not let the motion pass.
     #[error("{what}")]
@@ -198,7 +201,7 @@ impl OperatorError {
 
 fn refusal_text(status: &Status, refusal: &Option<Refusal>) -> String {
     let Some(refusal) = refusal else { return format!("status {}", status.0) };
-    let text = fault_text(&refusal.cause, &refusal.joint);
+    let text = fault_text(refusal.cause, refusal.joint, DriveDifference::default());
     // With a next step it stands behind that.
     if recovery(refusal.cause).is_some() { text } else { text + &detail(refusal) }
 }
@@ -237,10 +240,12 @@ fn recovery(cause: u16) -> Option<String> {
     cause.info().map(|info| format!("{}{verb}", info.recovery))
 }
 
-fn fault_text(cause: &u16, joint: &u8) -> String {
-    let place = if *joint == 0 { String::new() } else { format!("joint {joint}: ") };
-    match Cause::from_code(*cause).and_then(Cause::info) {
-        Some(info) => format!("{place}{} (fault {cause})", info.what),
+/// A fault in words; what in a drive differs from the robot file stands for the general words of the fault.
+pub(crate) fn fault_text(cause: u16, joint: u8, differs: DriveDifference) -> String {
+    let place = if joint == 0 { String::new() } else { format!("joint {joint}: ") };
+    let info = || Cause::from_code(cause).and_then(Cause::info).map(|info| info.what.to_owned());
+    match difference_text(differs).or_else(info) {
+        Some(what) => format!("{place}{what} (fault {cause})"),
         None => format!("{place}cause {cause}"),
     }
 }
@@ -281,5 +286,10 @@ pub(crate) fn refused(what: &'static str, refusal: firmware::fault::Refusal) -> 
 }
 
 pub(crate) fn stopped(group: &GroupState) -> OperatorError {
-    OperatorError::Stopped { state: group.state, cause: group.fault_cause, joint: group.fault_joint }
+    OperatorError::Stopped {
+        state: group.state,
+        cause: group.fault_cause,
+        joint: group.fault_joint,
+        differs: group.differs,
+    }
 }

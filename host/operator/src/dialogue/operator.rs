@@ -24,7 +24,7 @@ use protocol::cyphal::upload::Upload;
 use protocol::{Duration, Instant};
 
 pub use super::error::OperatorError;
-pub(crate) use super::error::{refused, stopped};
+pub(crate) use super::error::{fault_text, refused, stopped};
 use super::extending::Extending;
 use super::following::Following;
 use super::presence::PRESENCE;

@@ -21,6 +21,7 @@ use firmware::groups::mit::Mit;
 use firmware::groups::odrive::Odrive;
 use firmware::groups::powercube::PowerCubes;
 use firmware::settings::Settings;
+use protocol::cyphal::cubecell::group_state::DriveDifference;
 use protocol::powercube::Address;
 use protocol::{Frame, Id, Instant, JointIndex, StandardId};
 use robot_model::{Drives, Joint, RobotModel};
@@ -126,18 +127,14 @@ impl Default for CanDrives {
     }
 }
 
-impl CanDrives {
-    /// Joint, and the object, register or parameter that differs from the robot file, as the last search for drives found it (fault 209).
-    #[must_use]
-    pub fn mismatch(&self) -> Option<String> {
-        let told = |joint: &JointIndex, what: &dyn Display| format!("joint {}: {what}", joint.get() + 1);
-        match self {
-            Self::PowerCubes(_) => None,
-            Self::Mit(own) => own.mismatch().map(|(joint, what)| told(joint, what)),
-            Self::Cia402(own) => own.mismatch().map(|(joint, what)| told(joint, what)),
-            Self::Odrive(own) => own.mismatch().map(|(joint, what)| told(joint, what)),
-        }
-    }
+/// The object, register or parameter that differs from the robot file, as a controller reports it with fault 209.
+#[must_use]
+pub fn difference_text(reported: DriveDifference) -> Option<String> {
+    use firmware::groups::{cia402, mit, odrive};
+    let text = |mismatch: &dyn Display| mismatch.to_string();
+    None.or_else(|| cia402::Mismatch::reported(reported).map(|own| text(&own)))
+        .or_else(|| mit::Mismatch::reported(reported).map(|own| text(&own)))
+        .or_else(|| odrive::Mismatch::reported(reported).map(|own| text(&own)))
 }
 
 /// See [`CanDrives::of`]; an error is why motors or servos cannot form a group.
@@ -184,6 +181,7 @@ impl DriveGroup for CanDrives {
         fn is_moving(&self, now: Instant, settings: &Settings, joint: JointIndex) -> bool;
         fn standing(&self, joint: JointIndex, halted_is_fine: bool) -> Standing;
         fn readings(&self, joint: JointIndex) -> Readings;
+        fn difference(&self) -> Option<(JointIndex, DriveDifference)>;
         fn counters(&self) -> GroupCounters;
         fn is_keeping_time(&self) -> bool;
         fn is_cycle_done(&self, settings: &Settings) -> bool;

@@ -11,6 +11,7 @@ use crate::analysis::RunAnalysis;
 use crate::analysis::tracking::ErrorSize;
 use crate::bus::cycle_timing::CycleTiming;
 use crate::bus::soft::SoftReport;
+use crate::drives::difference_text;
 use planner::plan::file::VERSION as PLAN_VERSION;
 use tuner::gains::choose::GainsFrom;
 
@@ -261,6 +262,7 @@ fn fault(record: &Record) -> Value {
             "cause": group.fault_cause,
             "name": cause.map(firmware::fault::Cause::name),
             "joint": group.fault_joint,
+            "differs": difference_text(group.differs),
             "plan_time_s": f64::from(group.trajectory_time_us) * 1e-6,
         })
     })

@@ -15,6 +15,7 @@ use serde::Serialize;
 use super::age::{Age, Heard, Tone};
 use super::events::{EventView, Events};
 use super::stopping::{StopView, Stopping};
+use crate::drives::difference_text;
 use crate::log::facts::{Fact, position};
 use crate::log::watch::{LogEvent, Severity, Watch};
 use crate::machine::{Machine, Placed};
@@ -353,7 +354,9 @@ impl LiveState {
             fault: (group.fault_cause != 0).then(|| FaultView {
                 code: group.fault_cause,
                 joint: group.fault_joint,
-                what: self.watch.named(group.fault_cause, info.map_or("", |info| info.what)),
+                what: difference_text(group.differs).unwrap_or_else(|| {
+                    self.watch.named(group.fault_cause, info.map_or("", |info| info.what))
+                }),
                 next: info.map_or_else(String::new, |info| info.recovery.to_owned()),
             }),
             plan_s: f64::from(group.trajectory_time_us) * 1e-6,

@@ -4,8 +4,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use firmware::fault::Cause;
-use protocol::cyphal::cubecell::group_state::{GroupState, State};
+use protocol::cyphal::cubecell::group_state::{DriveDifference, GroupState, State};
 use protocol::cyphal::uavcan::command::Status;
 use protocol::cyphal::uavcan::diagnostic::Severity as RecordSeverity;
 use protocol::powercube::{
@@ -16,6 +15,7 @@ use serde::Serialize;
 
 use super::facts::{Decoder, Fact, order_name, position};
 use super::numbering::Numbering;
+use crate::dialogue::operator::fault_text;
 use crate::node::stop_watch::is_stop_by_other;
 use crate::tap::Way;
 
@@ -188,7 +188,7 @@ impl Watch {
                 let what = number.map_or("an order", order_name);
                 let why = refusal.map_or_else(
                     || format!("status {}", status.0),
-                    |refusal| cause_text(refusal.cause, refusal.joint),
+                    |refusal| fault_text(refusal.cause, refusal.joint, DriveDifference::default()),
                 );
                 let text = format!("refuses \"{what}\": {why}");
                 self.note(at, Severity::Warning, format!("controller {}", from.get()), text);
@@ -220,7 +220,7 @@ impl Watch {
                 None => format!("is in state {}", state.state),
             };
             if state.fault_cause != 0 {
-                let cause = cause_text(state.fault_cause, state.fault_joint);
+                let cause = fault_text(state.fault_cause, state.fault_joint, state.differs);
                 text += &format!(": {}", self.named(state.fault_cause, &cause));
             }
             self.note(at, severity, source.clone(), text);
@@ -350,14 +350,6 @@ impl Watch {
             };
             self.note(at, severity, name, format!("reports {}{why}", CubeState::from_bits(new)));
         }
-    }
-}
-
-fn cause_text(code: u16, joint: u8) -> String {
-    let place = if joint == 0 { String::new() } else { format!("joint {joint}: ") };
-    match Cause::from_code(code).and_then(Cause::info) {
-        Some(info) => format!("{place}{} ({code})", info.what),
-        None => format!("{place}cause {code}"),
     }
 }
 

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use can_link::{BusSpec, CanLink, Clock, Role, RunError, Runner, Urgent};
 use firmware::ControllerNode;
 use firmware::fault::Fault;
+use firmware::group::DriveGroup as _;
 use firmware::host_link::Identity;
 use firmware::orders::Order;
 use firmware::settings::Settings;
@@ -28,7 +29,7 @@ use operator::bus::period::{NoPeriod, apply, choose};
 use operator::bus::settings::settings_of;
 use operator::bus::soft::SoftReport;
 use operator::bus::storage::FileStorage;
-use operator::drives::CanDrives;
+use operator::drives::{CanDrives, difference_text};
 use operator::interrupt::interrupt;
 
 /// Time between two looks at the state of the group.
@@ -264,8 +265,9 @@ fn show<S: Storage>(node: &ControllerNode<S, Spline, CanDrives>, shown: &mut Opt
         None => String::new(),
     };
     console::note!("{:?}{why}", state.kind());
-    if let (Some(_), Some(what)) = (state.fault(), node.controller().group().mismatch()) {
-        console::note!("  {what}");
+    if let (Some(_), Some((joint, reported))) = (state.fault(), node.controller().group().difference()) {
+        let what = difference_text(reported).unwrap_or_default();
+        console::note!("  joint {}: {what}", joint.get() + 1);
     }
     *shown = Some(state);
 }

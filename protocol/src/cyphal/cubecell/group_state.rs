@@ -1,4 +1,4 @@
-//! `cubecell.GroupState.1.1`: the joint group as a whole.
+//! `cubecell.GroupState.1.2`: the joint group as a whole.
 
 use core::fmt;
 
@@ -8,9 +8,9 @@ use super::super::id::SubjectId;
 /// Default subject.
 pub const SUBJECT: SubjectId = SubjectId::from_low_bits(1001);
 /// Bytes of the message known here.
-pub const EXTENT: u16 = 47;
+pub const EXTENT: u16 = 59;
 /// Full type name for the register `uavcan.pub.group_state.type`.
-pub const TYPE: &str = "cubecell.GroupState.1.1";
+pub const TYPE: &str = "cubecell.GroupState.1.2";
 
 /// State of the group; the numbers are on the wire, also as vendor status of the heartbeat.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -94,6 +94,17 @@ impl fmt::Display for State {
     }
 }
 
+/// What in a drive differs from the settings; each family of drives has its own numbers. Zero: nothing, or not known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DriveDifference {
+    /// The object, register or parameter.
+    pub what: u32,
+    /// What the drive holds.
+    pub found: u32,
+    /// What it should hold.
+    pub expected: u32,
+}
+
 /// The message; see the `.dsdl` file for each field.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct GroupState {
@@ -145,6 +156,8 @@ pub struct GroupState {
     pub start_in_us: u32,
     /// Target states taken in this run or the last one; 0 = the trajectory is followed as committed.
     pub targets_taken: u16,
+    /// What in the drive of `fault_joint` differs from the settings.
+    pub differs: DriveDifference,
 }
 
 impl Encode for GroupState {
@@ -182,6 +195,13 @@ impl Encode for GroupState {
         out.u16(self.arming_left_ms);
         out.u32(self.start_in_us);
         out.u16(self.targets_taken);
+        // A receiver takes what is not sent for zeros: without a difference the message stays short.
+        let DriveDifference { what, found, expected } = self.differs;
+        if what != 0 {
+            for number in [what, found, expected] {
+                out.u32(number);
+            }
+        }
     }
 }
 
@@ -229,6 +249,7 @@ impl Decode<'_> for GroupState {
             // Zeros from a controller of version 1.0.
             start_in_us: input.u32(),
             targets_taken: input.u16(),
+            differs: DriveDifference { what: input.u32(), found: input.u32(), expected: input.u32() },
         })
     }
 }
