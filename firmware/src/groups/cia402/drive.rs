@@ -25,8 +25,8 @@ pub struct Drive {
     pub(super) is_written: bool,
     /// Objects 608F and 6091.
     pub(super) units: [u32; 4],
-    /// Object 603F, or else the newest entry of object 1003.
-    pub(super) error: u16,
+    /// Object 603F; the newest entry of object 1003 if it is absent.
+    pub(super) error: Option<u16>,
     /// Last emergency; 0: none, or it is over.
     pub(super) emergency: u16,
     /// It was reported already.

@@ -214,14 +214,13 @@ impl Cia402 {
                     return self.mismatched(now, joint, mismatch);
                 }
             }
-            Kind::Error if drive.error != 0 => {}
-            Kind::Error => drive.error = value as u16,
+            Kind::Error => drive.error = drive.error.or(Some(value as u16)),
             Kind::State => {
                 let resets = mode == Mode::Finding { reset: true };
                 let cause = match Status(value as u16).state() {
                     // What the end of a controller leaves. Clearing it moves nothing.
-                    Some(State::Fault) if drive.error == HEARTBEAT_LOST => None,
-                    Some(State::Fault | State::FaultReaction) => Some(cause_of(drive.error)),
+                    Some(State::Fault) if drive.error == Some(HEARTBEAT_LOST) => None,
+                    Some(State::Fault | State::FaultReaction) => Some(cause_of(drive.error.unwrap_or(0))),
                     // Nobody proved that it stops without its host.
                     Some(State::OperationEnabled | State::QuickStopActive) if !drive.is_ours => {
                         Some(Cause::WatchdogUnproven)

@@ -188,7 +188,9 @@ impl CanopenServo {
             _ => 1 << 5,
         };
         self.dictionary.set(0x1001, 0, register);
-        self.dictionary.note_error(code);
+        if code != 0 {
+            self.dictionary.note_error(code);
+        }
         let emergency = Emergency { code, register: register as u8, maker: [0; 5] };
         self.send_at(now, emergency.encode(self.options.node));
     }
