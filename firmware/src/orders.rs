@@ -2,6 +2,7 @@
 //!
 //! Every order may come twice without harm: an answer can get lost, and the host then asks again.
 
+use protocol::cyphal::cubecell::command;
 use protocol::cyphal::cubecell::group_state::State as StateKind;
 use protocol::{Duration, Instant, JointIndex};
 
@@ -12,11 +13,11 @@ use crate::retarget::EndState;
 use crate::trajectory_format::FileName;
 
 /// Longest time an offer or an arming may hold.
-pub const ARMING_VALID_MAX: Duration = Duration::from_secs(30);
+pub const ARMING_VALID_MAX: Duration = Duration::from_millis(command::ARMING_VALID_MS_MAX as u64);
 /// Longest time that limits may be unlocked.
-pub const UNLOCK_VALID_MAX: Duration = Duration::from_secs(3_600);
+pub const UNLOCK_VALID_MAX: Duration = Duration::from_secs(command::UNLOCK_VALID_S_MAX as u64);
 /// Longest time a jog goes on without repetition.
-pub const JOG_HOLD_MAX: Duration = Duration::from_millis(500);
+pub const JOG_HOLD_MAX: Duration = Duration::from_millis(command::JOG_HOLD_MS_MAX as u64);
 
 /// Longest time from the order to the start of a run.
 pub const START_AHEAD_MAX: Duration = Duration::from_secs(30);

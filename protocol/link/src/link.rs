@@ -44,8 +44,6 @@ pub struct LinkStats {
     pub dropped_out: u64,
     /// Sent frames that the far side refused, and other errors that it reported.
     pub refused_out: u64,
-    /// Received frames lost because an input queue was full.
-    pub dropped_in: u64,
     /// Received messages or lines that could not be read.
     pub malformed_in: u64,
 }
