@@ -7,7 +7,6 @@ use nalgebra::Vector3;
 use crate::boxes::{Obb, Proximity};
 use crate::kinematics::Frames;
 use crate::model::RobotModel;
-use crate::per_joint::JointVec;
 use crate::pose::Pose;
 
 /// What is around the arm besides its own base and the floor, and what it holds.
@@ -129,29 +128,6 @@ impl<'m> CollisionChecker<'m> {
             a: pair.a,
             b: pair.b,
         })
-    }
-
-    /// As [`CollisionChecker::clearance`], with the derivative of the distance by each joint angle in m/rad.
-    ///
-    /// The derivative is that of the nearest pair at its nearest points; where two pairs are equally near, or two
-    /// features of a pair, it jumps.
-    pub fn clearance_gradient(&mut self, frames: &Frames) -> (Clearance, JointVec) {
-        let Some((pair, near)) = self.nearest_pair(frames, f64::INFINITY) else {
-            return (Clearance::none(), JointVec::zeros(self.model.n()));
-        };
-        let clearance = Clearance { distance_m: near.distance_m, a: pair.a, b: pair.b };
-        let gradient = JointVec::from_fn(self.model.n(), |k| {
-            // Both bodies move with joint k, or neither does: the joint does not change their distance.
-            let moves_a = k < pair.link_a;
-            let moves_b = k < pair.link_b;
-            let velocity = || frames.axis(k).cross(&(near.point - frames.origin(k)));
-            match (moves_a, moves_b) {
-                (false, true) => near.normal.dot(&velocity()),
-                (true, false) => -near.normal.dot(&velocity()),
-                _ => 0.0,
-            }
-        });
-        (clearance, gradient)
     }
 
     /// Distance of the nearest pair, or `most_m` if that is less; cheaper than [`Self::clearance`] if no pair is near.

@@ -6,8 +6,6 @@
 //! that are proven are dropped, the interval is halved for the rest (Schwarzer, Saha, Latombe, "Adaptive dynamic
 //! collision checking for single and multiple articulated robots in complex environments", 2005).
 
-use nalgebra::Vector3;
-
 use super::checker::{Body, Clearance, CollisionChecker, Pair};
 use crate::per_joint::JointVec;
 
@@ -141,46 +139,6 @@ impl CollisionChecker<'_> {
                     intervals.push(Interval { s0, s1, depth: depth + 1, pairs_from: open.len() });
                     open.extend_from_slice(&unproven);
                 }
-            }
-        }
-        earliest.unwrap_or(MotionVerdict::Free { evaluations })
-    }
-
-    /// Checks a ball in flight against the arm in motion from `s0` to `s1`; `ball_at` is its centre, `ball_speed_max`
-    /// bounds its speed per unit of `s`. Tolerance and outcome as in [`CollisionChecker::check_motion`].
-    pub fn check_flight(
-        &mut self,
-        motion: &impl Travel,
-        ball_at: impl Fn(f64) -> Vector3<f64>,
-        ball_speed_max: f64,
-        (s0, s1): (f64, f64),
-        tolerance_m: f64,
-    ) -> MotionVerdict {
-        let mut intervals = vec![(s0, s1, 0_u32)];
-        let mut evaluations = 0;
-        let mut earliest = None;
-        while let Some((s0, s1, depth)) = intervals.pop() {
-            let s = 0.5 * (s0 + s1);
-            let travel = motion.path_length(s0, s).zip_map(&motion.path_length(s, s1), f64::max);
-            let flown_m = ball_speed_max * (s1 - s0) * 0.5;
-            let frames = self.model.fk(&motion.at(s));
-            let clearance = self.ball_clearance(&frames, &ball_at(s));
-            evaluations += 1;
-            let swung_m = (1..=self.model.n()).map(|link| self.swept(link, 0, &travel)).fold(0.0, f64::max);
-            if clearance.distance_m > flown_m + swung_m {
-                continue;
-            }
-            // A distance that is not a number must not pass for a free one.
-            let apart = clearance.distance_m > 0.0;
-            let fine = flown_m + swung_m <= tolerance_m || depth == DEPTH_MAX;
-            if !apart || fine {
-                earliest = Some(MotionVerdict::Contact { s, clearance });
-                intervals.clear();
-            } else {
-                intervals.push((s, s1, depth + 1));
-            }
-            if !fine {
-                intervals.push((s0, s, depth + 1));
             }
         }
         earliest.unwrap_or(MotionVerdict::Free { evaluations })
