@@ -3,6 +3,7 @@
 use canopen_protocol::cia402::{Control, State, Status};
 use canopen_protocol::client::{Failure, Transfer};
 use canopen_protocol::emcy::Emergency;
+use canopen_protocol::long_read::LongRead;
 use canopen_protocol::pdo::{Direction, Entry, Map, Transmission, set_up};
 use canopen_protocol::sdo::AbortCode;
 use canopen_protocol::{Function, NodeId, Object, nmt};
@@ -139,6 +140,31 @@ impl Rig {
 
 fn aborted<T>(code: u32) -> Result<T, Failure> {
     Err(Failure::Aborted(AbortCode(code)))
+}
+
+/// Frames that came at once would not fit the transmit buffers of a bus.
+#[test]
+fn the_sheet_comes_in_blocks_one_frame_at_a_time() {
+    let mut rig = Rig::new();
+    let sheet = Object::new(0x1021, 0);
+    let (mut read, frame) = LongRead::in_blocks(rig.now, PATIENCE, node(), sheet, 1 << 20);
+    let (mut next, mut blocks, mut bytes) = (Some(frame), 0, Vec::<u8>::new());
+    while read.outcome().is_none() {
+        if let Some(frame) = next.take() {
+            blocks += usize::from(frame.data()[0] == 0xA2);
+            rig.send(&frame);
+        }
+        let before = rig.seen.len();
+        rig.run(Duration::from_micros(100));
+        assert!(rig.seen.len() <= before + 1);
+        for (at, frame) in &rig.seen[before..] {
+            next = read.handle_frame(*at, frame, &mut |part| bytes.extend(part)).or(next);
+        }
+        next = read.handle_timeout(rig.now).or(next);
+    }
+    assert_eq!(read.outcome(), Some(Ok(())));
+    assert_eq!(bytes, include_bytes!("../src/drive/cia402/simulated_servo.eds"));
+    assert_eq!(blocks, bytes.len().div_ceil(7 * 127));
 }
 
 #[test]

@@ -6,7 +6,7 @@ use crate::bus_common::{Folder, code, cubectl, err, out};
 use crate::side_by_side::interpolating;
 
 const ROBOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/canopen6.toml");
-const SHEET: &str = include_str!("eds/simulated_servo.eds");
+const SHEET: &str = include_str!("../../hil-sim/src/drive/cia402/simulated_servo.eds");
 
 fn show(folder: &Folder, sheet: &str, more: &[&str]) -> Output {
     let file = folder.file("servo.eds");
@@ -34,6 +34,24 @@ fn servos_that_are_as_their_sheet_says_are_reported_with_the_number_of_objects()
             .unwrap_or_else(|| panic!("{}", out(&done)));
         assert!((40..60).contains(&read), "{read} objects");
     }
+}
+
+#[test]
+fn servos_are_compared_with_the_sheets_that_they_store() {
+    let done = cubectl(&["modules", "show", "--robot", ROBOT]);
+    assert_eq!(code(&done), 0, "{}{}", out(&done), err(&done));
+    for node in 3..=8 {
+        let line = format!("node {node}: ");
+        let said = out(&done).lines().find(|said| said.starts_with(&line)).map(str::to_owned);
+        assert!(said.is_some_and(|said| said.ends_with(" objects as in its own sheet")), "{}", out(&done));
+    }
+    // SCHUNK's modules store none.
+    let folder = Folder::new("sheet-of-module");
+    let robot = interpolating(ROBOT, &folder);
+    let done = cubectl(&["modules", "show", "--robot", &robot, "--node", "5"]);
+    assert_eq!(code(&done), 8, "{}{}", out(&done), err(&done));
+    let said = "node 5: its sheet (object 1021): the node refuses: no such object (0x06020000)";
+    assert!(err(&done).contains(said) && err(&done).contains("--eds FILE"), "{}", err(&done));
 }
 
 #[test]

@@ -5,28 +5,27 @@ use std::path::{Path, PathBuf};
 use operator::bus::BusArgs;
 use operator::bus::settings::{NoSettings, settings_of};
 use operator::dialogue::ask::AskError;
+use operator::dialogue::objects::SHEET_MAX;
 use operator::drives::cia402;
 use operator::eds::Eds;
 use operator::eds::compare::{Report, compare};
 use protocol::JointIndex;
 
 use super::counted;
+use super::progress::while_working;
 use crate::error::ExpectedError;
 use crate::exit;
 
-/// Longest sheet, bytes: those of makers have some hundred thousand.
-const SHEET_MAX_BYTES: u64 = 4 << 20;
-
 #[derive(Debug, clap::Args)]
-#[command(
-    after_help = "Example:\n  cubectl modules show --eds servo.eds --robot robots/canopen6.toml --node 3 --bus can0\n\n\
+#[command(after_help = "Examples:\n  cubectl modules show --robot robots/canopen6.toml --bus can0\n  \
+                  cubectl modules show --eds servo.eds --robot robots/canopen6.toml --node 3 --bus can0\n\n\
                   Compares with the node: who it is (object 1018), and each object that the controller uses, with its length, access, limits and \
-                  place in process data; of a DCF also the values. Nothing is written."
-)]
+                  place in process data; of a DCF also the values. Nothing is written.")]
 pub struct ShowArgs {
-    /// Electronic data sheet (EDS) or sheet with values (DCF) of the servos, as CiA 306 says.
+    /// Electronic data sheet (EDS) or sheet with values (DCF) of the servos, as CiA 306 says. Default: the sheet that each servo stores
+    /// (object 1021).
     #[arg(long, value_name = "FILE")]
-    pub eds: PathBuf,
+    pub eds: Option<PathBuf>,
     /// Node of the servo. Default: all servos of the robot.
     #[arg(long, value_name = "NODE")]
     pub node: Option<u8>,
@@ -37,7 +36,7 @@ pub struct ShowArgs {
 fn read(path: &Path) -> Result<Eds, ExpectedError> {
     let failed = |error: std::io::Error| ExpectedError::io(path, &error);
     let bytes = std::fs::metadata(path).map_err(failed)?.len();
-    if bytes > SHEET_MAX_BYTES {
+    if bytes > SHEET_MAX.into() {
         return Err(ExpectedError::bad_input(&format!(
             "{}: {bytes} bytes are too many for a sheet",
             path.display()
@@ -56,7 +55,7 @@ fn read(path: &Path) -> Result<Eds, ExpectedError> {
 /// # Errors
 /// A bad file, a robot without servos, another master, a silent node, or differences.
 pub(super) fn run(args: &ShowArgs) -> Result<(), ExpectedError> {
-    let eds = read(&args.eds)?;
+    let of_file = args.eds.as_deref().map(read).transpose()?;
     let cell = args.bus.cell.load()?;
     let robot = &cell.robot;
     let Some(group) = robot.cia402_servos() else {
@@ -103,14 +102,32 @@ pub(super) fn run(args: &ShowArgs) -> Result<(), ExpectedError> {
         }
         let index = JointIndex::new(joint).map_err(|error| ExpectedError::bad_input(&error.to_string()))?;
         let needs = options.needs(&settings, index);
+        let eds = match &of_file {
+            Some(eds) => eds,
+            None => {
+                let failed = |what: String| {
+                    ExpectedError::new(exit::DRIVE, format!("node {node}: {what}"))
+                        .next("name the sheet of the maker with --eds FILE")
+                };
+                let what = format!("node {node} sends its sheet");
+                let text = while_working(&what, "a few seconds", |_| session.read_sheet(node))?
+                    .map_err(|why| failed(why.to_string()))?;
+                &Eds::read(&String::from_utf8_lossy(&text))
+                    .map_err(|error| failed(format!("its sheet (object 1021): {error}")))?
+            }
+        };
         let Report { read, findings } =
-            compare::<AskError>(&eds, node, needs, &mut |object| session.read_object(node, object))?;
+            compare::<AskError>(eds, node, needs, &mut |object| session.read_object(node, object))?;
         for finding in &findings {
             console::line!("node {node}, {finding}\n    next: {}", finding.difference.next());
         }
         differences += findings.len();
         if findings.is_empty() {
-            console::line!("node {node}: {} as in {}", counted(read, "object"), args.eds.display());
+            let sheet = args
+                .eds
+                .as_ref()
+                .map_or_else(|| "its own sheet".to_owned(), |file| file.display().to_string());
+            console::line!("node {node}: {} as in {sheet}", counted(read, "object"));
         }
     }
     session.finish()?;

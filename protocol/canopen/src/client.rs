@@ -20,6 +20,8 @@ pub enum Failure {
         /// As far as it is known.
         size: u32,
     },
+    /// The check sum of a value that came in blocks is another one.
+    Corrupt,
     /// The node's answer does not belong to the request, or a segment is out of order.
     Unexpected,
 }
@@ -30,6 +32,7 @@ impl fmt::Display for Failure {
             Self::Aborted(code) => write!(f, "the node refuses: {code}"),
             Self::TimeOut => f.write_str("the node does not answer"),
             Self::TooLong { size } => write!(f, "the value has {size} bytes, more than there is room for"),
+            Self::Corrupt => f.write_str("the value came damaged: its check sum is another one"),
             Self::Unexpected => f.write_str("the node answers what was not asked"),
         }
     }
@@ -44,9 +47,57 @@ enum Phase {
     Writing {
         in_flight: usize,
     },
-    ReadBegun,
-    Reading,
+    Reading(Plain),
     Ended(Result<(), Failure>),
+}
+
+/// A read at once or in segments: what the host has asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Plain {
+    Object,
+    Segment { toggle: bool },
+}
+
+/// What comes after an answer.
+#[derive(Clone, Copy)]
+pub(crate) enum Then {
+    Ask(Plain, Request),
+    /// The node has nothing more to send.
+    Ended(Result<(), Failure>),
+    Failed(Failure, AbortCode),
+}
+
+impl Plain {
+    /// Takes an answer. `give` hands the bytes of the object on; its error is how many there are, which is too many.
+    pub(crate) fn take(
+        self,
+        answer: Answer,
+        size_max: u32,
+        give: &mut impl FnMut(&[u8]) -> Result<(), u32>,
+    ) -> Then {
+        let too_long = |size| Then::Failed(Failure::TooLong { size }, AbortCode::LENGTH);
+        let ask = |toggle| Then::Ask(Self::Segment { toggle }, Request::ReadSegment { toggle });
+        match (self, answer) {
+            (Self::Object, Answer::Read(_, Start::Expedited(value))) => {
+                Then::Ended(give(value.get()).map_err(|size| Failure::TooLong { size }))
+            }
+            (Self::Object, Answer::Read(_, Start::Segmented { size: Some(size) })) if size > size_max => {
+                too_long(size)
+            }
+            (Self::Object, Answer::Read(_, Start::Segmented { .. })) => ask(false),
+            (Self::Segment { toggle }, Answer::Segment(segment)) if segment.toggle == toggle => {
+                match give(segment.bytes.get()) {
+                    Ok(()) if segment.last => Then::Ended(Ok(())),
+                    Ok(()) => ask(!toggle),
+                    Err(size) => too_long(size),
+                }
+            }
+            (_, Answer::Segment(_) | Answer::SegmentWritten { .. }) => {
+                Then::Failed(Failure::Unexpected, AbortCode::TOGGLE)
+            }
+            _ => Then::Failed(Failure::Unexpected, AbortCode::COMMAND),
+        }
+    }
 }
 
 /// A transfer of at most `N` bytes.
@@ -73,7 +124,7 @@ impl<const N: usize> Transfer<N> {
     /// Begins to read; the frame is to be sent. Each answer may take `patience`.
     #[must_use]
     pub fn read(now: Instant, patience: Duration, node: NodeId, object: Object) -> (Self, Frame) {
-        let transfer = Self::new(now, patience, node, object, Phase::ReadBegun);
+        let transfer = Self::new(now, patience, node, object, Phase::Reading(Plain::Object));
         (transfer, Request::Read(object).encode(node))
     }
 
@@ -174,34 +225,9 @@ impl<const N: usize> Transfer<N> {
                 self.toggle = !self.toggle;
                 self.next_segment()
             }
-            (Phase::ReadBegun, Answer::Read(_, Start::Expedited(value))) => {
-                if self.take(value.get()).is_none() {
-                    // The node has nothing more to send: there is nothing to end.
-                    let size = value.get().len() as u32;
-                    self.phase = Phase::Ended(Err(Failure::TooLong { size }));
-                    return None;
-                }
-                self.phase = Phase::Ended(Ok(()));
-                None
-            }
-            (Phase::ReadBegun, Answer::Read(_, Start::Segmented { size })) => {
-                if let Some(size) = size.filter(|size| *size as usize > N) {
-                    return Some(self.fail(Failure::TooLong { size }, AbortCode::LENGTH));
-                }
-                self.phase = Phase::Reading;
-                Some(Request::ReadSegment { toggle: false }.encode(self.node))
-            }
-            (Phase::Reading, Answer::Segment(segment)) if segment.toggle == self.toggle => {
-                if self.take(segment.bytes.get()).is_none() {
-                    let size = (self.len + segment.bytes.get().len()) as u32;
-                    return Some(self.fail(Failure::TooLong { size }, AbortCode::LENGTH));
-                }
-                if segment.last {
-                    self.phase = Phase::Ended(Ok(()));
-                    return None;
-                }
-                self.toggle = !self.toggle;
-                Some(Request::ReadSegment { toggle: self.toggle }.encode(self.node))
+            (Phase::Reading(plain), _) => {
+                let then = plain.take(answer, N as u32, &mut |read| self.take(read));
+                self.follow(then)
             }
             (_, Answer::Segment(_) | Answer::SegmentWritten { .. }) => {
                 Some(self.fail(Failure::Unexpected, AbortCode::TOGGLE))
@@ -224,13 +250,28 @@ impl<const N: usize> Transfer<N> {
         Some(Request::WriteSegment(segment).encode(self.node))
     }
 
-    /// Appends what was read; `None` if there is no room.
-    fn take(&mut self, read: &[u8]) -> Option<()> {
-        let room = self.bytes.get_mut(self.len..self.len + read.len())?;
+    fn follow(&mut self, then: Then) -> Option<Frame> {
+        match then {
+            Then::Ask(plain, request) => {
+                self.phase = Phase::Reading(plain);
+                Some(request.encode(self.node))
+            }
+            Then::Ended(outcome) => {
+                self.phase = Phase::Ended(outcome);
+                None
+            }
+            Then::Failed(failure, code) => Some(self.fail(failure, code)),
+        }
+    }
+
+    /// Appends what was read; an error is the length for which there is no room.
+    fn take(&mut self, read: &[u8]) -> Result<(), u32> {
+        let end = self.len + read.len();
+        let room = self.bytes.get_mut(self.len..end).ok_or(end as u32)?;
         for (to, from) in room.iter_mut().zip(read) {
             *to = *from;
         }
-        self.len += read.len();
-        Some(())
+        self.len = end;
+        Ok(())
     }
 }

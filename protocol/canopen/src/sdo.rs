@@ -81,6 +81,8 @@ impl AbortCode {
     pub const TIME_OUT: Self = Self(0x0504_0000);
     /// An unknown command.
     pub const COMMAND: Self = Self(0x0504_0001);
+    /// The check sum of a block is wrong.
+    pub const CHECK: Self = Self(0x0504_0004);
     /// It can only be read.
     pub const READ_ONLY: Self = Self(0x0601_0002);
     /// There is no such object.
@@ -101,6 +103,7 @@ impl fmt::Display for AbortCode {
             Self::TOGGLE => "the toggle bit did not change",
             Self::TIME_OUT => "no answer in time",
             Self::COMMAND => "unknown command",
+            Self::CHECK => "wrong check sum",
             Self::READ_ONLY => "the object can only be read",
             Self::NO_OBJECT => "no such object",
             Self::LENGTH => "another length is expected",
@@ -227,8 +230,8 @@ impl Request {
         Function::SdoToNode(node).frame(data)
     }
 
-    /// The request of a frame to a node, and the node. `None`: not a request, or one of the block protocol, which a
-    /// node answers with [`AbortCode::COMMAND`].
+    /// The request of a frame to a node, and the node. `None`: not a request, or one of [`crate::block`]: a node without blocks answers
+    /// it with [`AbortCode::COMMAND`].
     #[must_use]
     pub fn decode(from: &Frame) -> Option<(NodeId, Self)> {
         let Function::SdoToNode(node) = Function::of_frame(from)? else { return None };

@@ -1,5 +1,6 @@
 //! Frames of a public master, transfers with a simulated node, properties over all frames.
 
+mod blocks;
 mod drive;
 mod golden;
 mod properties;

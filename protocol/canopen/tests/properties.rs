@@ -1,7 +1,9 @@
 //! Properties over all frames and values.
 
+use canopen_protocol::block::{BlockAnswer, BlockRequest, BlockSegment};
 use canopen_protocol::client::Transfer;
 use canopen_protocol::emcy::Emergency;
+use canopen_protocol::long_read::LongRead;
 use canopen_protocol::nmt::{Command, State};
 use canopen_protocol::pdo::{Entry, Map};
 use canopen_protocol::sdo::{Answer, Request};
@@ -25,6 +27,15 @@ proptest! {
         }
         if let Some((node, answer)) = Answer::decode(&frame) {
             prop_assert_eq!(Answer::decode(&answer.encode(node)), Some((node, answer)));
+        }
+        if let Some((node, request)) = BlockRequest::decode(&frame) {
+            prop_assert_eq!(BlockRequest::decode(&request.encode(node)), Some((node, request)));
+        }
+        if let Some((node, answer)) = BlockAnswer::decode(&frame) {
+            prop_assert_eq!(BlockAnswer::decode(&answer.encode(node)), Some((node, answer)));
+        }
+        if let Some((node, segment)) = BlockSegment::decode(&frame) {
+            prop_assert_eq!(segment.encode(node), frame);
         }
         if let Some((command, to)) = Command::decode(&frame) {
             prop_assert_eq!(command.encode(to), frame);
@@ -59,6 +70,24 @@ proptest! {
         transfer.handle_timeout(now + patience);
         let outcome = transfer.outcome();
         prop_assert!(outcome.is_some_and(|ended| ended.is_err() || ended.unwrap().len() <= 16));
+    }
+
+    #[test]
+    fn whatever_a_node_answers_a_long_read_ends_in_time_and_gives_no_more_than_it_may(
+        answers in prop::collection::vec(frames(), 0..40), blocks in any::<bool>(),
+    ) {
+        let (now, patience) = (Instant::ZERO, Duration::from_millis(50));
+        let object = Object::new(0x1021, 0);
+        let begin = if blocks { LongRead::in_blocks } else { LongRead::in_segments };
+        let (mut read, _) = begin(now, patience, node(), object, 20);
+        let mut given = 0;
+        for answer in &answers {
+            read.handle_frame(now, answer, &mut |part| given += part.len());
+        }
+        // What came of a block is confirmed once.
+        read.handle_timeout(now + patience);
+        read.handle_timeout(now + patience * 2);
+        prop_assert!(read.outcome().is_some() && given <= 20);
     }
 
     #[test]

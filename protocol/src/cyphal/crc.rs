@@ -10,6 +10,8 @@ pub struct Crc16(u16);
 impl Crc16 {
     /// Before the first byte.
     pub const INITIAL: Self = Self(0xFFFF);
+    /// Before the first byte, with the initial value 0: CRC-16/XMODEM, as CANopen uses for blocks.
+    pub const ZERO: Self = Self(0);
 
     /// Takes the next bytes of the transfer.
     pub fn update(&mut self, data: &[u8]) {

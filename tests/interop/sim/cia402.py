@@ -5,6 +5,7 @@
 Its servo is node 3.
 """
 
+import pathlib
 import time
 
 import canopen
@@ -24,7 +25,7 @@ U8, I8, U16, I16, U32, I32, TEXT = (
 PERIOD_S = 0.01
 COUNTS_PER_TURN = 409_600
 NAMES = {
-    0x1000: U32, 0x1001: U8, 0x1008: TEXT, 0x1017: U16, 0x6007: I16, 0x603F: U16, 0x6040: U16, 0x6041: U16, 0x6060: I8,
+    0x1000: U32, 0x1001: U8, 0x1008: TEXT, 0x1017: U16, 0x1022: U8, 0x6007: I16, 0x603F: U16, 0x6040: U16, 0x6041: U16, 0x6060: I8,
     0x6061: I8, 0x6064: I32, 0x6065: U32, 0x607A: I32, 0x607C: I32, 0x6098: I8, 0x6502: U32, 0x60FF: I32,
 }  # fmt: skip
 RECORDS = {0x1016: [U8, U32], 0x1018: [U8] + 4 * [U32], 0x1029: [U8, U8], 0x60C2: [U8, U8, I8]}
@@ -85,6 +86,14 @@ try:
     aborted(0x06020000, lambda: node.sdo.upload(0x2000, 0))
     aborted(0x06090011, lambda: node.sdo.upload(0x1018, 9))
     print("identity: profile 402,", node.sdo[0x1008].raw)
+
+    # The sheet that the servo stores, in blocks and in segments: 127 segments of 7 bytes are a block.
+    sheet = pathlib.Path("hil-sim/src/drive/cia402/simulated_servo.eds").read_bytes()
+    assert len(sheet) > 10 * 127 * 7 and node.sdo[0x1022].raw == 0
+    for in_blocks in (True, False):
+        with node.sdo.open(0x1021, 0, "rb", block_transfer=in_blocks) as stored:
+            assert stored.read() == sheet, in_blocks
+    print("sheet:", len(sheet), "bytes in blocks and in segments")
 
     # The maps, as this client sets them.
     node.pdo.read()

@@ -17,6 +17,8 @@ const MAP_ENTRIES: u8 = 8;
 const ERRORS_MAX: usize = 8;
 /// Device type: profile 402, servo drive.
 const DEVICE_TYPE: i64 = 0x0002_0192;
+/// Electronic data sheet that a servo stores.
+const SHEET: &str = include_str!("simulated_servo.eds");
 const NOT_VALID: i64 = 1 << 31;
 /// Limit of the demand of the velocity loop, turns of the motor per minute.
 pub(super) const SPEED_MAX: u16 = 0x6080;
@@ -246,16 +248,28 @@ impl Dictionary {
 
     pub(super) fn read(&self, object: Object) -> Result<Vec<u8>, AbortCode> {
         match (object.index, object.sub) {
-            (0x1008, 0) => Ok(self.name.as_bytes().to_vec()),
             (0x1003, 0) => Ok(vec![self.errors.len() as u8]),
             (0x1003, sub) => match self.errors.get(usize::from(sub) - 1) {
                 Some(code) => Ok(u32::from(*code).to_le_bytes().to_vec()),
                 None => Err(AbortCode::NO_SUB_INDEX),
             },
-            _ => match self.shown(object) {
-                Some(row) => Ok(row.encode()),
-                None => Err(self.unknown(object)),
+            _ => match (self.text(object), self.shown(object)) {
+                (Some(text), _) => Ok(text.to_vec()),
+                (None, Some(row)) => Ok(row.encode()),
+                (None, None) => Err(self.unknown(object)),
             },
+        }
+    }
+
+    /// What can only be read and does not change. SCHUNK's modules store no sheet.
+    fn text(&self, object: Object) -> Option<&[u8]> {
+        let has_sheet = self.hidden.is_empty();
+        match (object.index, object.sub) {
+            (0x1008, 0) => Some(self.name.as_bytes()),
+            (0x1021, 0) if has_sheet => Some(SHEET.as_bytes()),
+            // The form of the sheet: text.
+            (0x1022, 0) if has_sheet => Some(&[0]),
+            _ => None,
         }
     }
 
@@ -264,7 +278,7 @@ impl Dictionary {
     }
 
     fn unknown(&self, object: Object) -> AbortCode {
-        let is_known = object.index == 0x1008
+        let is_known = self.text(Object::new(object.index, 0)).is_some()
             || self.rows.keys().any(|own| own.index == object.index && self.shown(*own).is_some());
         if is_known { AbortCode::NO_SUB_INDEX } else { AbortCode::NO_OBJECT }
     }
@@ -285,7 +299,7 @@ impl Dictionary {
             };
         }
         let Some(row) = self.shown(object).copied() else {
-            let is_read_only = matches!(object.index, 0x1003 | 0x1008);
+            let is_read_only = object.index == 0x1003 || self.text(object).is_some();
             return Err(if is_read_only { AbortCode::READ_ONLY } else { self.unknown(object) });
         };
         if !row.writable {

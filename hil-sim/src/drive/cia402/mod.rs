@@ -10,7 +10,8 @@
 //! | `motion` | state machine, modes, position loop |
 //! | `path` | the reference as closed forms of time |
 //! | `dictionary` | objects: type, access, range, value |
-//! | `server` | service data: expedited and in segments |
+//! | `server` | service data: expedited, in segments, read in blocks |
+//! | `simulated_servo.eds` | electronic data sheet of the servo, which it stores |
 //! | `on_arm` | the motors of an arm, made from its robot file |
 //! | `options` | [`ServoOptions`]: the servo as delivered; [`ServoFaults`]: its faults |
 //!

@@ -2,11 +2,12 @@
 
 use std::collections::VecDeque;
 
+use canopen_protocol::block::BlockRequest;
 use canopen_protocol::cia402::{self, Control, State};
 use canopen_protocol::emcy::Emergency;
 use canopen_protocol::nmt;
 use canopen_protocol::pdo::Map;
-use canopen_protocol::sdo::{AbortCode, Answer, Request};
+use canopen_protocol::sdo::{AbortCode, Request};
 use canopen_protocol::{Function, NodeId, Object};
 use protocol::{Duration, Frame, Id, Instant, Node, StandardId};
 
@@ -17,6 +18,8 @@ use super::server::{Objects, Server};
 use crate::drive::bench::ShaftMotor;
 use crate::mechanics::{AxisInput, AxisState};
 
+/// Time between two segments of a block: more than a frame of 8 bytes takes at 500 kbit/s.
+const SEGMENT_PERIOD: Duration = Duration::from_micros(300);
 /// Frames that wait at most.
 const FRAMES_MAX: usize = 32;
 /// A code of [`Emergency`]: a heartbeat stayed away.
@@ -60,6 +63,8 @@ pub struct CanopenServo {
     heard_at: Option<Instant>,
     waiting: VecDeque<(Instant, Frame)>,
     ready: VecDeque<Frame>,
+    /// Service data in blocks, one frame per [`SEGMENT_PERIOD`].
+    block: VecDeque<(Instant, Frame)>,
     transmitted: u32,
     /// Status word in the process data that are sent by event.
     shown: i64,
@@ -97,6 +102,7 @@ impl CanopenServo {
             heard_at: None,
             waiting: VecDeque::new(),
             ready: VecDeque::new(),
+            block: VecDeque::new(),
             transmitted: 0,
             shown: 0,
             last: [None; PDOS as usize],
@@ -150,6 +156,7 @@ impl CanopenServo {
         self.powered = on;
         self.waiting.clear();
         self.ready.clear();
+        self.block.clear();
         self.restart(now);
         self.boots_at = on.then(|| now + self.options.boot);
         self.origin_rad = if self.options.is_absolute { self.options.zero_rad } else { self.axis.q_rad };
@@ -378,17 +385,26 @@ impl Objects for Served<'_> {
 }
 
 impl CanopenServo {
-    fn serve(&mut self, now: Instant, request: Option<Request>) {
+    fn serve(&mut self, now: Instant, asked: &Frame) {
+        let node = self.options.node;
         let mut server = std::mem::take(&mut self.server);
         let mut served = Served { servo: self, now, written: None };
-        let answer: Option<Answer> = server.answer(request, &mut served);
+        let (block, answer) = match BlockRequest::decode(asked) {
+            Some((_, request)) => (server.answer_block(node, request, &mut served), None),
+            None => {
+                let request = Request::decode(asked).map(|(_, request)| request);
+                (Vec::new(), server.answer(request, &mut served))
+            }
+        };
         let written = served.written;
         self.server = server;
         if let Some(object) = written {
             self.written(now, object);
         }
+        let first = now + self.options.answer_after;
+        self.block = (0..).zip(block).map(|(k, frame)| (first + SEGMENT_PERIOD * k, frame)).collect();
         if let Some(answer) = answer {
-            self.send_at(now + self.options.answer_after, answer.encode(self.options.node));
+            self.send_at(now + self.options.answer_after, answer.encode(node));
         }
     }
 }
@@ -431,8 +447,7 @@ impl Node for CanopenServo {
             }
             _ if self.network == nmt::State::Stopped => {}
             Some(Function::SdoToNode(node)) if is_own(node) && frame.data().len() == 8 => {
-                let request = Request::decode(frame).map(|(_, request)| request);
-                self.serve(now, request);
+                self.serve(now, frame);
             }
             Some(Function::Heartbeat(node))
                 if self.supervised().is_some_and(|(other, _)| other == node.get()) =>
@@ -467,12 +482,11 @@ impl Node for CanopenServo {
                 self.send_at(now, self.network.encode(self.options.node));
             }
         }
-        while let Some((at, frame)) = self.waiting.front().copied()
-            && at <= now
-        {
-            self.waiting.pop_front();
-            if !self.faults.is_silent {
-                self.ready.push_back(frame);
+        for queue in [&mut self.waiting, &mut self.block] {
+            while let Some((_, frame)) = queue.pop_front_if(|(at, _)| *at <= now) {
+                if !self.faults.is_silent {
+                    self.ready.push_back(frame);
+                }
             }
         }
     }
@@ -485,7 +499,7 @@ impl Node for CanopenServo {
         if !self.powered {
             return None;
         }
-        let frame = self.waiting.front().map(|(at, _)| *at);
+        let frame = [&self.waiting, &self.block].into_iter().filter_map(|queue| Some(queue.front()?.0)).min();
         let heartbeat = self.heartbeat_period().map(|_| self.heartbeat_at);
         [self.boots_at, self.misses_host_at(), heartbeat, frame].into_iter().flatten().min()
     }

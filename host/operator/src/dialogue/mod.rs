@@ -19,7 +19,7 @@ pub mod history;
 pub mod homing;
 pub mod jogging;
 mod key;
-mod objects;
+pub mod objects;
 pub mod online;
 pub mod operator;
 pub mod presence;

@@ -2,7 +2,8 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use canopen_protocol::client::{Failure, Transfer};
+use canopen_protocol::client::Failure;
+use canopen_protocol::long_read::LongRead;
 use canopen_protocol::{Function, Object};
 use protocol::cyphal::cubecell::stop::{self, Reason, Sender};
 use protocol::cyphal::cubecell::target::{self, TargetState};
@@ -68,7 +69,7 @@ pub struct HostNode {
     tally: Tally,
     stop_transfer: TransferId,
     /// An object of a CANopen node that is read, or was.
-    object: Option<Transfer<OBJECT_MAX>>,
+    object: Option<(LongRead, Vec<u8>)>,
     /// The host link to a controller, once a verb needs it.
     link: Option<Box<CyphalLink>>,
     targets: Publication,
@@ -82,8 +83,8 @@ pub struct HostNode {
     pub(crate) stops: StopWatch,
 }
 
-/// Longest object that is read, bytes.
-const OBJECT_MAX: usize = 256;
+/// Longest object that is not read in blocks, bytes.
+pub(crate) const OBJECT_MAX: u32 = 256;
 /// Least time between two frames of the lowest priority. A controller sends a request to a drive, waits for its
 /// answer and continues with the next: waiting frames of any priority fill every gap, and five late cycles in a row
 /// are a fault. One frame in each cycle of 3 ms does no harm.
@@ -234,24 +235,24 @@ impl HostNode {
         self.now
     }
 
-    /// Reads an object of a CANopen node; an object that is still being read is given up.
-    pub(crate) fn read_object(&mut self, node: canopen_protocol::NodeId, object: Object, patience: Duration) {
-        let (transfer, frame) = Transfer::read(self.now, patience, node, object);
-        self.object = Some(transfer);
+    /// Reads an object of a CANopen node of at most `size_max` bytes, a long one in blocks; an object that is still being read is given up.
+    pub(crate) fn read_object(
+        &mut self,
+        node: canopen_protocol::NodeId,
+        object: Object,
+        patience: Duration,
+        size_max: u32,
+    ) {
+        let begin = if size_max > OBJECT_MAX { LongRead::in_blocks } else { LongRead::in_segments };
+        let (read, frame) = begin(self.now, patience, node, object, size_max);
+        self.object = Some((read, Vec::new()));
         self.out.push_back(frame);
     }
 
     /// The object that was read, or why not; `None` while it is read.
     pub(crate) fn object(&self) -> Option<Result<Vec<u8>, Failure>> {
-        let outcome = self.object.as_ref().and_then(Transfer::outcome)?;
-        Some(outcome.map(<[u8]>::to_vec))
-    }
-
-    fn serve_object(&mut self, next: impl FnOnce(&mut Transfer<OBJECT_MAX>, Instant) -> Option<Frame>) {
-        let now = self.now;
-        if let Some(frame) = self.object.as_mut().and_then(|transfer| next(transfer, now)) {
-            self.out.push_back(frame);
-        }
+        let (read, bytes) = self.object.as_ref()?;
+        Some(read.outcome()?.map(|()| bytes.clone()))
     }
 
     pub const fn tally(&self) -> Tally {
@@ -335,7 +336,10 @@ impl Node for HostNode {
         {
             self.tally.of_master += 1;
         }
-        self.serve_object(|transfer, now| transfer.handle_frame(now, frame));
+        if let Some((read, bytes)) = &mut self.object {
+            let next = read.handle_frame(self.now, frame, &mut |part| bytes.extend(part));
+            self.out.extend(next);
+        }
         match Address::of(frame.id()) {
             Some(Address::Module(Channel::Ack | Channel::State, _)) => {}
             Some(Address::Module(Channel::Get | Channel::Put, _) | Address::Broadcast) => {
@@ -360,7 +364,8 @@ impl Node for HostNode {
     fn handle_timeout(&mut self, now: Instant) {
         self.advance_to(now);
         self.drives.handle_timeout(self.now);
-        self.serve_object(Transfer::handle_timeout);
+        let ended = self.object.as_mut().and_then(|(read, _)| read.handle_timeout(self.now));
+        self.out.extend(ended);
         if let Some(link) = &mut self.link {
             link.handle_timeout(self.now);
         }
@@ -380,7 +385,7 @@ impl Node for HostNode {
     fn poll_timeout(&self) -> Option<Instant> {
         let link = self.link.as_ref().and_then(|link| link.poll_timeout());
         let background = (!self.background.is_empty()).then_some(self.background_due);
-        let object = self.object.as_ref().and_then(Transfer::poll_timeout);
+        let object = self.object.as_ref().and_then(|(read, _)| read.poll_timeout());
         [self.drives.poll_timeout(), link, background, object].into_iter().flatten().min()
     }
 }
