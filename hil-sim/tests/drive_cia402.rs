@@ -3,7 +3,7 @@
 use canopen_protocol::cia402::{Control, State, Status};
 use canopen_protocol::client::{Failure, Transfer};
 use canopen_protocol::emcy::Emergency;
-use canopen_protocol::long_read::LongRead;
+use canopen_protocol::long_read::{Form, LongRead};
 use canopen_protocol::pdo::{Direction, Entry, Map, Transmission, set_up};
 use canopen_protocol::sdo::AbortCode;
 use canopen_protocol::{Function, NodeId, Object, nmt};
@@ -147,7 +147,7 @@ fn aborted<T>(code: u32) -> Result<T, Failure> {
 fn the_sheet_comes_in_blocks_one_frame_at_a_time() {
     let mut rig = Rig::new();
     let sheet = Object::new(0x1021, 0);
-    let (mut read, frame) = LongRead::in_blocks(rig.now, PATIENCE, node(), sheet, 1 << 20);
+    let (mut read, frame) = LongRead::new(rig.now, PATIENCE, node(), sheet, 1 << 20, Form::Blocks);
     let (mut next, mut blocks, mut bytes) = (Some(frame), 0, Vec::<u8>::new());
     while read.outcome().is_none() {
         if let Some(frame) = next.take() {

@@ -59,7 +59,7 @@ fn it_homes_jogs_and_goes_to_a_pose() {
     }
 }
 
-/// The drives on the bus are those of the built-in file; the program is given a changed one.
+/// The simulated drives are those of the built-in robot file. The program gets a copy of that file with one change.
 #[test]
 fn each_verb_names_what_in_a_drive_is_not_as_the_robot_file_says() {
     let openarm = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/openarm7.toml");

@@ -111,7 +111,7 @@ fn a_silent_servo_a_dead_supervision_and_one_that_was_left_on_are_refused() {
     rig.refused(Cause::DrivePowerFault, 4);
     rig.clear();
     rig.run_to(FIND_MS, StateKind::Idle);
-    // Object 603F is 0: the loss of the heartbeat in the history is an old one.
+    // Object 603F is 0. The history of errors still has an old loss of the heartbeat.
     let mut rig = Rig::new();
     rig.run_us(201_000);
     rig.drive(4, |servo, now| servo.fail(now, 0));

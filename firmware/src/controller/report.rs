@@ -82,7 +82,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             arming_left: self.arming_left(now),
             start_left: self.start_left(now),
             targets_taken: self.targets_taken,
-            differs: differs.map_or_else(Default::default, |(_, what)| what),
+            differs: differs.map(|(_, what)| what).unwrap_or_default(),
         }
     }
 

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use operator::bus::BusArgs;
+use operator::bus::session::Session;
 use operator::bus::settings::{NoSettings, settings_of};
 use operator::dialogue::ask::AskError;
 use operator::dialogue::objects::SHEET_MAX;
@@ -10,6 +11,7 @@ use operator::drives::cia402;
 use operator::eds::Eds;
 use operator::eds::compare::{Report, compare};
 use protocol::JointIndex;
+use robot_model::Cia402Servo;
 
 use super::counted;
 use super::progress::while_working;
@@ -48,6 +50,20 @@ fn read(path: &Path) -> Result<Eds, ExpectedError> {
         ExpectedError::bad_input(&format!("{}: {error}", path.display()))
             .next("check the sheet with the maker's tool, or take it from the maker again")
     })
+}
+
+/// The sheet that a servo stores.
+fn stored(session: &mut Session, servo: &Cia402Servo) -> Result<Eds, ExpectedError> {
+    let node = servo.node;
+    let failed = |what: String| {
+        ExpectedError::new(exit::DRIVE, format!("node {node}: {what}"))
+            .next("name the sheet of the maker with --eds FILE")
+    };
+    let what = format!("node {node} sends its sheet");
+    let text = while_working(&what, "a few seconds", |_| session.read_sheet(node))?
+        .map_err(|why| failed(why.to_string()))?;
+    Eds::read(&String::from_utf8_lossy(&text))
+        .map_err(|error| failed(format!("its sheet (object 1021): {error}")))
 }
 
 /// Runs the verb.
@@ -104,17 +120,7 @@ pub(super) fn run(args: &ShowArgs) -> Result<(), ExpectedError> {
         let needs = options.needs(&settings, index);
         let eds = match &of_file {
             Some(eds) => eds,
-            None => {
-                let failed = |what: String| {
-                    ExpectedError::new(exit::DRIVE, format!("node {node}: {what}"))
-                        .next("name the sheet of the maker with --eds FILE")
-                };
-                let what = format!("node {node} sends its sheet");
-                let text = while_working(&what, "a few seconds", |_| session.read_sheet(node))?
-                    .map_err(|why| failed(why.to_string()))?;
-                &Eds::read(&String::from_utf8_lossy(&text))
-                    .map_err(|error| failed(format!("its sheet (object 1021): {error}")))?
-            }
+            None => &stored(&mut session, &servos[joint])?,
         };
         let Report { read, findings } =
             compare::<AskError>(eds, node, needs, &mut |object| session.read_object(node, object))?;

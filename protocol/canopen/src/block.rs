@@ -1,4 +1,4 @@
-//! Service data in blocks, frame by frame (CiA 301, 7.2.4.3.13 to 15), as far as a host reads.
+//! Service data in blocks, frame by frame (CiA 301, 7.2.4.3.13 to 15). Only what a host needs to read.
 //!
 //! ```text
 //! host  read    101 00 c 00   index sub  segments 0    node  110 00 c s 0   index sub  size 4

@@ -8,7 +8,7 @@
 //! | [`nmt`] | network management: commands, heartbeats |
 //! | [`emcy`] | emergencies with their codes |
 //! | [`sdo`] | service data: frames of both sides, abort codes |
-//! | [`block`] | service data in blocks: frames of both sides, as far as a host reads |
+//! | [`block`] | service data in blocks: frames of both sides, for reading |
 //! | [`client`] | [`client::Transfer`]: one read or write of an object, expedited or in segments |
 //! | [`long_read`] | [`long_read::LongRead`]: a read of an object of any length, in blocks or in segments |
 //! | [`pdo`] | process data: mapped objects, their place in a frame, how a map is configured |

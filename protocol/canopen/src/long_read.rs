@@ -13,11 +13,20 @@ use crate::client::{Failure, Plain, Then};
 use crate::id::NodeId;
 use crate::sdo::{AbortCode, Answer, Request};
 
+/// How a read begins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Form {
+    /// In blocks. A node without blocks is read in segments then.
+    Blocks,
+    /// In segments; an object of up to 4 bytes comes with the first answer.
+    Segments,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
-    /// In blocks.
+    /// The host has asked for blocks.
     Asked,
-    /// Number of the next segment; `has_come`: one came since the last answer of this side.
+    /// A block comes. `next`: number of the next segment. `has_come`: a segment came since the last frame of the host.
     Block {
         next: u8,
         has_come: bool,
@@ -45,41 +54,23 @@ pub struct LongRead {
 }
 
 impl LongRead {
-    /// Begins to read in blocks; the frame is to be sent. Each answer may take `patience`, the object may have `size_max` bytes.
+    /// Begins to read; the frame is to be sent. Each answer may take `patience`, the object may have `size_max` bytes.
     #[must_use]
-    pub fn in_blocks(
+    pub fn new(
         now: Instant,
         patience: Duration,
         node: NodeId,
         object: Object,
         size_max: u32,
+        form: Form,
     ) -> (Self, Frame) {
-        let asked = BlockRequest::Read { object, segments: SEGMENTS_MAX }.encode(node);
-        (Self::new(now, patience, node, object, size_max, Phase::Asked), asked)
-    }
-
-    /// As [`Self::in_blocks`], in segments from the beginning: short objects come with one answer.
-    #[must_use]
-    pub fn in_segments(
-        now: Instant,
-        patience: Duration,
-        node: NodeId,
-        object: Object,
-        size_max: u32,
-    ) -> (Self, Frame) {
-        let asked = Request::Read(object).encode(node);
-        (Self::new(now, patience, node, object, size_max, Phase::Plain(Plain::Object)), asked)
-    }
-
-    fn new(
-        now: Instant,
-        patience: Duration,
-        node: NodeId,
-        object: Object,
-        size_max: u32,
-        phase: Phase,
-    ) -> Self {
-        Self {
+        let (phase, asked) = match form {
+            Form::Blocks => {
+                (Phase::Asked, BlockRequest::Read { object, segments: SEGMENTS_MAX }.encode(node))
+            }
+            Form::Segments => (Phase::Plain(Plain::Object), Request::Read(object).encode(node)),
+        };
+        let read = Self {
             node,
             object,
             phase,
@@ -91,7 +82,8 @@ impl LongRead {
             has_check: false,
             patience,
             deadline: now + patience,
-        }
+        };
+        (read, asked)
     }
 
     /// Whether the read has ended; `None` while it runs.
@@ -185,7 +177,7 @@ impl LongRead {
     fn take_answer(&mut self, now: Instant, answer: Answer, sink: &mut impl FnMut(&[u8])) -> Option<Frame> {
         if let Answer::Read(object, _) | Answer::Abort(object, _) = answer
             && object != self.object
-            // A node that does not know the request does not know its object.
+            // A node that does not know this request may answer with any object.
             && !(self.phase == Phase::Asked && matches!(answer, Answer::Abort(..)))
         {
             return None;
@@ -222,7 +214,7 @@ impl LongRead {
         }
     }
 
-    /// A segment of a block whose next one has the number `next`.
+    /// Takes a segment of a block. `next`: number of the segment that is due.
     fn take(
         &mut self,
         now: Instant,

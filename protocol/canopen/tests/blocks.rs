@@ -2,7 +2,7 @@
 
 use canopen_protocol::block::{BlockAnswer, BlockRequest, BlockSegment};
 use canopen_protocol::client::Failure;
-use canopen_protocol::long_read::LongRead;
+use canopen_protocol::long_read::{Form, LongRead};
 use canopen_protocol::sdo::{AbortCode, Answer, Bytes, Request, Segment, Start};
 use canopen_protocol::{NodeId, Object};
 use protocol::{Duration, Frame, Instant};
@@ -89,9 +89,9 @@ impl Node {
     }
 }
 
-/// The bytes that came, how the read ended, and how often it waited for nothing.
+/// Returns the bytes, the outcome of the read, and how many times no frame came.
 fn read(played: &mut Node) -> (Vec<u8>, Result<(), Failure>, usize) {
-    let (mut read, asked) = LongRead::in_blocks(at(0), PATIENCE, node(), SHEET, MOST);
+    let (mut read, asked) = LongRead::new(at(0), PATIENCE, node(), SHEET, MOST, Form::Blocks);
     let (mut bytes, mut waited) = (Vec::new(), 0);
     let mut asked = Some(asked);
     for ms in (0..).step_by(100).take(2_000) {
@@ -174,7 +174,7 @@ fn frames_have_the_bits_of_the_standard() {
 #[test]
 fn a_node_without_blocks_is_read_in_segments() {
     for refused in [SHEET, Object::new(0, 0)] {
-        let (mut read, _) = LongRead::in_blocks(at(0), PATIENCE, node(), SHEET, MOST);
+        let (mut read, _) = LongRead::new(at(0), PATIENCE, node(), SHEET, MOST, Form::Blocks);
         let mut bytes = Vec::new();
         let mut sink = |part: &[u8]| bytes.extend(part);
         let mut answer = |answer: Answer| read.handle_frame(at(1), &answer.encode(node()), &mut sink);
@@ -194,13 +194,13 @@ fn a_node_without_blocks_is_read_in_segments() {
 #[test]
 fn a_value_that_is_too_long_and_a_refusal_end_the_read() {
     let begins = BlockAnswer::Begins { object: SHEET, size: Some(101), has_check: true }.encode(node());
-    let (mut read, _) = LongRead::in_blocks(at(0), PATIENCE, node(), SHEET, 100);
+    let (mut read, _) = LongRead::new(at(0), PATIENCE, node(), SHEET, 100, Form::Blocks);
     let abort = Request::Abort(SHEET, AbortCode::LENGTH).encode(node());
     assert_eq!(read.handle_frame(at(1), &begins, &mut |_| ()), Some(abort));
     assert_eq!(read.outcome(), Some(Err(Failure::TooLong { size: 101 })));
     // A node that does not say how long it is.
     let begins = BlockAnswer::Begins { object: SHEET, size: None, has_check: true }.encode(node());
-    let (mut read, _) = LongRead::in_blocks(at(0), PATIENCE, node(), SHEET, 13);
+    let (mut read, _) = LongRead::new(at(0), PATIENCE, node(), SHEET, 13, Form::Blocks);
     let mut given = 0;
     assert!(read.handle_frame(at(1), &begins, &mut |_| ()).is_some());
     let mut ended = None;
@@ -209,12 +209,12 @@ fn a_value_that_is_too_long_and_a_refusal_end_the_read() {
         ended = read.handle_frame(at(2), &segment, &mut |part| given += part.len());
     }
     assert_eq!((ended, given), (Some(abort), 7));
-    let (mut read, _) = LongRead::in_blocks(at(0), PATIENCE, node(), SHEET, MOST);
+    let (mut read, _) = LongRead::new(at(0), PATIENCE, node(), SHEET, MOST, Form::Blocks);
     let refused = Answer::Abort(SHEET, AbortCode::NO_OBJECT).encode(node());
     assert_eq!(read.handle_frame(at(1), &refused, &mut |_| ()), None);
     assert_eq!(read.outcome(), Some(Err(Failure::Aborted(AbortCode::NO_OBJECT))));
     // Those of another node change nothing.
-    let (mut read, _) = LongRead::in_blocks(at(0), PATIENCE, node(), SHEET, MOST);
+    let (mut read, _) = LongRead::new(at(0), PATIENCE, node(), SHEET, MOST, Form::Blocks);
     let other = Answer::Abort(SHEET, AbortCode::NO_OBJECT).encode(NodeId::new(4).unwrap());
     assert_eq!((read.handle_frame(at(1), &other, &mut |_| ()), read.outcome()), (None, None));
 }

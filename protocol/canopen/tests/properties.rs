@@ -3,7 +3,7 @@
 use canopen_protocol::block::{BlockAnswer, BlockRequest, BlockSegment};
 use canopen_protocol::client::Transfer;
 use canopen_protocol::emcy::Emergency;
-use canopen_protocol::long_read::LongRead;
+use canopen_protocol::long_read::{Form, LongRead};
 use canopen_protocol::nmt::{Command, State};
 use canopen_protocol::pdo::{Entry, Map};
 use canopen_protocol::sdo::{Answer, Request};
@@ -78,8 +78,8 @@ proptest! {
     ) {
         let (now, patience) = (Instant::ZERO, Duration::from_millis(50));
         let object = Object::new(0x1021, 0);
-        let begin = if blocks { LongRead::in_blocks } else { LongRead::in_segments };
-        let (mut read, _) = begin(now, patience, node(), object, 20);
+        let form = if blocks { Form::Blocks } else { Form::Segments };
+        let (mut read, _) = LongRead::new(now, patience, node(), object, 20, form);
         let mut given = 0;
         for answer in &answers {
             read.handle_frame(now, answer, &mut |part| given += part.len());

@@ -4,7 +4,7 @@
 
 use canopen_protocol::client::Transfer;
 use canopen_protocol::emcy::Emergency;
-use canopen_protocol::long_read::LongRead;
+use canopen_protocol::long_read::{Form, LongRead};
 use canopen_protocol::nmt::{Command, State};
 use canopen_protocol::pdo::{Entry, Map};
 use canopen_protocol::sdo::{Answer, Request};
@@ -19,7 +19,7 @@ fuzz_target!(|bytes: &[u8]| {
     let (node, object) = (NodeId::new(3).expect("a node"), Object::new(0x1008, 0));
     let mut read = Transfer::<16>::read(now, patience, node, object).0;
     let mut write = Transfer::<16>::write(now, patience, node, object, &[7; 16]).expect("it fits").0;
-    let mut long = LongRead::in_blocks(now, patience, node, object, 1_000).0;
+    let mut long = LongRead::new(now, patience, node, object, 1_000, Form::Blocks).0;
     let mut given = 0;
     let map = Map::new(&[Entry::new(0x6041, 0, 2), Entry::new(0x6064, 0, 4)]).expect("six bytes");
     while !input.is_empty() {

@@ -1,4 +1,4 @@
-//! An object of a servo that is not as the settings say, as a type and in the numbers that a controller reports.
+//! An object that differs between a servo and the settings, and its numbers in the messages of a controller.
 
 use core::fmt;
 

@@ -1,4 +1,4 @@
-//! A register of a motor that is not as the settings say, as a type and in the numbers that a controller reports.
+//! A register that differs between a motor and the settings, and its numbers in the messages of a controller.
 
 use core::fmt;
 

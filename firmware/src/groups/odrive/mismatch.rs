@@ -1,4 +1,4 @@
-//! What of an axis is not as the settings say, as a type and in the numbers that a controller reports.
+//! What differs between an axis and the settings, and its numbers in the messages of a controller.
 
 use core::fmt;
 
@@ -28,7 +28,7 @@ pub enum Mismatch {
     },
     /// Estimates come by themselves.
     UnaskedEstimates,
-    /// The speed of the joint is beyond the field.
+    /// The joint needs a speed that the velocity field cannot hold.
     Speed {
         /// Turns/s that the joint needs.
         needed_rev_s: f32,

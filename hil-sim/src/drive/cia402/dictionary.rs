@@ -17,7 +17,7 @@ const MAP_ENTRIES: u8 = 8;
 const ERRORS_MAX: usize = 8;
 /// Device type: profile 402, servo drive.
 const DEVICE_TYPE: i64 = 0x0002_0192;
-/// Electronic data sheet that a servo stores.
+/// Text of the electronic data sheet, which a servo gives as object 1021.
 const SHEET: &str = include_str!("simulated_servo.eds");
 const NOT_VALID: i64 = 1 << 31;
 /// Limit of the demand of the velocity loop, turns of the motor per minute.

@@ -240,7 +240,7 @@ fn recovery(cause: u16) -> Option<String> {
     cause.info().map(|info| format!("{}{verb}", info.recovery))
 }
 
-/// A fault in words; what in a drive differs from the robot file stands for the general words of the fault.
+/// A fault in words. If the controller reports what in a drive differs from the robot file, the text names that.
 pub(crate) fn fault_text(cause: u16, joint: u8, differs: DriveDifference) -> String {
     let place = if joint == 0 { String::new() } else { format!("joint {joint}: ") };
     let info = || Cause::from_code(cause).and_then(Cause::info).map(|info| info.what.to_owned());

@@ -8,7 +8,7 @@ use super::ask::AskError;
 use crate::bus::session::{Ended, Session};
 use crate::node::host_node::OBJECT_MAX;
 
-/// Longest sheet of a node, bytes: those of makers have some hundred thousand.
+/// Longest data sheet that is read, bytes. Sheets of makers have some hundred thousand bytes.
 pub const SHEET_MAX: u32 = 4 << 20;
 /// Time for each answer.
 const PATIENCE: Duration = Duration::from_millis(100);

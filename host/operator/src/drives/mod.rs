@@ -132,7 +132,8 @@ impl Default for CanDrives {
 pub fn difference_text(reported: DriveDifference) -> Option<String> {
     use firmware::groups::{cia402, mit, odrive};
     let text = |mismatch: &dyn Display| mismatch.to_string();
-    None.or_else(|| cia402::Mismatch::reported(reported).map(|own| text(&own)))
+    cia402::Mismatch::reported(reported)
+        .map(|own| text(&own))
         .or_else(|| mit::Mismatch::reported(reported).map(|own| text(&own)))
         .or_else(|| odrive::Mismatch::reported(reported).map(|own| text(&own)))
 }
@@ -185,5 +186,31 @@ impl DriveGroup for CanDrives {
         fn counters(&self) -> GroupCounters;
         fn is_keeping_time(&self) -> bool;
         fn is_cycle_done(&self, settings: &Settings) -> bool;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use firmware::groups::{cia402, mit, odrive};
+
+    #[test]
+    fn each_kind_of_difference_belongs_to_one_family() {
+        for kind in 0..=u8::MAX {
+            // A register and a parameter that there are.
+            let read = [0, 21].map(|number| {
+                let reported = DriveDifference {
+                    what: u32::from_be_bytes([kind, 0, 0, number]),
+                    ..DriveDifference::default()
+                };
+                let families = [
+                    cia402::Mismatch::reported(reported).is_some(),
+                    mit::Mismatch::reported(reported).is_some(),
+                    odrive::Mismatch::reported(reported).is_some(),
+                ];
+                families.into_iter().filter(|reads| *reads).count()
+            });
+            assert_eq!(read.into_iter().max(), Some(usize::from((1..=10).contains(&kind))), "{kind}");
+        }
     }
 }

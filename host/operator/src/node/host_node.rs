@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use canopen_protocol::client::Failure;
-use canopen_protocol::long_read::LongRead;
+use canopen_protocol::long_read::{Form, LongRead};
 use canopen_protocol::{Function, Object};
 use protocol::cyphal::cubecell::stop::{self, Reason, Sender};
 use protocol::cyphal::cubecell::target::{self, TargetState};
@@ -243,8 +243,8 @@ impl HostNode {
         patience: Duration,
         size_max: u32,
     ) {
-        let begin = if size_max > OBJECT_MAX { LongRead::in_blocks } else { LongRead::in_segments };
-        let (read, frame) = begin(self.now, patience, node, object, size_max);
+        let form = if size_max > OBJECT_MAX { Form::Blocks } else { Form::Segments };
+        let (read, frame) = LongRead::new(self.now, patience, node, object, size_max, form);
         self.object = Some((read, Vec::new()));
         self.out.push_back(frame);
     }

@@ -94,10 +94,10 @@ impl fmt::Display for State {
     }
 }
 
-/// What in a drive differs from the settings; each family of drives has its own numbers. Zero: nothing, or not known.
+/// What in a drive differs from the settings. All zero: nothing, or it is not known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DriveDifference {
-    /// The object, register or parameter.
+    /// The object, register or parameter. The first byte says which family of drives it is of, and what kind it is.
     pub what: u32,
     /// What the drive holds.
     pub found: u32,
@@ -195,7 +195,7 @@ impl Encode for GroupState {
         out.u16(self.arming_left_ms);
         out.u32(self.start_in_us);
         out.u16(self.targets_taken);
-        // A receiver takes what is not sent for zeros: without a difference the message stays short.
+        // Zeros are not sent: a receiver reads missing bytes as zeros, and the message stays short.
         let DriveDifference { what, found, expected } = self.differs;
         if what != 0 {
             for number in [what, found, expected] {
