@@ -20,4 +20,4 @@ fi
 target/debug/board-example | tee target/board_example.log
 grep -q 'joint 6 has turned by 0.2' target/board_example.log
 # The boards build in their own folders, as a newcomer builds them.
-(cd firmware/boards/stm32 && CARGO_TARGET_DIR=../../../target/boards cargo build --quiet --release --locked)
+(cd firmware/boards/stm32 && cargo build --quiet --release --locked)

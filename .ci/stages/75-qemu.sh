@@ -12,7 +12,7 @@ target/debug/examples/record_throw "$dir/throw"
 target/debug/examples/record_catch "$dir/catch"
 
 elf=$PWD/target/boards/$target/release/firmware-qemu
-(cd firmware/boards/qemu && CARGO_TARGET_DIR=../../../target/boards cargo build --quiet --release --locked --target $target --features script)
+(cd firmware/boards/qemu && cargo build --quiet --release --locked --target $target --features script)
 
 run() {
     timeout 120 qemu-system-arm -M netduinoplus2 -kernel "$elf" -display none -monitor none -serial null \

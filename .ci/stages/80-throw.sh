@@ -31,7 +31,7 @@ target=thumbv7em-none-eabihf
 cargo build --quiet --release --locked -p host -p hil-sim --bins
 cargo build --quiet --release --locked -p cell-tests --example board
 board() { # features: the board's program
-    (cd firmware/boards/qemu && CARGO_TARGET_DIR=../../../target/boards cargo build --quiet --release --locked --target $target "$@")
+    (cd firmware/boards/qemu && cargo build --quiet --release --locked --target $target "$@")
 }
 bin=$PWD/target/release
 out=$PWD/target/throw
