@@ -25,10 +25,11 @@ import tomllib
 import mujoco
 import numpy as np
 
-# Steps in flight; where a ball rests, rolls or slides; in a bounce: nearer than NEAR_M to a surface, and faster to or from it than HIT_M_S or
-# deeper in it than HIT_M.
+# Steps in flight; nearer than NEAR_M to a surface, where a ball rests, rolls or slides; in a bounce: nearer than CLOSE_M and faster to or from the
+# surface than HIT_M_S, or deeper in it than HIT_M. A step knows the contacts of the one before, so either distance is more than two of the longer
+# steps at 6 m/s: a ball that is deep in the spring before its damper acts bounces too high.
 FLIGHT_S, SLOW_S, FINE_S = 2e-4, 1e-4, 1e-5
-NEAR_M, HIT_M_S, HIT_M = 0.001, 0.1, 1e-5
+NEAR_M, CLOSE_M, HIT_M_S, HIT_M = 0.003, 0.0013, 0.1, 1e-5
 # Angular frequency of ball and spring, rad/s: a contact lasts 0.8 ms, and the ball is 1 mm deep at 4 m/s.
 SPRING_RAD_S = 4000.0
 # A ball that slips is stopped with this time constant, as far as friction can, s.
@@ -140,6 +141,8 @@ class TwoArmCell:
         if data.ncon:
             mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, hand, moving, 0)
         for k in range(data.ncon):
+            if data.contact[k].dist > CLOSE_M:
+                continue
             mujoco.mj_contactForce(model, data, k, pressed)
             at, normal = data.contact[k].pos, data.contact[k].frame[:3]
             lever = at - data.xpos[ball]

@@ -2,4 +2,4 @@
 # docs/catching.md.
 . .ci/venv.sh bounce .ci/bounce/requirements.txt
 . .ci/debug-build.sh
-python .ci/bounce/replay.py target/debug/cubectl hil-sim/src/two_arms/two_arms.toml robots/powercube6.toml --throws 24 --agree 0.9
+python .ci/bounce/replay.py target/debug/cubectl hil-sim/src/two_arms/two_arms.toml robots/powercube6.toml --throws 24 --agree 0.95
