@@ -93,10 +93,8 @@ pub(super) struct Situation {
 /// See the [module](self).
 #[derive(Clone, Debug)]
 pub(super) struct Dictionary {
-    /// In order, so that they are found by halves: a servo looks some of them up at every SYNC.
-    objects: Vec<Object>,
-    /// Of each of `objects`.
-    rows: Vec<Row>,
+    /// Sorted by object, for a binary search.
+    rows: Vec<(Object, Row)>,
     /// Objects that are not shown.
     hidden: &'static [u16],
     name: &'static str,
@@ -226,27 +224,26 @@ impl Dictionary {
         let rows = common(options).into_iter().chain(of_drive(options)).chain(process_data(options));
         let own = options.interpolating.map(of_interpolation).unwrap_or_default();
         let hidden: &[u16] = if options.interpolating.is_some() { &HIDDEN_IN_MODULES } else { &[] };
-        let mut all: Vec<_> =
+        let mut rows: Vec<_> =
             rows.chain(own).map(|(index, sub, row)| (Object::new(index, sub), row)).collect();
-        all.sort_by_key(|(object, _)| *object);
-        let (objects, rows) = all.into_iter().unzip();
-        Self { objects, rows, hidden, name: options.name, errors: Vec::new() }
+        rows.sort_by_key(|(object, _)| *object);
+        Self { rows, hidden, name: options.name, errors: Vec::new() }
     }
 
     fn place(&self, object: Object) -> Option<usize> {
-        self.objects.binary_search(&object).ok()
+        self.rows.binary_search_by_key(&object, |(own, _)| *own).ok()
     }
 
     /// Value of an object that there is.
     pub(super) fn get(&self, index: u16, sub: u8) -> i64 {
         let place = self.place(Object::new(index, sub)).expect("the servo has it");
-        self.rows[place].value
+        self.rows[place].1.value
     }
 
     /// Sets an object that there is, from inside.
     pub(super) fn set(&mut self, index: u16, sub: u8, value: i64) {
         if let Some(place) = self.place(Object::new(index, sub)) {
-            let row = &mut self.rows[place];
+            let row = &mut self.rows[place].1;
             row.value = value.clamp(row.range.0, row.range.1);
         }
     }
@@ -285,12 +282,12 @@ impl Dictionary {
 
     fn shown(&self, object: Object) -> Option<&Row> {
         let place = self.place(object).filter(|_| !self.hidden.contains(&object.index))?;
-        Some(&self.rows[place])
+        Some(&self.rows[place].1)
     }
 
     fn unknown(&self, object: Object) -> AbortCode {
         let is_known = self.text(Object::new(object.index, 0)).is_some()
-            || self.objects.iter().any(|own| own.index == object.index && self.shown(*own).is_some());
+            || self.rows.iter().any(|(own, _)| own.index == object.index && self.shown(*own).is_some());
         if is_known { AbortCode::NO_SUB_INDEX } else { AbortCode::NO_OBJECT }
     }
 
