@@ -166,7 +166,7 @@ impl BusServer for Crowd {
 
     fn send_to(&mut self, _: ClientId, _: Instant, _: &Frame) {}
 
-    fn give_turn(&mut self, _: ClientId, _: Instant) {}
+    fn give_turn(&mut self, _: ClientId, _: Instant, _: &[(Instant, Frame)]) {}
 
     fn broadcast_bus_error(&mut self, _: Instant, _: u32) {}
 

@@ -198,7 +198,7 @@ impl<A: Participants> Realtime<A> {
                         step.others.retain(|other| *other != (index, client));
                         let (said, unheard) = (Vec::new(), Vec::new());
                         step.members.push(Member { port: index, client, said, unheard, waits: None });
-                        server.give_turn(client, now);
+                        server.give_turn(client, now, &[]);
                     }
                     ServerEvent::InStep { .. } => {}
                     ServerEvent::Waits { client, until, frames_from } => {
@@ -237,10 +237,8 @@ impl<A: Participants> Realtime<A> {
     /// The member gets its frames, and may send.
     fn give_turn(&mut self, member: &mut Member, now: Instant) {
         if let Endpoint::Server(server) = &mut self.ports[member.port].endpoint {
-            for (at, frame) in member.unheard.drain(..) {
-                server.send_to(member.client, at, &frame);
-            }
-            server.give_turn(member.client, now);
+            server.give_turn(member.client, now, &member.unheard);
+            member.unheard.clear();
         }
         member.waits = None;
         self.turns += 1;

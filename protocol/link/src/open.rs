@@ -54,7 +54,7 @@ pub trait BusServer: CanLink {
     /// As [`Hub::send_to`].
     fn send_to(&mut self, client: ClientId, at: Instant, frame: &Frame);
     /// As [`Hub::give_turn`].
-    fn give_turn(&mut self, client: ClientId, now: Instant);
+    fn give_turn(&mut self, client: ClientId, now: Instant, frames: &[(Instant, Frame)]);
     /// As [`Hub::broadcast_bus_error`].
     fn broadcast_bus_error(&mut self, at: Instant, class: u32);
     /// As [`Hub::client_count`].
@@ -74,8 +74,8 @@ impl<D: Dialect> BusServer for Hub<D> {
     fn send_to(&mut self, client: ClientId, at: Instant, frame: &Frame) {
         Self::send_to(self, client, at, frame);
     }
-    fn give_turn(&mut self, client: ClientId, now: Instant) {
-        Self::give_turn(self, client, now);
+    fn give_turn(&mut self, client: ClientId, now: Instant, frames: &[(Instant, Frame)]) {
+        Self::give_turn(self, client, now, frames);
     }
     fn broadcast_bus_error(&mut self, at: Instant, class: u32) {
         Self::broadcast_bus_error(self, at, class);

@@ -10,7 +10,7 @@ use crate::bus_error::BusError;
 use crate::clock::Clock;
 use crate::error::{LinkError, SendError};
 use crate::link::{CanLink, LinkEvent, LinkStats, PollSet, wait};
-use crate::stream::{Chunk, Stream};
+use crate::stream::{Chunk, OUTPUT_QUEUE_BYTES, Stream};
 
 const READ_CHUNK: usize = 4096;
 
@@ -124,6 +124,11 @@ impl<S: Speech> Station<S> {
         self.stats = LinkStats::default();
     }
 
+    /// A turn in lock step ends with all that it sends, in one piece: the far side acts only then.
+    fn is_in_turn(&self) -> bool {
+        self.in_step && self.has_turn.get()
+    }
+
     fn flush(&mut self) {
         let flushed = if self.in_step { self.stream.flush_all() } else { self.stream.flush().map(|_| ()) };
         if let Err(error) = flushed {
@@ -132,7 +137,9 @@ impl<S: Speech> Station<S> {
     }
 
     fn service(&mut self) {
-        self.flush();
+        if !self.is_in_turn() {
+            self.flush();
+        }
         if self.failure.is_some() {
             return;
         }
@@ -192,7 +199,9 @@ impl<S: Speech> CanLink for Station<S> {
             return Err(SendError::QueueFull { link: self.name.clone() });
         }
         self.stats.frames_out += 1;
-        self.flush();
+        if !self.is_in_turn() || self.stream.pending() > OUTPUT_QUEUE_BYTES / 2 {
+            self.flush();
+        }
         Ok(())
     }
 
@@ -213,11 +222,11 @@ impl<S: Speech> CanLink for Station<S> {
     }
 
     fn register<'a>(&'a self, set: &mut PollSet<'a>) {
-        set.add(&self.stream, self.stream.pending() > 0);
+        set.add(&self.stream, self.stream.pending() > 0 && !self.is_in_turn());
     }
 
     fn end_turn(&self, until: Instant) -> bool {
-        if self.in_step && self.has_turn.get() && self.failure.is_none() {
+        if self.is_in_turn() && self.failure.is_none() {
             // A failed connection is noticed at the next read.
             let frames_from = self.clock.now() + self.frame_delay;
             self.speech.end_turn(until, frames_from, &mut |text| {

@@ -1,5 +1,6 @@
 //! A byte stream that never blocks, with a bounded output queue.
 
+use std::cell::Cell;
 use std::fs::File;
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::TcpStream;
@@ -56,13 +57,13 @@ pub(crate) struct Stream {
     medium: Medium,
     /// Bytes `sent..` still have to go.
     queue: Vec<u8>,
-    sent: usize,
+    sent: Cell<usize>,
 }
 
 impl Stream {
     /// `medium` must be set to non-blocking already.
     pub(crate) const fn new(medium: Medium) -> Self {
-        Self { medium, queue: Vec::new(), sent: 0 }
+        Self { medium, queue: Vec::new(), sent: Cell::new(0) }
     }
 
     /// A TCP connection without Nagle's delay: an answer leaves at once and on its own. A far side that has failed
@@ -98,6 +99,9 @@ impl Stream {
 
     /// Appends a whole message to the queue; false, and nothing is queued, if it does not fit.
     pub(crate) fn queue(&mut self, message: &[u8]) -> bool {
+        if self.pending() == 0 {
+            self.discard_output();
+        }
         let fits = self.pending() + message.len() <= OUTPUT_QUEUE_BYTES;
         if fits {
             self.queue.extend_from_slice(message);
@@ -107,7 +111,7 @@ impl Stream {
 
     /// Bytes that wait to be written.
     pub(crate) fn pending(&self) -> usize {
-        self.queue.len() - self.sent
+        self.queue.len() - self.sent.get()
     }
 
     /// False for a serial line, on which a closed far end cannot be detected.
@@ -118,11 +122,13 @@ impl Stream {
     /// Drops what waits to be written.
     pub(crate) fn discard_output(&mut self) {
         self.queue.clear();
-        self.sent = 0;
+        self.sent.set(0);
     }
 
-    /// Writes all of `message`; blocks while the medium is full. Nothing else may wait to be written.
+    /// Writes what waits and `message`, in one piece; blocks while the medium is full.
     pub(crate) fn write_now(&self, message: &[u8]) -> io::Result<()> {
+        let message = [self.queue.get(self.sent.get()..).unwrap_or(&[]), message].concat();
+        self.sent.set(self.queue.len());
         let mut sent = 0;
         while sent < message.len() {
             let result = match &self.medium {
@@ -159,29 +165,29 @@ impl Stream {
 
     /// Writes as much as the medium accepts now; true if anything was written.
     pub(crate) fn flush(&mut self) -> io::Result<bool> {
-        let before = self.sent;
-        while let Some(rest) = self.queue.get(self.sent..).filter(|rest| !rest.is_empty()) {
+        let before = self.sent.get();
+        while let Some(rest) = self.queue.get(self.sent.get()..).filter(|rest| !rest.is_empty()) {
             let result = match &mut self.medium {
                 Medium::Tcp(stream) => stream.write(rest),
                 Medium::Serial { file, .. } => file.write(rest),
             };
             match result {
                 Ok(0) => return Err(ErrorKind::WriteZero.into()),
-                Ok(count) => self.sent += count,
+                Ok(count) => self.sent.set(self.sent.get() + count),
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) if error.kind() == ErrorKind::WouldBlock => break,
                 Err(error) => return Err(error),
             }
         }
-        let progress = self.sent > before;
+        let sent = self.sent.get();
         // Copying the rest down costs less than a ring as long as it happens once per half queue.
-        if self.sent == self.queue.len() {
-            self.queue.clear();
-            self.sent = 0;
-        } else if self.sent > OUTPUT_QUEUE_BYTES / 2 {
-            self.queue.drain(..self.sent);
-            self.sent = 0;
+        if sent == self.queue.len() {
+            self.discard_output();
+        } else if sent > OUTPUT_QUEUE_BYTES / 2 {
+            self.queue.drain(..sent);
+            self.sent.set(0);
         }
+        let progress = sent > before;
         Ok(progress)
     }
 }

@@ -24,7 +24,7 @@ use crate::error::{LinkError, OpenError, SendError};
 use crate::link::{CanLink, LinkEvent, LinkStats, PollSet};
 use crate::net::resolve;
 use crate::spec::host_port;
-use crate::stream::Stream;
+use crate::stream::{OUTPUT_QUEUE_BYTES, Stream};
 use peer::{Line, Peer};
 
 pub(crate) use dialect::{Action, Dialect};
@@ -142,7 +142,7 @@ impl<D: Dialect> Hub<D> {
         if let ServerEvent::Frame { client, at, frame } = &event {
             self.stats.frames_in += 1;
             if self.options.relay == Relay::AtOnce {
-                self.deliver(*at, frame, |peer| peer != *client);
+                self.deliver(*at, frame, true, |peer| peer != *client);
             }
         }
         self.dismiss();
@@ -152,17 +152,21 @@ impl<D: Dialect> Hub<D> {
     /// Sends a frame that was on the bus at `at` to all receiving peers but `except`, its sender.
     pub fn broadcast(&mut self, at: Instant, frame: &Frame, except: Option<ClientId>) {
         self.stats.frames_out += 1;
-        self.deliver(at, frame, |peer| Some(peer) != except);
+        self.deliver(at, frame, true, |peer| Some(peer) != except);
     }
 
     /// Sends a frame that was on the bus at `at` to one peer, if it receives.
     pub fn send_to(&mut self, client: ClientId, at: Instant, frame: &Frame) {
         self.stats.frames_out += 1;
-        self.deliver(at, frame, |peer| peer == client);
+        self.deliver(at, frame, true, |peer| peer == client);
     }
 
-    /// Sends to a peer in lock step the time `now`, and gives it its turn.
-    pub fn give_turn(&mut self, client: ClientId, now: Instant) {
+    /// Sends to a peer in lock step `frames` and the time `now`, in one piece, and gives it its turn.
+    pub fn give_turn(&mut self, client: ClientId, now: Instant, frames: &[(Instant, Frame)]) {
+        for (at, frame) in frames {
+            self.stats.frames_out += 1;
+            self.deliver(*at, frame, false, |peer| peer == client);
+        }
         for Peer { line, .. } in self.peers.iter_mut().filter(|peer| peer.line.id == client) {
             self.dialect.render_turn(now, &mut |text| line.answer(text, now, &self.options));
         }
@@ -179,7 +183,8 @@ impl<D: Dialect> Hub<D> {
         }
     }
 
-    fn deliver(&mut self, at: Instant, frame: &Frame, to: impl Fn(ClientId) -> bool) {
+    /// Unless it leaves `at_once`, a frame waits for what the peer gets next.
+    fn deliver(&mut self, at: Instant, frame: &Frame, at_once: bool, to: impl Fn(ClientId) -> bool) {
         let (now, unix) = (self.clock.now(), self.clock.to_unix(at));
         // The protocols have no text for CAN FD: as with a real server, such a frame does not get to a peer.
         let is_lost = frame.fd().is_some();
@@ -195,7 +200,9 @@ impl<D: Dialect> Hub<D> {
                 self.stats.dropped_out += 1;
                 self.dialect.note_loss(session);
             }
-            line.flush(now, &self.options);
+            if at_once || line.stream.pending() > OUTPUT_QUEUE_BYTES / 2 {
+                line.flush(now, &self.options);
+            }
         }
     }
 
