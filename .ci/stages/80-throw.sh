@@ -94,8 +94,8 @@ in_step() { # name, runner
         pids+=($!)
         ;;
     esac
-    # Clients have their turns in the order in which they came.
-    [ "$runner" = soft ] || said "$server" "$dir.cell.json" connected || return 1
+    # Clients have their turns in the order in which they asked for lock step, which is later than they connected.
+    [ "$runner" = soft ] || said "$server" "$dir.cell.json" 'turn 1 in lock step' || return 1
     local status=0
     timeout 900 "$bin/cubectl" throw --yes --target 1,1,-1 --bus "$bus" --out "$dir/out" "${words[@]}" </dev/null || status=$?
     # The cell first: time stands when the throw has left.

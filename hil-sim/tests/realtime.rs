@@ -4,12 +4,13 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
 use can_link::{
-    BusServer, CanLink, ClientId, Clock, LinkError, LinkEvent, LinkStats, PollSet, SendError, ServerEvent,
+    BusServer, BusSpec, CanLink, ClientId, Clock, LinkError, LinkEvent, LinkStats, PollSet, SendError,
+    ServerEvent,
 };
 use hil_sim::Observer;
 use hil_sim::bus::BusConfig;
 use hil_sim::participants::Solo;
-use hil_sim::realtime::{Endpoint, Gateway, Realtime, RealtimeError};
+use hil_sim::realtime::{Endpoint, Gateway, Realtime, RealtimeError, Visit};
 use protocol::{Duration, Frame, Instant, StandardId};
 
 /// The far end of a link in memory.
@@ -257,4 +258,27 @@ fn an_endpoint_of_classical_can_on_a_bus_with_can_fd_ends_with_its_name_before_a
     assert_eq!(link, "memory");
     assert!(error.next().unwrap().contains("data_bit_rate_bit_s"));
     assert_eq!((realtime.world().now(), memory.heard()), (Instant::ZERO, Vec::new()));
+}
+
+#[test]
+fn a_client_has_a_turn_when_it_asks_for_lock_step_and_not_when_it_connects() {
+    let spec: BusSpec = "lockstep://127.0.0.1:0/can0".parse().unwrap();
+    let endpoint = Endpoint::open(&spec, Clock::manual()).unwrap();
+    let spec: BusSpec = endpoint.name().parse().unwrap();
+    let mut realtime = flooded(vec![endpoint]).in_lock_step(2);
+    let mut visits_of = |count: usize| {
+        let mut visits = Vec::new();
+        while visits.len() < count {
+            realtime.turn(Instant::FAR_FUTURE, &mut ()).unwrap();
+            visits.extend(realtime.visits());
+        }
+        visits
+    };
+    let address = spec.to_string();
+    let address = address.trim_start_matches("lockstep://").trim_end_matches("/can0");
+    let _connected = std::net::TcpStream::connect(address).unwrap();
+    assert!(matches!(visits_of(1)[..], [Visit::Joined(_)]));
+    let later = std::thread::spawn(move || can_link::open(&spec, spec.clock()).map(|_| ()));
+    assert!(matches!(visits_of(2)[..], [Visit::Joined(_), Visit::InStep(1), ..]));
+    later.join().unwrap().unwrap();
 }

@@ -122,6 +122,7 @@ fn live(
         for visit in realtime.visits() {
             match visit {
                 Visit::Joined(peer) => say(args, "client", &format!("{peer} connected")),
+                Visit::InStep(turn) => say(args, "client", &format!("takes turn {turn} in lock step")),
                 Visit::Left(reason) => say(args, "client", &format!("gone: {reason}")),
             }
         }

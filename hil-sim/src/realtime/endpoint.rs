@@ -140,6 +140,8 @@ impl Endpoint {
 pub enum Visit {
     /// A client came.
     Joined(String),
+    /// A client takes its turns from now on, as the one of this number (from 1) in their order.
+    InStep(usize),
     /// A client went, and why.
     Left(&'static str),
 }

@@ -198,6 +198,7 @@ impl<A: Participants> Realtime<A> {
                         step.others.retain(|other| *other != (index, client));
                         let (said, unheard) = (Vec::new(), Vec::new());
                         step.members.push(Member { port: index, client, said, unheard, waits: None });
+                        port.visits.push(Visit::InStep(step.members.len()));
                         server.give_turn(client, now, &[]);
                     }
                     ServerEvent::InStep { .. } => {}

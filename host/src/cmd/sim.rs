@@ -129,6 +129,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         for visit in realtime.visits() {
             match visit {
                 Visit::Joined(peer) => console::note!("client {peer} connected"),
+                Visit::InStep(turn) => console::note!("client takes turn {turn} in lock step"),
                 Visit::Left(reason) => console::note!("client gone: {reason}"),
             }
         }
