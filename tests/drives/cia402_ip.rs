@@ -11,7 +11,7 @@ use hil_sim::fault::{IdFilter, WireFault};
 use protocol::{Duration, Id, Instant, StandardId};
 
 use crate::cia402::others_are_held;
-use crate::cia402_rig::{PERIOD_US, Rig, node};
+use crate::cia402_rig::{PERIOD_US, Rig, node, settings};
 use crate::rig::joint;
 use crate::six::{JOINTS, stands_rad};
 
@@ -194,6 +194,35 @@ fn modules_that_miss_the_heartbeat_in_a_motion_stop_the_arm_and_work_again_when_
         rig.run_to(1_000, StateKind::Ready);
         assert!((before[0] - rig.shafts()[0] - 0.04).abs() < 2e-3);
     }
+}
+
+#[test]
+fn a_module_makes_up_for_lost_set_points_within_its_limit_of_speed() {
+    let exactly = |id| IdFilter { id: Id::Standard(StandardId::new(id).unwrap()), mask: 0x7FF };
+    // The plan is at 1.5 rad/s.
+    let v_max_rad_s = 1.6;
+    let mut settings = settings();
+    settings.joint.at_mut(joint(2)).v_max_rad_s = v_max_rad_s as f32;
+    settings.gains_certificate_crc32 = firmware::registers::certificate_crc32(&settings);
+    let mut rig = Rig::interpolating_with(&settings, short).made_ready(2_000);
+    let start = rig.start();
+    rig.run_us(500_000);
+    let since = rig.now();
+    for function in [Function::Rpdo(1, node(2)), Function::Tpdo(1, node(2))] {
+        rig.wire(WireFault::Drop, exactly(function.id()), Duration::from_micros(PERIOD_US), None);
+    }
+    rig.run_to(1_500, StateKind::Ready);
+    let track: Vec<_> = rig.track.iter().filter(|(at, _)| *at >= since).collect();
+    let speed_rad_s = |pair: &[&(Instant, [f64; JOINTS])]| {
+        let dt_s = pair[1].0.as_secs_f64() - pair[0].0.as_secs_f64();
+        ((pair[1].1[2] - pair[0].1[2]) / dt_s).abs()
+    };
+    let fastest_rad_s = track.windows(2).map(speed_rad_s).fold(0.0, f64::max);
+    let away_rad = rig.away_rad(start)[2];
+    println!("{fastest_rad_s} of {v_max_rad_s} rad/s, {away_rad} rad beside the plan");
+    assert!((1.5..1.03 * v_max_rad_s).contains(&fastest_rad_s), "{fastest_rad_s}");
+    // It stands for two periods: 2 x 2 ms at 1.5 rad/s.
+    assert!((3e-3..7e-3).contains(&away_rad), "{away_rad}");
 }
 
 #[test]

@@ -35,6 +35,11 @@ impl Rig {
 
     /// Modules that interpolate and count millidegrees.
     pub(crate) fn interpolating(change: impl Fn(usize, &mut ServoOptions)) -> Self {
+        Self::interpolating_with(&settings(), change)
+    }
+
+    /// See [`Self::interpolating`].
+    pub(crate) fn interpolating_with(settings: &Settings, change: impl Fn(usize, &mut ServoOptions)) -> Self {
         let servo = Servo {
             node: node(0),
             counts_per_turn: 360_000,
@@ -42,7 +47,7 @@ impl Rig {
             home: Home::Absolute,
             follow: Follow::Interpolated,
         };
-        Self::of_servos(&settings(), servo, |i, options| {
+        Self::of_servos(settings, servo, |i, options| {
             *options = options.interpolating();
             change(i, options);
         })

@@ -46,6 +46,10 @@ pub struct Answers {
     moved_rad: f32,
     /// Set point sent last.
     pub(super) sent: Axis,
+    /// Position of the one before.
+    sent_before_rad: f32,
+    /// Position of the last set point that the drive has for certain: later ones may be lost.
+    pub(super) taken_rad: f32,
     pub(super) sample: Option<PositionSample>,
     pub(super) rest: Rest,
 }
@@ -71,6 +75,15 @@ impl Answers {
             self.came();
         }
         !self.may_follow
+    }
+
+    /// Takes the position of an answer that does not count: it shows whether the drive has the set point before the last one.
+    pub(super) fn take_doubtful(&mut self, q_rad: f32) {
+        let step_rad = (self.sent_before_rad - self.taken_rad).abs();
+        // A shaft whose next set point is lost overshoots by up to half a step.
+        if self.may_follow && (q_rad - self.sent_before_rad).abs() < 0.25 * step_rad {
+            self.taken_rad = self.sent_before_rad;
+        }
     }
 
     /// The last request has its answer.
@@ -101,7 +114,7 @@ impl Answers {
             return if again && is_stale { Worth::Frozen } else { Worth::Implausible(again) };
         }
         let sample = PositionSample { q_rad, at };
-        self.implausible_in_row = 0;
+        (self.implausible_in_row, self.taken_rad) = (0, self.sent.q_rad);
         self.sample = Some(sample);
         self.rest.take_within(sample, band_rad);
         Worth::Measured
@@ -119,7 +132,7 @@ impl Answers {
     pub(super) fn send(&mut self, set: Axis, dt_s: f32) -> f32 {
         self.moved_rad = at_least(self.moved_rad + (set.q_rad - self.sent.q_rad).abs(), 0.0);
         let qdd_rad_s2 = (set.v_rad_s - self.sent.v_rad_s) / dt_s;
-        self.sent = set;
+        self.sent_before_rad = core::mem::replace(&mut self.sent, set).q_rad;
         qdd_rad_s2
     }
 

@@ -160,7 +160,9 @@ impl Leader {
         None
     }
 
-    /// The next set point of a drive that is held, kept near where its joint is at `reached_at`.
+    /// The next set point of a drive that is held, kept near where its joint is at `reached_at`. From the last one that the drive has for
+    /// certain it is no farther away than what a period takes with the speed of the motion or, if that is faster, with `v_catch_up_rad_s`. The
+    /// next periods of a plan make up for what is cut off; a stop does not.
     pub(super) fn next(
         &mut self,
         settings: &Settings,
@@ -168,12 +170,21 @@ impl Leader {
         reached_at: Instant,
         answers: &mut Answers,
         is_homed: bool,
+        v_catch_up_rad_s: f32,
     ) -> Motion {
         self.lead(settings, joint, answers.sample, is_homed);
         let led = self.joints.at_mut(joint);
         led.keep_near(reached_at, settings.joint.at(joint), settings.cycle_period(), answers.sample);
-        let qdd_rad_s2 = answers.send(led.set, settings.cycle_period_s());
-        Motion { q_rad: led.set.q_rad, qd_rad_s: led.set.v_rad_s, qdd_rad_s2 }
+        let Axis { q_rad, v_rad_s } = led.set;
+        let dt_s = settings.cycle_period_s();
+        let v_motion_rad_s = at_least(v_rad_s.abs(), answers.sent.v_rad_s.abs());
+        let way_rad = at_least(v_motion_rad_s, v_catch_up_rad_s) * dt_s;
+        let q_rad = clamp(q_rad, answers.taken_rad - way_rad, answers.taken_rad + way_rad);
+        if self.mode != Mode::Tracking {
+            led.set.q_rad = q_rad;
+        }
+        let qdd_rad_s2 = answers.send(Axis { q_rad, v_rad_s }, dt_s);
+        Motion { q_rad, qd_rad_s: v_rad_s, qdd_rad_s2 }
     }
 
     /// A motion was ordered.

@@ -389,7 +389,7 @@ impl Cia402 {
         }
     }
 
-    fn interpolates(&self, joint: JointIndex) -> bool {
+    pub(super) fn interpolates(&self, joint: JointIndex) -> bool {
         self.options.servo(joint).is_some_and(|servo| servo.follow == Follow::Interpolated)
     }
 

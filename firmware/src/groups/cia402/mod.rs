@@ -131,7 +131,13 @@ impl Cia402 {
         let at = self.at + SYNC_FRAME;
         let is_early = now < at + DATA_FRAME;
         let drive = self.drives.at_mut(joint);
-        if is_early || !drive.answers.admits(drive.is_held()) {
+        if is_early {
+            return;
+        }
+        if !drive.answers.admits(drive.is_held()) {
+            if let Some([_, counts, ..]) = map.unpack(frame.data()) {
+                drive.answers.take_doubtful(settings.joint.at(joint).to_joint_rad(servo.to_rad(counts)));
+            }
             return;
         }
         drive.answers.came();
@@ -157,6 +163,7 @@ impl Cia402 {
         if drive.step != Step::Held && !(drive.step == Step::Enabled && has_torque) {
             // The target stays at the position until the servo has torque.
             self.leader.stand(joint, sample.q_rad);
+            drive.answers.taken_rad = sample.q_rad;
         }
         let drive = self.drives.at_mut(joint);
         if !drive.is_held() {

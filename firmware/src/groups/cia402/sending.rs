@@ -14,6 +14,8 @@ use crate::settings::Settings;
 
 /// Per mille of the rated torque that are fed forward at most.
 const TORQUE_MAX: f32 = 3_000.0;
+/// Share of a joint's top speed with which a module makes up for lost set points: a shaft that starts from rest overshoots by a fifth behind its loop.
+const CATCH_UP_SHARE: f32 = 0.8;
 
 impl Cia402 {
     /// The set points of this period, and the torques that they need.
@@ -22,9 +24,17 @@ impl Cia402 {
         // The line to a set point ends two SYNCs after the last one.
         let reached_at = self.at + SYNC_FRAME + settings.cycle_period() * 2;
         for joint in settings.joints() {
+            let v_catch_up_rad_s = self.v_catch_up_rad_s(settings, joint);
             let drive = self.drives.at_mut(joint);
             let at = if drive.step == Step::Held {
-                self.leader.next(settings, joint, reached_at, &mut drive.answers, drive.is_homed)
+                self.leader.next(
+                    settings,
+                    joint,
+                    reached_at,
+                    &mut drive.answers,
+                    drive.is_homed,
+                    v_catch_up_rad_s,
+                )
             } else {
                 let set = self.leader.joints.at(joint).set;
                 let qdd_rad_s2 = drive.answers.send(set, settings.cycle_period_s());
@@ -34,6 +44,16 @@ impl Cia402 {
         }
         let torques = torques_ahead_nm(self.options.model(), &motion);
         settings.joints().for_each(|joint| self.drives.at_mut(joint).torque_nm = torques.get(joint));
+    }
+
+    /// Speed with which a servo may make up for lost set points. A module that interpolates would do it within one period, as it has no limit of
+    /// speed; when an answer is missing, the set point before it may be, too.
+    fn v_catch_up_rad_s(&self, settings: &Settings, joint: JointIndex) -> f32 {
+        if self.interpolates(joint) {
+            CATCH_UP_SHARE * settings.joint.at(joint).v_max_rad_s
+        } else {
+            f32::INFINITY
+        }
     }
 
     /// Process data to a servo.

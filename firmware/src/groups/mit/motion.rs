@@ -64,7 +64,7 @@ impl Mit {
         for joint in settings.joints() {
             let drive = self.drives.at_mut(joint);
             let at = if drive.is_held() {
-                self.leader.next(settings, joint, now, &mut drive.answers, drive.is_homed)
+                self.leader.next(settings, joint, now, &mut drive.answers, drive.is_homed, f32::INFINITY)
             } else {
                 Motion { q_rad: drive.answers.sample.map_or(0.0, |sample| sample.q_rad), ..Motion::default() }
             };

@@ -28,7 +28,14 @@ impl Odrive {
             let drive = self.drives.at_mut(joint);
             let at = if drive.is_held() {
                 let reached_at = self.at + settings.cycle_period();
-                let at = self.leader.next(settings, joint, reached_at, &mut drive.answers, drive.is_homed);
+                let at = self.leader.next(
+                    settings,
+                    joint,
+                    reached_at,
+                    &mut drive.answers,
+                    drive.is_homed,
+                    f32::INFINITY,
+                );
                 drive.middle = Set {
                     q_rad: at.q_rad - 0.5 * at.qd_rad_s * dt_s,
                     v_rad_s: at.qd_rad_s - 0.5 * at.qdd_rad_s2 * dt_s,
