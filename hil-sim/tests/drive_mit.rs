@@ -266,6 +266,22 @@ fn the_other_modes_lead_a_reference_at_most_at_their_velocity() {
 }
 
 #[test]
+fn a_change_of_the_mode_with_torque_begins_where_the_shaft_is() {
+    let mut rig = Rig::at(0.0);
+    rig.command(Command::Enable);
+    rig.command(Command::Mit(Mit { p_rad: 0.5, kp_nm_rad: 100.0, kd_nm_s_rad: 5.0, ..Mit::default() }));
+    rig.run_s(1.0);
+    rig.write(Register::Mode, RegisterValue::Whole(2));
+    rig.command(Command::PositionVelocity { p_rad: rig.q_rad as f32, v_max_rad_s: 1.0 });
+    let mut fastest_rad_s = 0.0_f64;
+    for _ in 0..100 {
+        rig.run_s(0.005);
+        fastest_rad_s = fastest_rad_s.max(rig.v_rad_s.abs());
+    }
+    assert!((rig.q_rad - 0.5).abs() < 0.02 && fastest_rad_s < 0.05, "{} {fastest_rad_s}", rig.q_rad);
+}
+
+#[test]
 fn faults_show_as_on_the_wire_of_a_broken_motor() {
     // A range that differs from the register: velocities are wrong by the ratio, and nothing reports it.
     let mut rig = Rig::at(0.0);

@@ -16,7 +16,7 @@ use core::fmt;
 use protocol::Frame;
 
 use crate::range::{KD, KP, Ranges};
-use crate::{MotorId, frame, parts};
+use crate::{MotorId, frame, parts, short_velocity};
 
 /// Set point of mode 1: the motor gives `kp (p - q) + kd (v - q̇) + t` and holds it until the next command.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -90,7 +90,7 @@ pub struct Clipped {
 pub enum CommandError {
     /// A number is not finite, or a current share above 10000.
     NotANumber,
-    /// Not a data frame with eight bytes and the 11-bit id of a motor.
+    /// Not a data frame with eight bytes (a velocity: or four) and the 11-bit id of a motor.
     NotForAMotor,
 }
 
@@ -159,7 +159,7 @@ impl Command {
     /// # Errors
     /// The frame is not for a motor, or a number in it is not finite.
     pub fn decode(from: &Frame, ranges: &Ranges) -> Result<(MotorId, Self), CommandError> {
-        let (id, data) = parts(from).ok_or(CommandError::NotForAMotor)?;
+        let (id, data) = parts(from).or_else(|| short_velocity(from)).ok_or(CommandError::NotForAMotor)?;
         let to = MotorId::new((id & 0xFF) as u8).ok_or(CommandError::NotForAMotor)?;
         let [a, b, c, d, e, f, g, h] = data;
         let (first, second) = (f32::from_le_bytes([a, b, c, d]), f32::from_le_bytes([e, f, g, h]));

@@ -11,8 +11,8 @@
 //!
 //! # On the wire
 //!
-//! * 11-bit ids, always eight data bytes. Commands go to the id of the motor (register 8), answers come on its master id
-//!   (register 7), requests for registers go to 0x7FF and name the motor in their data.
+//! * 11-bit ids, eight data bytes; four are enough for a velocity (mode 3). Commands go to the id of the motor (register 8), answers
+//!   come on its master id (register 7), requests for registers go to 0x7FF and name the motor in their data.
 //! * A motor answers each command once. It sends nothing by itself, and does not answer a set point of a mode that is not in force.
 //! * Position, velocity, gains and torque are bit fields that span a range. **The range is a setting of the motor
 //!   (registers 21 to 23). With another range the values of a host are wrong by the ratio, and nothing on the wire shows it.**
@@ -20,8 +20,9 @@
 //!
 //! # Sources
 //!
-//! No real motor was at hand. Frames agree with a public client (`damiao-motor` 1.0.6); tables come from public
-//! drivers (openarm_can, damiao-motor). They truncate a value to its field; this package rounds it.
+//! No real motor was at hand. Frames agree with a public client (`damiao-motor` 1.0.6) and with the library of OpenArm's maker
+//! (`openarm_can` after 1.2.0), which has driven the simulated arm over CAN FD; tables come from both. They truncate a value to its
+//! field; this package rounds it.
 
 #![warn(missing_docs)]
 #![cfg_attr(not(test), no_std)]
@@ -94,4 +95,10 @@ fn frame(id: u16, data: [u8; 8]) -> Frame {
 fn parts(frame: &Frame) -> Option<(u16, [u8; 8])> {
     let Id::Standard(id) = frame.id() else { return None };
     Some((id.get(), frame.data().try_into().ok()?))
+}
+
+/// A velocity as `openarm_can` sends it: in four bytes, here with four zeros behind them.
+fn short_velocity(frame: &Frame) -> Option<(u16, [u8; 8])> {
+    let (Id::Standard(id), &[a, b, c, d]) = (frame.id(), frame.data()) else { return None };
+    (id.get() >> 8 == 2).then_some((id.get(), [a, b, c, d, 0, 0, 0, 0]))
 }

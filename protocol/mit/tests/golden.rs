@@ -66,6 +66,11 @@ fn frames_and_what_they_mean() {
         assert_eq!(sent.encode(id(3), &ranges), Ok((on, Clipped::default())));
         assert_eq!(Command::decode(&on, &ranges), Ok((id(3), sent)));
     }
+    // As `openarm_can` sends it.
+    let short = Frame::new(Id::Standard(StandardId::new(0x203).unwrap()), &[0, 0, 0x80, 0x3F]).unwrap();
+    assert_eq!(Command::decode(&short, &ranges), Ok((id(3), Command::Velocity { v_rad_s: 1.0 })));
+    let short = Frame::new(Id::Standard(StandardId::new(0x103).unwrap()), &[0, 0, 0x80, 0x3F]).unwrap();
+    assert_eq!(Command::decode(&short, &ranges), Err(CommandError::NotForAMotor));
     for (sent, on) in [
         // Time-out of 100 ms; which mode?
         (

@@ -319,7 +319,8 @@ impl ShaftMotor for MitMotor {
             Some(Command::Velocity { v_rad_s }) => {
                 self.reference_rad += speed(v_rad_s).copysign(f64::from(v_rad_s)) * dt_s;
             }
-            _ => {}
+            // The first set point of another mode begins where the shaft is.
+            _ => self.reference_rad = self.shaft_rad(),
         }
     }
 }
