@@ -94,7 +94,7 @@ in_step() { # name, runner
         pids+=($!)
         ;;
     esac
-    # Clients have their turns in the order in which they asked for lock step, which is later than they connected.
+    # Clients have their turns in the order in which they asked for lock step, and they do that some time after they have connected.
     [ "$runner" = soft ] || said "$server" "$dir.cell.json" 'turn 1 in lock step' || return 1
     local status=0
     timeout 900 "$bin/cubectl" throw --yes --target 1,1,-1 --bus "$bus" --out "$dir/out" "${words[@]}" </dev/null || status=$?

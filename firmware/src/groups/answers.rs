@@ -46,9 +46,9 @@ pub struct Answers {
     moved_rad: f32,
     /// Set point sent last.
     pub(super) sent: Axis,
-    /// Position of the one before.
+    /// Position of the set point before `sent`.
     sent_before_rad: f32,
-    /// Position of the last set point that the drive has for certain: later ones may be lost.
+    /// Position of the last set point that the drive has certainly received. Later ones may be lost.
     pub(super) taken_rad: f32,
     pub(super) sample: Option<PositionSample>,
     pub(super) rest: Rest,
@@ -77,7 +77,7 @@ impl Answers {
         !self.may_follow
     }
 
-    /// Takes the position of an answer that does not count: it shows whether the drive has the set point before the last one.
+    /// Takes the position of an answer that does not count: it shows whether the drive received the set point before the last one.
     pub(super) fn take_doubtful(&mut self, q_rad: f32) {
         let step_rad = (self.sent_before_rad - self.taken_rad).abs();
         // A shaft whose next set point is lost overshoots by up to half a step.

@@ -160,9 +160,9 @@ impl Leader {
         None
     }
 
-    /// The next set point of a drive that is held, kept near where its joint is at `reached_at`. From the last one that the drive has for
-    /// certain it is no farther away than what a period takes with the speed of the motion or, if that is faster, with `v_catch_up_rad_s`. The
-    /// next periods of a plan make up for what is cut off; a stop does not.
+    /// The next set point of a drive that is held, kept near where its joint is at `reached_at`. From the last set point that the drive
+    /// has certainly received, it is at most as far away as the joint goes in one period. The speed for this is that of the motion, or
+    /// `v_catch_up_rad_s` if this is faster. A plan makes up for the rest in the next periods. A stop and a slow motion drop it.
     pub(super) fn next(
         &mut self,
         settings: &Settings,

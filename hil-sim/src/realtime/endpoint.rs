@@ -140,7 +140,7 @@ impl Endpoint {
 pub enum Visit {
     /// A client came.
     Joined(String),
-    /// A client takes its turns from now on, as the one of this number (from 1) in their order.
+    /// A client asked for lock step. The number is its place in the order of turns, from 1.
     InStep(usize),
     /// A client went, and why.
     Left(&'static str),

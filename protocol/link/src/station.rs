@@ -124,7 +124,7 @@ impl<S: Speech> Station<S> {
         self.stats = LinkStats::default();
     }
 
-    /// A turn in lock step ends with all that it sends, in one piece: the far side acts only then.
+    /// True during a turn in lock step. Its frames are written together with its end: the far side acts only then.
     fn is_in_turn(&self) -> bool {
         self.in_step && self.has_turn.get()
     }

@@ -125,7 +125,7 @@ impl Stream {
         self.sent.set(0);
     }
 
-    /// Writes what waits and `message`, in one piece; blocks while the medium is full.
+    /// Writes the queue and `message` together; blocks while the medium is full.
     pub(crate) fn write_now(&self, message: &[u8]) -> io::Result<()> {
         let message = [self.queue.get(self.sent.get()..).unwrap_or(&[]), message].concat();
         self.sent.set(self.queue.len());
@@ -187,8 +187,7 @@ impl Stream {
             self.queue.drain(..sent);
             self.sent.set(0);
         }
-        let progress = sent > before;
-        Ok(progress)
+        Ok(sent > before)
     }
 }
 

@@ -90,7 +90,7 @@ pub struct Clipped {
 pub enum CommandError {
     /// A number is not finite, or a current share above 10000.
     NotANumber,
-    /// Not a data frame with eight bytes (a velocity: or four) and the 11-bit id of a motor.
+    /// Not a data frame with eight bytes (four are enough for a velocity) and the 11-bit id of a motor.
     NotForAMotor,
 }
 

@@ -21,7 +21,7 @@
 //! # Sources
 //!
 //! No real motor was at hand. Frames agree with a public client (`damiao-motor` 1.0.6) and with the library of OpenArm's maker
-//! (`openarm_can` after 1.2.0), which has driven the simulated arm over CAN FD; tables come from both. They truncate a value to its
+//! (`openarm_can` after 1.2.0), which has driven the simulated arm over CAN FD. Tables come from both. They truncate a value to its
 //! field; this package rounds it.
 
 #![warn(missing_docs)]
@@ -97,7 +97,7 @@ fn parts(frame: &Frame) -> Option<(u16, [u8; 8])> {
     Some((id.get(), frame.data().try_into().ok()?))
 }
 
-/// A velocity as `openarm_can` sends it: in four bytes, here with four zeros behind them.
+/// Id and data of a velocity in four bytes, as `openarm_can` sends it. Four zeros are added.
 fn short_velocity(frame: &Frame) -> Option<(u16, [u8; 8])> {
     let (Id::Standard(id), &[a, b, c, d]) = (frame.id(), frame.data()) else { return None };
     (id.get() >> 8 == 2).then_some((id.get(), [a, b, c, d, 0, 0, 0, 0]))

@@ -14,7 +14,7 @@ use crate::settings::Settings;
 
 /// Per mille of the rated torque that are fed forward at most.
 const TORQUE_MAX: f32 = 3_000.0;
-/// Share of a joint's top speed with which a module makes up for lost set points: a shaft that starts from rest overshoots by a fifth behind its loop.
+/// Share of a joint's top speed with which a module makes up for lost set points. A shaft that starts from rest overshoots this speed by a fifth.
 const CATCH_UP_SHARE: f32 = 0.8;
 
 impl Cia402 {
@@ -46,8 +46,8 @@ impl Cia402 {
         settings.joints().for_each(|joint| self.drives.at_mut(joint).torque_nm = torques.get(joint));
     }
 
-    /// Speed with which a servo may make up for lost set points. A module that interpolates would do it within one period, as it has no limit of
-    /// speed; when an answer is missing, the set point before it may be, too.
+    /// Largest speed with which a servo may make up for lost set points. A module that interpolates has no limit of speed: it would do so within
+    /// one period. If an answer is missing, the set point before it may be lost, too.
     fn v_catch_up_rad_s(&self, settings: &Settings, joint: JointIndex) -> f32 {
         if self.interpolates(joint) {
             CATCH_UP_SHARE * settings.joint.at(joint).v_max_rad_s

@@ -161,7 +161,7 @@ impl<D: Dialect> Hub<D> {
         self.deliver(at, frame, true, |peer| peer == client);
     }
 
-    /// Sends to a peer in lock step `frames` and the time `now`, in one piece, and gives it its turn.
+    /// Gives a peer in lock step its turn: sends `frames` and the time `now` together.
     pub fn give_turn(&mut self, client: ClientId, now: Instant, frames: &[(Instant, Frame)]) {
         for (at, frame) in frames {
             self.stats.frames_out += 1;
@@ -183,7 +183,7 @@ impl<D: Dialect> Hub<D> {
         }
     }
 
-    /// Unless it leaves `at_once`, a frame waits for what the peer gets next.
+    /// With `at_once` the frame is written now. Without, it stays in the queue until something else is written.
     fn deliver(&mut self, at: Instant, frame: &Frame, at_once: bool, to: impl Fn(ClientId) -> bool) {
         let (now, unix) = (self.clock.now(), self.clock.to_unix(at));
         // The protocols have no text for CAN FD: as with a real server, such a frame does not get to a peer.
