@@ -322,6 +322,17 @@ impl<C: Participants> World<C> {
         Ok(result)
     }
 
+    /// The participants, for a program that acts on a node of its own between two runs. What the node wants to send then is taken by
+    /// [`World::take_from`].
+    pub fn participants_mut(&mut self) -> &mut C {
+        &mut self.participants
+    }
+
+    /// Takes the frames and the deadline of one node that was changed through [`World::participants_mut`].
+    pub fn take_from(&mut self, node: usize) -> Result<(), RunError> {
+        self.settle(node)
+    }
+
     /// Adds a fault from now on.
     pub fn add_fault(&mut self, fault: Fault) -> Result<(), BuildError> {
         let place = place_of(&mut self.participants, &fault)?;

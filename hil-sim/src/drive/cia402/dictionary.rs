@@ -93,8 +93,10 @@ pub(super) struct Situation {
 /// See the [module](self).
 #[derive(Clone, Debug)]
 pub(super) struct Dictionary {
-    /// Sorted by object, for a binary search.
-    rows: Vec<(Object, Row)>,
+    /// Sorted, apart from the rows: they are searched many times in each period.
+    objects: Vec<Object>,
+    /// One for each object.
+    rows: Vec<Row>,
     /// Objects that are not shown.
     hidden: &'static [u16],
     name: &'static str,
@@ -227,23 +229,25 @@ impl Dictionary {
         let mut rows: Vec<_> =
             rows.chain(own).map(|(index, sub, row)| (Object::new(index, sub), row)).collect();
         rows.sort_by_key(|(object, _)| *object);
-        Self { rows, hidden, name: options.name, errors: Vec::new() }
+        let (objects, rows) = rows.into_iter().unzip();
+        Self { objects, rows, hidden, name: options.name, errors: Vec::new() }
     }
 
     fn place(&self, object: Object) -> Option<usize> {
-        self.rows.binary_search_by_key(&object, |(own, _)| *own).ok()
+        let key = |object: &Object| u32::from(object.index) << 8 | u32::from(object.sub);
+        self.objects.binary_search_by_key(&key(&object), key).ok()
     }
 
     /// Value of an object that there is.
     pub(super) fn get(&self, index: u16, sub: u8) -> i64 {
         let place = self.place(Object::new(index, sub)).expect("the servo has it");
-        self.rows[place].1.value
+        self.rows[place].value
     }
 
     /// Sets an object that there is, from inside.
     pub(super) fn set(&mut self, index: u16, sub: u8, value: i64) {
         if let Some(place) = self.place(Object::new(index, sub)) {
-            let row = &mut self.rows[place].1;
+            let row = &mut self.rows[place];
             row.value = value.clamp(row.range.0, row.range.1);
         }
     }
@@ -282,12 +286,12 @@ impl Dictionary {
 
     fn shown(&self, object: Object) -> Option<&Row> {
         let place = self.place(object).filter(|_| !self.hidden.contains(&object.index))?;
-        Some(&self.rows[place].1)
+        Some(&self.rows[place])
     }
 
     fn unknown(&self, object: Object) -> AbortCode {
         let is_known = self.text(Object::new(object.index, 0)).is_some()
-            || self.rows.iter().any(|(own, _)| own.index == object.index && self.shown(*own).is_some());
+            || self.objects.iter().any(|own| own.index == object.index && self.shown(*own).is_some());
         if is_known { AbortCode::NO_SUB_INDEX } else { AbortCode::NO_OBJECT }
     }
 

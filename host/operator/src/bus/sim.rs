@@ -145,11 +145,9 @@ pub type SimParticipants = (((SimCell, Solo<ScriptedHost>), OtherNodes), Solo<Ho
 
 pub struct SimBus {
     world: World<SimParticipants>,
-    /// The host node while a verb uses it, otherwise an empty one: the two are swapped, because to make one takes
-    /// longer than a request.
-    aside: Box<HostNode>,
-    is_lent: bool,
     host_port: usize,
+    /// A verb has used the host node: it may have frames to send.
+    host_was_used: bool,
     /// In real time: an instant of the clock, and the virtual time then.
     paced: Option<(WallTime, Instant)>,
 }
@@ -196,7 +194,7 @@ impl SimBus {
         let mut world = World::new(participants, setup.bus, seed, setup.faults.clone())?;
         // A piece of a file is 40 frames: frames without a place in the queue of the adapter wait in the host node.
         world.keep_queue_short(host_port, setup.bus.queue_depth);
-        Ok(Self { world, aside: Box::default(), is_lent: false, host_port, paced: None })
+        Ok(Self { world, host_port, host_was_used: false, paced: None })
     }
 
     /// Virtual time.
@@ -244,24 +242,15 @@ impl SimBus {
 
     pub(super) fn host_node(&mut self) -> &mut HostNode {
         let now = self.world.now();
-        if !self.is_lent {
-            // Only a node that floods makes this fail, after the swap.
-            let _ = self.swap_host_node();
-        }
-        self.aside.advance_to(now);
-        &mut self.aside
-    }
-
-    fn swap_host_node(&mut self) -> Result<(), BusFailure> {
-        self.is_lent = !self.is_lent;
-        let aside = &mut *self.aside;
-        self.world.with_participants(|participants, _| std::mem::swap(&mut participants.1.node, aside))?;
-        Ok(())
+        self.host_was_used = true;
+        let node = &mut self.world.participants_mut().1.node;
+        node.advance_to(now);
+        node
     }
 
     pub(super) fn step(&mut self, until: Instant, seen: &mut Seen<'_>) -> Result<(), BusFailure> {
-        if self.is_lent {
-            self.swap_host_node()?;
+        if std::mem::take(&mut self.host_was_used) {
+            self.world.take_from(self.host_port)?;
         }
         let to = (self.world.now() + SLICE).min(until);
         let host_port = self.host_port;
