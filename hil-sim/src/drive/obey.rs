@@ -111,7 +111,7 @@ impl PowerCubeDrive {
             }
             (_, value) => value,
         };
-        debug_assert_eq!(value.kind(), parameter.kind(), "{parameter}");
+        assert_eq!(value.kind(), parameter.kind(), "{parameter}");
         Some(Reply::Value(parameter, value))
     }
 

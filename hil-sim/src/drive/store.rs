@@ -66,11 +66,13 @@ impl Store {
         }
     }
 
-    /// A stored number as double; zero if the parameter is not stored (a defect, caught in debug builds).
+    /// A stored number as double.
+    ///
+    /// # Panics
+    /// The parameter is not a stored number.
     pub(super) fn number(&self, parameter: Parameter) -> f64 {
         let value = self.working.0[usize::from(parameter.code())].and_then(Value::as_f64);
-        debug_assert!(value.is_some(), "{parameter} is not a stored number");
-        value.unwrap_or(0.0)
+        value.unwrap_or_else(|| panic!("{parameter} is not a stored number"))
     }
 
     pub(super) fn config(&self) -> Config {
@@ -184,7 +186,7 @@ fn factory_table(plate: &Nameplate, options: &DriveOptions) -> Table {
     use Parameter as P;
     let mut table = Table([None; LEN]);
     let mut put = |parameter: P, value: Value| {
-        debug_assert_eq!(parameter.kind(), value.kind(), "{parameter}");
+        assert_eq!(parameter.kind(), value.kind(), "{parameter}");
         table.0[usize::from(parameter.code())] = Some(value);
     };
     let f = |v: f64| Value::F32(v as f32);

@@ -217,7 +217,7 @@ impl Cut {
             }
             g[var.hb] += normal.dot(&state.v) * self.sigma;
         }
-        debug_assert!(g[var.f] == 0.0);
+        assert!(g[var.f] == 0.0);
         (near.distance_m - self.kind.clearance_m(problem) - self.kind.extra_m(problem)) * scale
     }
 

@@ -507,6 +507,6 @@ fn probe_frame() -> Frame {
     let route = Route::Message { source, subject: SubjectId::from_low_bits(7509) };
     let tail = Tail { start: true, end: true, toggle: true, transfer_id: TransferId::ZERO };
     let frame = Frame::from_array(route.can_id(Priority::Optional), [0, 0, 0, 0, 0, 0, 0, tail.byte()]);
-    debug_assert!(Address::of(frame.id()).is_none());
+    assert!(Address::of(frame.id()).is_none());
     frame
 }
