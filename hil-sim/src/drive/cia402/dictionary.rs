@@ -374,14 +374,20 @@ impl Dictionary {
         Map::new(&(1..=count).map(entry).collect::<Vec<_>>())
     }
 
-    /// Id, transmission type and map of a PDO (base 1400 or 1800); `None`: not valid.
-    pub(super) fn process_data(&self, base: u16, pdo: u8) -> Option<(u16, u8, Map)> {
+    /// Id, transmission type and map of a PDO (base 1400 or 1800); `None`: not valid, or its id and type are not `wanted`.
+    pub(super) fn process_data(
+        &self,
+        base: u16,
+        pdo: u8,
+        wanted: impl Fn(u16, u8) -> bool,
+    ) -> Option<(u16, u8, Map)> {
         let index = base + u16::from(pdo);
         let id = self.get(index, 1);
-        if id & NOT_VALID != 0 {
+        let (own, kind) = (id as u16 & 0x7FF, self.get(index, 2) as u8);
+        if id & NOT_VALID != 0 || !wanted(own, kind) {
             return None;
         }
         let map = self.map(index + 0x200, self.get(index + 0x200, 0) as u8)?;
-        Some((id as u16 & 0x7FF, self.get(index, 2) as u8, map))
+        Some((own, kind, map))
     }
 }

@@ -252,7 +252,7 @@ impl CanopenServo {
         }
         self.at_sync(now);
         for pdo in 0..PDOS {
-            if let Some((id, 0..=240, map)) = self.dictionary.process_data(0x1800, pdo) {
+            if let Some((id, _, map)) = self.dictionary.process_data(0x1800, pdo, |_, kind| kind <= 240) {
                 self.transmit(now, pdo, id, &map);
             }
         }
@@ -270,7 +270,7 @@ impl CanopenServo {
             return;
         }
         for pdo in 0..PDOS {
-            if let Some((id, 254.., map)) = self.dictionary.process_data(0x1800, pdo) {
+            if let Some((id, _, map)) = self.dictionary.process_data(0x1800, pdo, |_, kind| kind >= 254) {
                 self.transmit(now, pdo, id, &map);
             }
         }
@@ -302,9 +302,7 @@ impl CanopenServo {
 
     fn receive(&mut self, now: Instant, id: u16, frame: &Frame) {
         for pdo in 0..PDOS {
-            let Some((_, kind, map)) =
-                self.dictionary.process_data(0x1400, pdo).filter(|(own, ..)| *own == id)
-            else {
+            let Some((_, kind, map)) = self.dictionary.process_data(0x1400, pdo, |own, _| own == id) else {
                 continue;
             };
             match (map.unpack(frame.data()), kind) {
