@@ -1,12 +1,12 @@
 //! Any frames at any time on a bus of each family that follows positions: the group stays on its own ids, its work is bounded, and nothing
 //! is found by chance.
 
-use canopen_protocol::{Function, NodeId};
 use firmware::group::{Command, DriveGroup, GroupEvent};
 use firmware::groups::cia402::{self, Cia402, Servo};
 use firmware::groups::odrive::{self, Axis, Odrive};
 use firmware::settings::Settings;
 use proptest::prelude::*;
+use protocol::canopen::{Function, NodeId};
 use protocol::{Duration, Frame, Id, Instant, JointIndex, StandardId};
 
 const JOINTS: usize = 3;
@@ -30,7 +30,7 @@ fn servos() -> cia402::Options {
 
 fn axes() -> odrive::Options {
     let axis = |node, version| Axis {
-        node: odrive_protocol::NodeId::new(node).unwrap(),
+        node: protocol::odrive::NodeId::new(node).unwrap(),
         version,
         gear: 8.0,
         home: if node == 10 { odrive::Home::Motor } else { odrive::Home::Joint },
@@ -39,7 +39,7 @@ fn axes() -> odrive::Options {
         velocity_gain_nm_s: 1.0,
         integral_gain_nm: 0.0,
     };
-    let [old, new] = [odrive_protocol::Version::V05, odrive_protocol::Version::V06];
+    let [old, new] = [protocol::odrive::Version::V05, protocol::odrive::Version::V06];
     let options = odrive::Options::new(&[axis(9, new), axis(10, old), axis(11, new)]).unwrap();
     options.with_endpoints(odrive::Endpoints { firmware: [0, 6, 10], numbers: [1, 2, 3, 4, 5, 6, 7] })
 }

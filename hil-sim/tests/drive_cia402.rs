@@ -1,15 +1,15 @@
 //! One CANopen servo with an inertia at its shaft, driven by frames.
 
-use canopen_protocol::cia402::{Control, State, Status};
-use canopen_protocol::client::{Failure, Transfer};
-use canopen_protocol::emcy::Emergency;
-use canopen_protocol::long_read::{Form, LongRead};
-use canopen_protocol::pdo::{Direction, Entry, Map, Transmission, set_up};
-use canopen_protocol::sdo::AbortCode;
-use canopen_protocol::{Function, NodeId, Object, nmt};
 use hil_sim::drive::bench::Bench;
 use hil_sim::drive::cia402::{CanopenServo, MissingTarget, ServoOptions};
 use hil_sim::participants::Participants as _;
+use protocol::canopen::cia402::{Control, State, Status};
+use protocol::canopen::client::{Failure, Transfer};
+use protocol::canopen::emcy::Emergency;
+use protocol::canopen::long_read::{Form, LongRead};
+use protocol::canopen::pdo::{Direction, Entry, Map, Transmission, set_up};
+use protocol::canopen::sdo::AbortCode;
+use protocol::canopen::{Function, NodeId, Object, nmt};
 use protocol::{Duration, Frame, Instant};
 
 const PATIENCE: Duration = Duration::from_millis(20);

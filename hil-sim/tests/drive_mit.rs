@@ -4,7 +4,7 @@ use hil_sim::drive::bench::ShaftMotor as _;
 use hil_sim::drive::mit::{MitMotor, MitOptions};
 use hil_sim::mechanics::AxisState;
 use hil_sim::participants::BusConnection;
-use mit_protocol::{
+use protocol::mit::{
     Command, Mit, MotorId, Ranges, Register, RegisterAnswer, RegisterRequest, RegisterValue, State, Status,
 };
 use protocol::{Duration, FdFlags, Instant, Node, StandardId};

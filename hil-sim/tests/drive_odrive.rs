@@ -3,7 +3,7 @@
 use hil_sim::drive::bench::Bench;
 use hil_sim::drive::odrive::{OdriveAxis, OdriveOptions};
 use hil_sim::participants::Participants as _;
-use odrive_protocol::{
+use protocol::odrive::{
     AxisState, ControlMode, Heartbeat, InputMode, NodeId, Order, Report, Request, Sdo, Version,
 };
 use protocol::{Duration, Instant, Node as _};

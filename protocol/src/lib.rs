@@ -7,6 +7,9 @@
 //! | base | [`id`], [`frame`], [`time`], [`units`], [`module`] | checked values: CAN ids, CAN frames (classical and FD), integer microseconds, physical units, wire address apart from joint number | know any higher protocol |
 //! | wire | [`bits`] | exact length and CRC of a frame on the wire, longest and shortest length of its kind | know sender or time |
 //! | drives | [`powercube`] | the M5 protocol of the modules, both directions, its tables and its DBC file | keep state between frames |
+//! | | [`canopen`] | CiA 301 for a master and for its nodes, drives of CiA 402 | |
+//! | | [`mit`] | MIT frames of Damiao motors | keep state between frames |
+//! | | [`odrive`] | CANSimple of ODrives | keep state between frames |
 //! | text | [`text`] | frames as lines for common tools: candump logs, SLCAN, socketcand | touch a socket, a file or a clock |
 //! | contract | [`node`] | interface of a participant of the bus: frames and times in, frames and deadlines out | do IO, read a clock, sleep |
 //! | host link | [`cyphal`] | Cyphal/CAN v1.0: transport, standard services, messages of this project | know the drives |
@@ -33,11 +36,14 @@
 )]
 
 pub mod bits;
+pub mod canopen;
 pub mod cyphal;
 pub mod frame;
 pub mod id;
+pub mod mit;
 pub mod module;
 pub mod node;
+pub mod odrive;
 pub mod powercube;
 pub mod text;
 pub mod time;

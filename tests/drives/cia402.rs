@@ -1,13 +1,13 @@
 //! CANopen servos: found, configured, held, led along a plan; and each of their faults with its number and within its time.
 
-use canopen_protocol::cia402::State;
-use canopen_protocol::{Function, nmt};
 use firmware::fault::Cause;
 use firmware::group::DriveGroup;
 use firmware::groups::cia402::{Found, Home};
 use firmware::orders::Order;
 use firmware::state::StateKind;
 use hil_sim::drive::cia402::ServoOptions;
+use protocol::canopen::cia402::State;
+use protocol::canopen::{Function, nmt};
 use protocol::{Duration, Instant};
 
 use crate::cia402_rig::{PERIOD_US, Rig, node, settings};

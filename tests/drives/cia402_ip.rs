@@ -1,13 +1,13 @@
 //! Modules that interpolate (mode 7), as SCHUNK's: found while they look for their commutation, led along a plan, and stopped by each fault
 //! of their own.
 
-use canopen_protocol::cia402::State;
-use canopen_protocol::{Function, Object, nmt};
 use firmware::fault::Cause;
 use firmware::orders::Order;
 use firmware::state::StateKind;
 use hil_sim::drive::cia402::{Interpolating, ServoOptions};
 use hil_sim::fault::{IdFilter, WireFault};
+use protocol::canopen::cia402::State;
+use protocol::canopen::{Function, Object, nmt};
 use protocol::{Duration, Id, Instant, StandardId};
 
 use crate::cia402::others_are_held;

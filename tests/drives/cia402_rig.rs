@@ -1,9 +1,9 @@
 //! Six CANopen servos and the controller.
 
-use canopen_protocol::{Function, NodeId};
 use firmware::groups::cia402::{Cia402, Follow, Home, Options, Servo};
 use firmware::settings::Settings;
 use hil_sim::drive::cia402::{CanopenServo, ServoOptions};
+use protocol::canopen::{Function, NodeId};
 use protocol::{Frame, Instant};
 
 use crate::six::{JOINTS, Six, settings_at, stands_rad};

@@ -95,19 +95,19 @@ fn check<G: DriveGroup<Packet = Frame>, M: ShaftMotor>(
 #[test]
 fn servos_with_drawn_faults_do_what_the_controller_reports() {
     check(&SERVOS, Six::<Cia402, CanopenServo>::ready, |servo| {
-        servo.state() == canopen_protocol::cia402::State::OperationEnabled
+        servo.state() == protocol::canopen::cia402::State::OperationEnabled
     });
 }
 
 #[test]
 fn modules_that_interpolate_with_drawn_faults_do_what_the_controller_reports() {
     let ready = || cia402_rig::Rig::interpolating(cia402_ip::short).made_ready(2_000);
-    check(&SERVOS, ready, |servo| servo.state() == canopen_protocol::cia402::State::OperationEnabled);
+    check(&SERVOS, ready, |servo| servo.state() == protocol::canopen::cia402::State::OperationEnabled);
 }
 
 #[test]
 fn odrives_with_drawn_faults_do_what_the_controller_reports() {
     check(&AXES, Six::<Odrive, OdriveAxis>::ready, |axis| {
-        axis.state() == odrive_protocol::AxisState::ClosedLoop
+        axis.state() == protocol::odrive::AxisState::ClosedLoop
     });
 }

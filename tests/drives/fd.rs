@@ -6,7 +6,7 @@ use firmware::settings::Settings;
 use firmware::state::StateKind;
 use hil_sim::bus::BusConfig;
 use hil_sim::drive::mit::MitOptions;
-use mit_protocol::{Register, RegisterValue, Status};
+use protocol::mit::{Register, RegisterValue, Status};
 use protocol::{FdFlags, Instant};
 
 use crate::rig::{JOINTS, Rig, joint, master, plan_file, settings};

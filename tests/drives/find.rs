@@ -6,7 +6,7 @@ use firmware::groups::mit::Mismatch;
 use firmware::orders::Order;
 use firmware::state::StateKind;
 use hil_sim::drive::mit::{MitMotor, MitOptions};
-use mit_protocol::{Command, Mit, Register, RegisterValue, Status};
+use protocol::mit::{Command, Mit, Register, RegisterValue, Status};
 
 use crate::rig::{JOINTS, Rig, TIME_OUT_US, TYPES, id, joint, master, ranges, settings};
 
@@ -55,7 +55,7 @@ fn a_range_an_id_or_a_mode_that_differs_is_refused_with_joint_register_and_both_
     };
     let mut rig = Rig::with(&settings(), |i, options| {
         if i == 3 {
-            options.motor.ranges = mit_protocol::Ranges::new(12.5, 8.0, 28.0).unwrap();
+            options.motor.ranges = protocol::mit::Ranges::new(12.5, 8.0, 28.0).unwrap();
         }
     });
     rig.run_to(500, StateKind::Fault);

@@ -7,7 +7,7 @@ use firmware::orders::Order;
 use firmware::state::StateKind;
 use hil_sim::drive::cia402::{CanopenServo, ServoOptions};
 use hil_sim::drive::odrive::{OdriveAxis, OdriveOptions};
-use odrive_protocol::Version;
+use protocol::odrive::Version;
 use protocol::{Duration, Instant};
 
 use crate::rig::joint;

@@ -6,7 +6,7 @@ use firmware::groups::odrive::{Home, Mismatch, Parameter};
 use firmware::orders::Order as Wish;
 use firmware::state::StateKind;
 use hil_sim::drive::odrive::OdriveOptions;
-use odrive_protocol::{AxisState, ControlMode, InputMode, Order, Report, Request, Version};
+use protocol::odrive::{AxisState, ControlMode, InputMode, Order, Report, Request, Version};
 use protocol::{Duration, Frame, Instant, Node as _};
 
 use crate::odrive_rig::{GEAR, PERIOD_US, Rig, TIME_OUT_US, axis, endpoints, node, settings};

@@ -3,7 +3,7 @@
 use firmware::groups::odrive::{Axis, Endpoints, Home, Odrive, Options};
 use firmware::settings::Settings;
 use hil_sim::drive::odrive::{OdriveAxis, OdriveOptions};
-use odrive_protocol::{NodeId, Order, Version};
+use protocol::odrive::{NodeId, Order, Version};
 use protocol::{Duration, Instant};
 
 use crate::six::{JOINTS, Six, settings_at, stands_rad};

@@ -13,7 +13,7 @@ use hil_sim::bus::BusConfig;
 use hil_sim::drive::bench::Bench;
 use hil_sim::drive::mit::{MitMotor, MitOptions};
 use hil_sim::fault::{IdFilter, WireFault};
-use mit_protocol::{Command, Mit as SetPoint, MotorId, Ranges};
+use protocol::mit::{Command, Mit as SetPoint, MotorId, Ranges};
 use protocol::{Duration, Id, Instant, JointIndex, StandardId};
 
 use crate::arm::Arm;

@@ -4,7 +4,7 @@ use firmware::fault::Cause;
 use firmware::group::DriveGroup;
 use firmware::orders::Order;
 use firmware::state::StateKind;
-use mit_protocol::{Command, State, Status};
+use protocol::mit::{Command, State, Status};
 use protocol::{Duration, Instant};
 
 use crate::rig::{JOINTS, PERIOD_US, Rig, TIME_OUT_US, joint, master, quintic_file, ranges, settings};

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 /// Floors of packages, from the bottom to the top. A package uses packages of lower floors only.
 const PACKAGES: &[&[&str]] = &[
     &["protocol", "toml-reader", "cell-console"],
-    &["can-link", "canopen-protocol", "mit-protocol", "odrive-protocol", "rsi-protocol", "tracker-protocol"],
+    &["can-link", "rsi-protocol", "tracker-protocol"],
     &["robot-model"],
     &["firmware", "hil-sim"],
     &["board-example", "drives", "planner", "sequences", "tuner"],

@@ -3,7 +3,6 @@
 use std::borrow::Cow;
 use std::f64::consts::TAU;
 
-use canopen_protocol::cia402::State;
 use firmware::group::DriveGroup;
 use firmware::groups::cia402::{self, Cia402, Follow, GripperOutput, Servo};
 use firmware::groups::mit::{self, Mit, Motor};
@@ -18,7 +17,8 @@ use hil_sim::drive::odrive::{OdriveAxis, OdriveOptions};
 use hil_sim::mechanics::{Body, JointMechanics, Mechanism, Plant};
 use hil_sim::participants::Participants;
 use hil_sim::{Cell, CellOptions};
-use mit_protocol::{MotorId, Ranges, Status};
+use protocol::canopen::cia402::State;
+use protocol::mit::{MotorId, Ranges, Status};
 use protocol::powercube::{Config, CubeState, Parameter};
 use protocol::{Duration, Frame, Instant, JointIndex, ModuleId, Node, StandardId};
 use robot_model::JointVec;
@@ -235,7 +235,7 @@ impl<const CYCLIC: bool> MotorFamily for Servos<CYCLIC> {
 
     fn group() -> Cia402 {
         let servo = |i: usize| Servo {
-            node: canopen_protocol::NodeId::new(i as u8 + 3).expect("a node"),
+            node: protocol::canopen::NodeId::new(i as u8 + 3).expect("a node"),
             counts_per_turn: if CYCLIC { 409_600 } else { 360_000 },
             rated_mnm: 50_000,
             home: cia402::Home::Absolute,
@@ -247,7 +247,7 @@ impl<const CYCLIC: bool> MotorFamily for Servos<CYCLIC> {
     }
 
     fn motor(joint: usize, start_rad: f64) -> CanopenServo {
-        let own = ServoOptions::of(canopen_protocol::NodeId::new(joint as u8 + 3).expect("a node"));
+        let own = ServoOptions::of(protocol::canopen::NodeId::new(joint as u8 + 3).expect("a node"));
         let own = if CYCLIC { own } else { own.interpolating() };
         let commutation = Duration::from_millis(50);
         let interpolating = own.interpolating.map(|module| Interpolating { commutation, ..module });
@@ -306,8 +306,8 @@ impl MotorFamily for Odrive {
 
     fn group() -> Self {
         let axis = |i: usize| Axis {
-            node: odrive_protocol::NodeId::new(i as u8 + 9).expect("a node"),
-            version: odrive_protocol::Version::V06,
+            node: protocol::odrive::NodeId::new(i as u8 + 9).expect("a node"),
+            version: protocol::odrive::Version::V06,
             gear: 8.0,
             home: Home::Joint,
             current_max_a: 40.0,
@@ -320,13 +320,13 @@ impl MotorFamily for Odrive {
     }
 
     fn motor(joint: usize, start_rad: f64) -> OdriveAxis {
-        let node = odrive_protocol::NodeId::new(joint as u8 + 9).expect("a node");
+        let node = protocol::odrive::NodeId::new(joint as u8 + 9).expect("a node");
         let options = OdriveOptions {
             counted: 1.0,
             brakes: true,
             watchdog: Some(TIME_OUT),
             estimates: None,
-            ..OdriveOptions::new(node, odrive_protocol::Version::V06)
+            ..OdriveOptions::new(node, protocol::odrive::Version::V06)
         };
         OdriveAxis::new(options, start_rad)
     }
@@ -336,6 +336,6 @@ impl MotorFamily for Odrive {
     }
 
     fn has_torque(axis: &OdriveAxis) -> bool {
-        axis.state() == odrive_protocol::AxisState::ClosedLoop
+        axis.state() == protocol::odrive::AxisState::ClosedLoop
     }
 }

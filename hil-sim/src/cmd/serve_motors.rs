@@ -6,8 +6,8 @@ use hil_sim::drive::cia402::{CanopenServo, ServoOptions};
 use hil_sim::drive::mit::{MitMotor, MitOptions};
 use hil_sim::drive::odrive::{OdriveAxis, OdriveOptions};
 use hil_sim::realtime::{Endpoint, Realtime, RealtimeError, shared_time};
-use mit_protocol::MotorId;
-use odrive_protocol::{NodeId, Version};
+use protocol::mit::MotorId;
+use protocol::odrive::{NodeId, Version};
 use protocol::{Duration, Instant, StandardId};
 
 use super::exit::{Code, Failure};
@@ -84,7 +84,7 @@ fn axis(text: &str) -> Result<OdriveOptions, String> {
 }
 
 fn servo(text: &str) -> Result<ServoOptions, String> {
-    let node = text.parse().ok().and_then(canopen_protocol::NodeId::new).ok_or("a node is 1 to 127")?;
+    let node = text.parse().ok().and_then(protocol::canopen::NodeId::new).ok_or("a node is 1 to 127")?;
     Ok(ServoOptions::of(node))
 }
 

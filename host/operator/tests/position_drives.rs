@@ -9,7 +9,6 @@ use hil_sim::drive::cia402::CanopenServo;
 use hil_sim::drive::odrive::OdriveAxis;
 use hil_sim::participants::Solo;
 use hil_sim::{CellOptions, World};
-use odrive_protocol::{Sdo, Version};
 use operator::bus::BusArgs;
 use operator::bus::BusFailure;
 use operator::bus::args::{Cell, CellArgs};
@@ -23,6 +22,7 @@ use planner::plan::Joints;
 use planner::store::fingerprint_of;
 use planner::way::{Travel, way};
 use protocol::cyphal::cubecell::group_state::State;
+use protocol::odrive::{Sdo, Version};
 use protocol::{Duration, JointIndex, Node};
 use robot_model::collision::Scene;
 use robot_model::{OdriveEndpoints, RobotModel};
@@ -218,7 +218,7 @@ fn endpoints_of_a_robot_file_find_a_parameter_that_differs_and_name_it() {
     assert_eq!(looked_at(|_| ()), (StateKind::Idle, None));
     let write = |axis: &mut OdriveAxis, endpoint, value| {
         let node = axis.options().node;
-        let (frame, _) = odrive_protocol::Order::Sdo(Sdo { endpoint, value: Some(value) })
+        let (frame, _) = protocol::odrive::Order::Sdo(Sdo { endpoint, value: Some(value) })
             .encode(node, Version::V06)
             .unwrap();
         axis.handle_frame(protocol::Instant::ZERO, &frame);

@@ -2,13 +2,13 @@
 //! same, and a transfer ends in time with any answer of a node.
 #![no_main]
 
-use canopen_protocol::client::Transfer;
-use canopen_protocol::emcy::Emergency;
-use canopen_protocol::long_read::{Form, LongRead};
-use canopen_protocol::nmt::{Command, State};
-use canopen_protocol::pdo::{Entry, Map};
-use canopen_protocol::sdo::{Answer, Request};
-use canopen_protocol::{Function, NodeId, Object};
+use protocol::canopen::client::Transfer;
+use protocol::canopen::emcy::Emergency;
+use protocol::canopen::long_read::{Form, LongRead};
+use protocol::canopen::nmt::{Command, State};
+use protocol::canopen::pdo::{Entry, Map};
+use protocol::canopen::sdo::{Answer, Request};
+use protocol::canopen::{Function, NodeId, Object};
 use libfuzzer_sys::fuzz_target;
 use protocol::{Duration, Instant};
 use protocol_fuzz::Input;

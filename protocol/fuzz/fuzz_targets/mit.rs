@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use mit_protocol::{Command, MOTORS, MotorId, Register, RegisterAnswer, RegisterRequest, State};
+use protocol::mit::{Command, MOTORS, MotorId, Register, RegisterAnswer, RegisterRequest, State};
 use protocol::StandardId;
 use protocol_fuzz::Input;
 

@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use odrive_protocol::{Order, Report, Request, Version};
+use protocol::odrive::{Order, Report, Request, Version};
 use protocol_fuzz::Input;
 
 fuzz_target!(|bytes: &[u8]| {

@@ -1,8 +1,8 @@
 //! One servo as the group knows it: its step, its service data, its answers.
 
-use canopen_protocol::cia402::{State, Status};
-use canopen_protocol::client::Transfer;
-use canopen_protocol::pdo::Map;
+use protocol::canopen::cia402::{State, Status};
+use protocol::canopen::client::Transfer;
+use protocol::canopen::pdo::Map;
 use protocol::{Frame, Instant};
 
 use super::finding::{Step, cause_of};

@@ -17,11 +17,11 @@
 //!   603F; without it, the newest entry of object 1003; without both, the cause is not known ([`Cause::DriveError`]).
 //! * A servo that this group holds already, and that answers, stays as it is if all others do, too.
 
-use canopen_protocol::NodeId;
-use canopen_protocol::cia402::{Control, State, Status};
-use canopen_protocol::client::{Failure, Transfer};
-use canopen_protocol::nmt;
-use canopen_protocol::sdo::AbortCode;
+use protocol::canopen::NodeId;
+use protocol::canopen::cia402::{Control, State, Status};
+use protocol::canopen::client::{Failure, Transfer};
+use protocol::canopen::nmt;
+use protocol::canopen::sdo::AbortCode;
 use protocol::{Duration, Instant, JointIndex};
 
 use super::Cia402;

@@ -2,8 +2,8 @@
 
 use core::fmt;
 
-use canopen_protocol::Object;
-use canopen_protocol::sdo::AbortCode;
+use protocol::canopen::Object;
+use protocol::canopen::sdo::AbortCode;
 use protocol::cyphal::cubecell::group_state::DriveDifference;
 
 /// What a servo answered.

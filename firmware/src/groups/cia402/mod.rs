@@ -45,8 +45,8 @@ pub mod options;
 mod rows;
 mod sending;
 
-use canopen_protocol::emcy::Emergency;
-use canopen_protocol::{Function, NodeId, nmt};
+use protocol::canopen::emcy::Emergency;
+use protocol::canopen::{Function, NodeId, nmt};
 use protocol::{Duration, Frame, Id, Instant, JointIndex};
 
 use self::drive::Drive;
@@ -159,7 +159,7 @@ impl Cia402 {
         }
         let drive = self.drives.at_mut(joint);
         let Some(sample) = drive.answers.sample else { return };
-        let has_torque = drive.state() == Some(canopen_protocol::cia402::State::OperationEnabled);
+        let has_torque = drive.state() == Some(protocol::canopen::cia402::State::OperationEnabled);
         if drive.step != Step::Held && !(drive.step == Step::Enabled && has_torque) {
             // The target stays at the position until the servo has torque.
             self.leader.stand(joint, sample.q_rad);

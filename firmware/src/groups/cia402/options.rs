@@ -3,9 +3,9 @@
 use core::f32::consts::TAU;
 use core::fmt;
 
-use canopen_protocol::pdo::{Entry, Map};
-use canopen_protocol::{Function, NodeId, cia402};
 use heapless::Vec;
+use protocol::canopen::pdo::{Entry, Map};
+use protocol::canopen::{Function, NodeId, cia402};
 use protocol::{JOINTS_MAX, JointIndex, StandardId};
 
 use crate::groups::dynamics::ArmModel;

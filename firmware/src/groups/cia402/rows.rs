@@ -2,9 +2,9 @@
 
 use core::f32::consts::TAU;
 
-use canopen_protocol::Object;
-use canopen_protocol::cia402::{self, Control, Mode as DriveMode, State, Status};
-use canopen_protocol::pdo::{Direction, ENTRIES_MAX, Transmission, set_up};
+use protocol::canopen::Object;
+use protocol::canopen::cia402::{self, Control, Mode as DriveMode, State, Status};
+use protocol::canopen::pdo::{Direction, ENTRIES_MAX, Transmission, set_up};
 use protocol::{Duration, JointIndex};
 
 use super::finding::HEARTBEAT;

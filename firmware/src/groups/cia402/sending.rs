@@ -1,7 +1,7 @@
 //! What leaves in a period: set points with the torques that they need, and the heartbeat of the controller.
 
-use canopen_protocol::cia402::Control;
-use canopen_protocol::{Function, nmt};
+use protocol::canopen::cia402::Control;
+use protocol::canopen::{Function, nmt};
 use protocol::{Duration, Frame, Id, Instant, JointIndex, StandardId};
 
 use super::finding::Step;

@@ -1,6 +1,6 @@
 //! One motor as the group knows it: its step, its answers, its set point.
 
-use mit_protocol::{RegisterRequest, State, Status};
+use protocol::mit::{RegisterRequest, State, Status};
 use protocol::{Frame, Instant};
 
 use super::finding::{self, Step};

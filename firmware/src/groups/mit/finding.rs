@@ -14,7 +14,7 @@
 //!   The time-out cannot be left off.
 //! * A motor that this group holds already, and that answers, stays as it is: to prove anything again would drop the arm.
 
-use mit_protocol::{
+use protocol::mit::{
     Command, Mit as SetPoint, Register, RegisterAnswer, RegisterRequest, RegisterValue, State, Status,
 };
 use protocol::{Duration, Instant, JointIndex};

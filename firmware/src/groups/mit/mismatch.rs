@@ -2,8 +2,8 @@
 
 use core::fmt;
 
-use mit_protocol::{Register, RegisterValue};
 use protocol::cyphal::cubecell::group_state::DriveDifference;
+use protocol::mit::{Register, RegisterValue};
 
 /// A register that is not as the settings say.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -46,7 +46,7 @@ mod mismatch;
 mod motion;
 pub mod options;
 
-use mit_protocol::{RegisterAnswer, RegisterRequest, State};
+use protocol::mit::{RegisterAnswer, RegisterRequest, State};
 use protocol::{Duration, Frame, Id, Instant, JointIndex};
 
 use self::drive::Drive;

@@ -1,6 +1,6 @@
 //! The commands of a period.
 
-use mit_protocol::{Command, Mit as SetPoint};
+use protocol::mit::{Command, Mit as SetPoint};
 use protocol::{Frame, Instant, JointIndex};
 
 use super::finding::{Ask, Step};

@@ -4,7 +4,7 @@ use core::fmt;
 
 use crate::groups::dynamics::ArmModel;
 use heapless::Vec;
-use mit_protocol::{DATA_RATES, KD_MAX_NM_S_RAD, KP_MAX_NM_RAD, MotorId, REGISTER_ID, Ranges};
+use protocol::mit::{DATA_RATES, KD_MAX_NM_S_RAD, KP_MAX_NM_RAD, MotorId, REGISTER_ID, Ranges};
 use protocol::{Duration, FdFlags, Frame, JOINTS_MAX, JointIndex, StandardId, bits};
 
 /// The motor of a joint. Direction, offset and limits are those of [`crate::settings::JointSettings`]; angles are of the shaft, so there is

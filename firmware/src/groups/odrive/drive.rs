@@ -1,6 +1,6 @@
 //! One axis as the group knows it: its step, its heartbeats, its answers.
 
-use odrive_protocol::{AxisState, Heartbeat, Version};
+use protocol::odrive::{AxisState, Heartbeat, Version};
 use protocol::{Duration, Instant};
 
 use super::finding::{Step, cause_of};

@@ -16,7 +16,7 @@
 //! * Estimates that come by themselves have no time: such an axis is refused.
 //! * An axis in error is refused until a person clears it, but for the watchdog's: that is what the end of the last controller left.
 
-use odrive_protocol::{AxisState, ControlMode, Heartbeat, InputMode, Order, Report, Request, Sdo, Version};
+use protocol::odrive::{AxisState, ControlMode, Heartbeat, InputMode, Order, Report, Request, Sdo, Version};
 use protocol::{Duration, Instant, JointIndex};
 
 use super::Odrive;

@@ -2,8 +2,8 @@
 
 use core::fmt;
 
-use odrive_protocol::Version;
 use protocol::cyphal::cubecell::group_state::DriveDifference;
+use protocol::odrive::Version;
 
 use super::options::{Parameter, VELOCITY_MAX_REV_S};
 

@@ -38,7 +38,7 @@ mod mismatch;
 pub mod options;
 mod sending;
 
-use odrive_protocol::{Heartbeat, Order, Report, Version};
+use protocol::odrive::{Heartbeat, Order, Report, Version};
 use protocol::{Duration, Frame, Id, Instant, JointIndex};
 
 use self::drive::Drive;

@@ -4,7 +4,7 @@ use core::f32::consts::TAU;
 use core::fmt;
 
 use heapless::Vec;
-use odrive_protocol::{NodeId, Version};
+use protocol::odrive::{NodeId, Version};
 use protocol::{JOINTS_MAX, JointIndex, StandardId};
 
 use crate::groups::dynamics::ArmModel;

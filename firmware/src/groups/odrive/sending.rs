@@ -1,7 +1,7 @@
 //! The frames of a period.
 
 use heapless::Vec;
-use odrive_protocol::{Order, Request};
+use protocol::odrive::{Order, Request};
 use protocol::{Duration, Frame, Instant, JointIndex};
 
 use super::finding::{Message, Step};

@@ -1,10 +1,10 @@
 //! Objects of the servo: type, access, range, value.
 
-use canopen_protocol::Function;
-use canopen_protocol::Object;
-use canopen_protocol::cia402 as drive;
-use canopen_protocol::pdo::{Entry, Map};
-use canopen_protocol::sdo::AbortCode;
+use protocol::canopen::Function;
+use protocol::canopen::Object;
+use protocol::canopen::cia402 as drive;
+use protocol::canopen::pdo::{Entry, Map};
+use protocol::canopen::sdo::AbortCode;
 
 use super::options::{Interpolating, ServoOptions};
 

@@ -1,6 +1,6 @@
 //! State machine, modes, position loop.
 
-use canopen_protocol::cia402::{self, Control, Mode, State, Status};
+use protocol::canopen::cia402::{self, Control, Mode, State, Status};
 use protocol::{Duration, Instant};
 
 use super::dictionary::{COMMUTATION, CYCLES_WITHOUT_DATA, SPEED_MAX};

@@ -1,7 +1,7 @@
 //! A servo as it is delivered, and what is wrong with it.
 
-use canopen_protocol::NodeId;
 use protocol::Duration;
+use protocol::canopen::NodeId;
 
 /// What the reference does from a SYNC without a new target on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,9 +1,9 @@
 //! Service data of a node: one transfer at a time, expedited, in segments, or read in blocks.
 
-use canopen_protocol::block::{BlockAnswer, BlockRequest, BlockSegment, SEGMENTS_MAX};
-use canopen_protocol::sdo::{AbortCode, Answer, Bytes, Request, Segment, Start};
-use canopen_protocol::{NodeId, Object};
 use protocol::Frame;
+use protocol::canopen::block::{BlockAnswer, BlockRequest, BlockSegment, SEGMENTS_MAX};
+use protocol::canopen::sdo::{AbortCode, Answer, Bytes, Request, Segment, Start};
+use protocol::canopen::{NodeId, Object};
 use protocol::cyphal::crc::Crc16;
 
 /// Longest value that is written in segments.

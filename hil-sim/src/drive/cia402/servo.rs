@@ -2,13 +2,13 @@
 
 use std::collections::VecDeque;
 
-use canopen_protocol::block::BlockRequest;
-use canopen_protocol::cia402::{self, Control, State};
-use canopen_protocol::emcy::Emergency;
-use canopen_protocol::nmt;
-use canopen_protocol::pdo::Map;
-use canopen_protocol::sdo::{AbortCode, Request};
-use canopen_protocol::{Function, NodeId, Object};
+use protocol::canopen::block::BlockRequest;
+use protocol::canopen::cia402::{self, Control, State};
+use protocol::canopen::emcy::Emergency;
+use protocol::canopen::nmt;
+use protocol::canopen::pdo::Map;
+use protocol::canopen::sdo::{AbortCode, Request};
+use protocol::canopen::{Function, NodeId, Object};
 use protocol::{Duration, Frame, Id, Instant, Node, StandardId};
 
 use super::dictionary::{Dictionary, PDOS, Situation};

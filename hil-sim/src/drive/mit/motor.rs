@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::f64::consts::{PI, TAU};
 
-use mit_protocol::{
+use protocol::mit::{
     Command, DATA_RATES, Mit, MotorId, Ranges, RegisterAnswer, RegisterRequest, State, Status,
 };
 use protocol::{Duration, FdFlags, Frame, Instant, Node, StandardId};

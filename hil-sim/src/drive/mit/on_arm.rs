@@ -1,7 +1,7 @@
 //! The motors of `[joint.mit]` and `[gripper.mit]` on their arm.
 
-use mit_protocol::{DATA_RATES, Status};
 use protocol::Instant;
+use protocol::mit::{DATA_RATES, Status};
 use robot_model::{MitMotor as Described, MitMotors};
 
 use super::{MitMotor, MitOptions};

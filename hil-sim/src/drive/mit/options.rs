@@ -1,6 +1,6 @@
 //! A motor as it is delivered, and what is wrong with it.
 
-use mit_protocol::{MOTORS, MotorId, MotorType};
+use protocol::mit::{MOTORS, MotorId, MotorType};
 use protocol::{Duration, StandardId};
 
 /// A motor as delivered. Torques and speeds at the shaft, behind the gear.

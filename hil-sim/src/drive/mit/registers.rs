@@ -1,6 +1,6 @@
 //! Settings in RAM and flash.
 
-use mit_protocol::{Ranges, Register, RegisterValue};
+use protocol::mit::{Ranges, Register, RegisterValue};
 
 use super::options::MitOptions;
 

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
 
-use odrive_protocol::{
+use protocol::odrive::{
     AxisState as State, ControlMode, Errors, Heartbeat, InputMode, NodeId, Order, Report, Request, Sdo,
     Version,
 };

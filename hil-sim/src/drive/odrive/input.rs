@@ -1,6 +1,6 @@
 //! From what a host wants to the set point of the loops: the input modes.
 
-use odrive_protocol::InputMode;
+use protocol::odrive::InputMode;
 
 /// Bandwidth of the position filter, rad/s.
 const FILTER_RAD_S: f64 = 20.0;

@@ -1,7 +1,7 @@
 //! An axis as it is configured, and what is wrong with it.
 
-use odrive_protocol::{NodeId, Version};
 use protocol::Duration;
+use protocol::odrive::{NodeId, Version};
 
 /// A parameter that a host reaches by its number (0.6). What no other message changes is kept here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! Objects of CANopen nodes, read beside no other master.
 
-use canopen_protocol::client::Failure;
-use canopen_protocol::{NodeId, Object};
+use protocol::canopen::client::Failure;
+use protocol::canopen::{NodeId, Object};
 use protocol::{Duration, Instant};
 
 use super::ask::AskError;

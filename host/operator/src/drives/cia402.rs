@@ -2,9 +2,9 @@
 
 use std::f64::consts::TAU;
 
-use canopen_protocol::id::Function;
 use firmware::groups::cia402::options::HOST_NODE;
 use firmware::groups::cia402::{Cia402, Follow, GripperOutput, Home, Options, OptionsError, Servo};
+use protocol::canopen::id::Function;
 use protocol::{Frame, Instant, JointIndex};
 use robot_model::{Cia402Mode, Cia402Servo, Cia402Servos, Joint, RobotModel};
 

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use firmware::groups::mit::{GripperMotor, Mit, Motor, Options};
-use mit_protocol::{REGISTER_ID, State, Status};
+use protocol::mit::{REGISTER_ID, State, Status};
 use protocol::{Frame, Id};
 use robot_model::{Joint, MitMotor, MitMotors, RobotModel};
 

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use firmware::groups::odrive::{Axis, Endpoints, GripperAxis, Home, Odrive, Options};
-use odrive_protocol::{Order, Report, Request};
+use protocol::odrive::{Order, Report, Request};
 use protocol::{Frame, Instant};
 use robot_model::{Joint, OdriveAxes, OdriveAxis, OdriveEndpoints, RobotModel};
 

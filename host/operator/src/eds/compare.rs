@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use canopen_protocol::client::Failure;
-use canopen_protocol::{NodeId, Object};
 use firmware::groups::cia402::{Need, Use};
+use protocol::canopen::client::Failure;
+use protocol::canopen::{NodeId, Object};
 
 use super::{Eds, Entry};
 
@@ -235,7 +235,7 @@ fn differences(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use canopen_protocol::sdo::AbortCode;
+    use protocol::canopen::sdo::AbortCode;
 
     const NO_OBJECT: Failure = Failure::Aborted(AbortCode::NO_OBJECT);
 

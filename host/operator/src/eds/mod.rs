@@ -10,7 +10,7 @@ mod read;
 
 use std::collections::BTreeMap;
 
-use canopen_protocol::{NodeId, Object};
+use protocol::canopen::{NodeId, Object};
 
 /// A number of a sheet, that may depend on the node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use canopen_protocol::Object;
+use protocol::canopen::Object;
 
 use super::{Eds, EdsError, Entry, Identity, Number};
 
@@ -210,7 +210,7 @@ fn compact(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use canopen_protocol::NodeId;
+    use protocol::canopen::NodeId;
 
     /// The forms that sheets of makers have: another case, blanks, comments, octal and hexadecimal numbers, compact arrays, values of a DCF.
     const SHEET: &str = "; made by hand\r\n[DeviceInfo]\r\nVendorNumber=0x000000FB\r\nProductNumber = 1629487104\r\n\r\n[1000]\r\n\

@@ -2,9 +2,9 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use canopen_protocol::client::Failure;
-use canopen_protocol::long_read::{Form, LongRead};
-use canopen_protocol::{Function, Object};
+use protocol::canopen::client::Failure;
+use protocol::canopen::long_read::{Form, LongRead};
+use protocol::canopen::{Function, Object};
 use protocol::cyphal::cubecell::stop::{self, Reason, Sender};
 use protocol::cyphal::cubecell::target::{self, TargetState};
 use protocol::cyphal::id::{NodeId, Priority, Route, Tail, TransferId};
@@ -238,7 +238,7 @@ impl HostNode {
     /// Reads an object of a CANopen node of at most `size_max` bytes, a long one in blocks; an object that is still being read is given up.
     pub(crate) fn read_object(
         &mut self,
-        node: canopen_protocol::NodeId,
+        node: protocol::canopen::NodeId,
         object: Object,
         patience: Duration,
         size_max: u32,

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use canopen_protocol::NodeId;
+use protocol::canopen::NodeId;
 use toml_reader::Value;
 
 use super::reading::{Taken, of_joints};

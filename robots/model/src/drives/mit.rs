@@ -1,7 +1,7 @@
 //! `[joint.mit]` and `[gripper.mit]`: Damiao motors that take MIT frames.
 
-use mit_protocol::{DATA_RATES, KD_MAX_NM_S_RAD, KP_MAX_NM_RAD, MOTORS, MotorId, MotorType, REGISTER_ID};
 use protocol::StandardId;
+use protocol::mit::{DATA_RATES, KD_MAX_NM_S_RAD, KP_MAX_NM_RAD, MOTORS, MotorId, MotorType, REGISTER_ID};
 use toml_reader::Value;
 
 use super::reading::{Taken, of_joints, require_range, travel};

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use odrive_protocol::{NodeId, Version};
+use protocol::odrive::{NodeId, Version};
 use toml_reader::Value;
 
 use super::reading::{Taken, of_joints, require_range, travel};

@@ -5,10 +5,10 @@ use std::cell::RefCell;
 use std::io;
 use std::rc::Rc;
 
-use mit_protocol::{DATA_RATES, Register, RegisterAnswer, RegisterRequest, RegisterValue, State};
 use operator::bus::Session;
 use operator::drives::mit::is_order_to_motor;
 use operator::tap::{Tap, Way};
+use protocol::mit::{DATA_RATES, Register, RegisterAnswer, RegisterRequest, RegisterValue, State};
 use protocol::{Duration, FdFlags, Frame, Instant};
 use robot_model::{MitMotor, MitMotors};
 
