@@ -1,4 +1,4 @@
-# The controller's image for a Cortex-M4F: it links without a way to a panic, without a heap, and its sizes are told.
+# The controller's image for a Cortex-M4F: it links without a way to a panic, without a heap, and its sizes are printed.
 . .ci/toolchain.sh
 target=thumbv7em-none-eabihf
 cargo build --release --locked --target $target -p firmware

@@ -20,7 +20,7 @@ run() {
 }
 # `firmware/boards/README.md` promises boards at most so many instructions per control step, and per end state taken over.
 most_step=10000 most_target=15000
-within() { # file, what costs, most: the dearest call of this kind that is told in the file
+within() { # file, what costs, most: the dearest call of this kind that is reported in the file
     local worst
     worst=$(sed -n "s/^$2: .* calls, .*, worst \([0-9]*\)$/\1/p" "$1")
     [ -n "$worst" ] && [ "$worst" -gt 0 ] || { echo "$1 tells no instructions of a $2"; return 1; }

@@ -124,16 +124,16 @@ twice soft "lock step, inside cubectl"
 twice process "lock step, own process"
 twice board "lock step, Cortex-M4F"
 
-# The joints stand where the controller told, by the account of the cell.
+# The joints stand where the controller reports, by the account of the cell.
 homed() { # output of home, account of the cell
     python3 - "$@" <<'PYTHON'
 import json, sys
-told = {module["module"]: module["position_rad"] for module in json.load(open(sys.argv[1]))["modules"]}
+reported = {module["module"]: module["position_rad"] for module in json.load(open(sys.argv[1]))["modules"]}
 drives = json.loads(open(sys.argv[2]).read().strip().splitlines()[-1])["drives"]
-off = {drive["module"]: abs(drive["q_rad"] - told[drive["module"]]) for drive in drives}
+off = {drive["module"]: abs(drive["q_rad"] - reported[drive["module"]]) for drive in drives}
 assert len(off) == 6 and max(off.values()) < 1e-3, off
 assert all(abs(drive["v_rad_s"]) < 1e-3 for drive in drives), drives
-print(f"6 joints homed and at rest, {1e3 * max(off.values()):.2f} mrad from what was told at most")
+print(f"6 joints homed and at rest, {1e3 * max(off.values()):.2f} mrad from what was reported at most")
 PYTHON
 }
 attempt() { # name, options...

@@ -17,13 +17,13 @@ work=$root/target/readme
 rm -rf "$work" arm.registers.toml throw1 target/drawn && mkdir -p "$work"
 
 seconds() { date +%s.%N; }
-told() { awk -v what="$1" -v from="$2" -v to="$(seconds)" 'BEGIN { printf "%-56s %8.2f s\n", what, to - from }'; }
+reported() { awk -v what="$1" -v from="$2" -v to="$(seconds)" 'BEGIN { printf "%-56s %8.2f s\n", what, to - from }'; }
 
 if [ -n "${README_CLONE:-}" ]; then
     git diff --quiet HEAD || echo "uncommitted changes are not in the clone"
     begun=$(seconds)
     git clone --quiet --local --no-hardlinks . "$work/clone"
-    told "clone" "$begun"
+    reported "clone" "$begun"
     cd "$work/clone"
 fi
 unset CARGO_TARGET_DIR
@@ -39,7 +39,7 @@ grep -q -- '-- throw --target' "${blocks[0]}" || { echo "the first block is not 
 
 begun=$(seconds)
 cargo build --quiet --release --locked
-told "build (part of the first command)" "$begun"
+reported "build (part of the first command)" "$begun"
 export PATH="$PWD/target/release:$PATH"
 
 cells=()
@@ -105,7 +105,7 @@ for block in "${blocks[@]}"; do
         here=(env CARGO_TARGET_DIR="$root/target")
     fi
     run_block || { tail -n 60 "$work/$name.log"; echo "block $name failed"; exit 1; }
-    told "$name: $(head -n 1 "$block" | cut -c1-34)" "$begun"
+    reported "$name: $(head -n 1 "$block" | cut -c1-34)" "$begun"
 done
 rm -rf throw1 throw-[0-9]* arm.registers.toml
 echo "--- what the first command says"

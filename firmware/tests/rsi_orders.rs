@@ -78,12 +78,12 @@ fn stop_in_a_throw_brakes_all_axes_within_the_cut_out_and_ends_when_they_stand()
         cell.order(Order::Stop);
         cell.run_until(200, StateKind::Stopped);
         assert!(cell.robot.a_max <= CUT_OUT_RAD_S2, "{}", cell.robot.a_max);
-        let told = cell.robot.q;
-        assert!(away(&told, &moving) > 0.01, "the axes needed a way to stop");
+        let reported = cell.robot.q;
+        assert!(away(&reported, &moving) > 0.01, "the axes needed a way to stop");
         for _ in 0..50 {
             cell.step();
         }
-        assert!(away(&cell.robot.q, &told) < 2e-3, "{}", away(&cell.robot.q, &told));
+        assert!(away(&cell.robot.q, &reported) < 2e-3, "{}", away(&cell.robot.q, &reported));
         let beside = (0..=2_000)
             .map(|k| f64::from(k) * (HA + HB) / 2_000.0)
             .map(|t| away(&cell.robot.q, &std::array::from_fn(|i| throw_reference(i, t).0)))
@@ -151,12 +151,12 @@ fn jog_moves_its_axis_alone_and_ends_when_it_stands() {
     assert!((0.7 * way..way).contains(&(set[1] - start[1])), "{}", set[1] - start[1]);
     assert!(cell.robot.v_max <= 0.2 + 1e-6 && cell.robot.a_max <= 1.01 * f64::from(limits.jog_a_rad_s2));
     cell.run_until(100, StateKind::Ready);
-    let told = cell.robot.q;
+    let reported = cell.robot.q;
     assert!(cell.robot.a_max <= 1.01 * f64::from(limits.jog_a_rad_s2), "{}", cell.robot.a_max);
     for _ in 0..50 {
         cell.step();
     }
-    assert!(away(&cell.robot.q, &told) < 1e-3, "{}", away(&cell.robot.q, &told));
+    assert!(away(&cell.robot.q, &reported) < 1e-3, "{}", away(&cell.robot.q, &reported));
     let end = *cell.robot.set.last().unwrap();
     // 100 ms of hold and the braking.
     assert!((0.015..0.06).contains(&(end[1] - set[1])), "{}", end[1] - set[1]);

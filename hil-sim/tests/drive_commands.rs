@@ -97,12 +97,12 @@ fn value_above_its_maximum_is_clipped_or_refused_by_option() {
     assert_eq!(clip.set(Parameter::TargetVel, Value::F32(99.0)), Some(0x64));
     let mut silent = Rig::homed(|o| o.drive.beyond_maximum = BeyondMaximum::Refuse);
     assert_eq!(silent.set(Parameter::TargetVel, Value::F32(99.0)), None);
-    let mut told = Rig::homed(|o| {
+    let mut reported = Rig::homed(|o| {
         o.drive.beyond_maximum = BeyondMaximum::Refuse;
         o.drive.refusal = RefusedReply::Code(0x01);
     });
-    assert_eq!(told.set(Parameter::TargetVel, Value::F32(99.0)), Some(0x01));
-    assert_eq!(told.set(Parameter::ActPos, Value::F32(0.0)), Some(0x01), "read only");
+    assert_eq!(reported.set(Parameter::TargetVel, Value::F32(99.0)), Some(0x01));
+    assert_eq!(reported.set(Parameter::ActPos, Value::F32(0.0)), Some(0x01), "read only");
     for rig in [&mut clip, &mut silent] {
         assert_eq!(rig.set(Parameter::MaxVel, Value::F32(f32::NAN)), None, "no number is never taken");
     }

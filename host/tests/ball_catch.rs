@@ -14,12 +14,12 @@ fn a_ball_thrown_to_the_arm_is_caught_and_reported_as_json_and_as_a_page() {
     let words = "catch --robot powercube6 --ball 2.0,0.1,0.2,-2.3,-0.1,3.4 --json --report";
     let ended = cubectl(&format!("{words} {}", file.display()));
     assert!(ended.status.success(), "{ended:?}");
-    let told: serde_json::Value = serde_json::from_slice(&ended.stdout).unwrap();
-    assert_eq!(told["caught"], true);
-    assert!(told["crossing"]["miss_m"].as_f64().unwrap() < 0.04);
-    assert!(!told["decisions"].as_array().unwrap().is_empty());
+    let reported: serde_json::Value = serde_json::from_slice(&ended.stdout).unwrap();
+    assert_eq!(reported["caught"], true);
+    assert!(reported["crossing"]["miss_m"].as_f64().unwrap() < 0.04);
+    assert!(!reported["decisions"].as_array().unwrap().is_empty());
     // The ball waits where it begins: nothing carries it there in a leap.
-    let path = told["trace"]["ball_m"].as_array().unwrap();
+    let path = reported["trace"]["ball_m"].as_array().unwrap();
     let place = |at: &serde_json::Value| [0, 1, 2].map(|k| at[k].as_f64().unwrap());
     let step = |pair: &[serde_json::Value]| {
         let (a, b) = (place(&pair[0]), place(&pair[1]));
@@ -35,8 +35,8 @@ fn a_ball_thrown_to_the_arm_is_caught_and_reported_as_json_and_as_a_page() {
 fn a_ball_out_of_reach_is_declined_with_the_reason_and_a_next_step() {
     let ended = cubectl("catch --robot powercube6 --ball 2.0,0,0.2,1,0,1");
     assert_eq!(ended.status.code(), Some(i32::from(host::exit::NO_THROW)));
-    let told = String::from_utf8_lossy(&ended.stderr).into_owned();
-    assert!(told.contains("within the arm's reach") && told.contains("next:"), "{told}");
+    let reported = String::from_utf8_lossy(&ended.stderr).into_owned();
+    assert!(reported.contains("within the arm's reach") && reported.contains("next:"), "{reported}");
 }
 
 /// The ball of the first test. The arm catches it unless it counts on a cup of hard rubber.
@@ -72,10 +72,10 @@ fn a_ball_that_is_seen_too_late_is_not_refused_for_want_of_a_posture() {
 fn no_other_arm_stands_in_the_way_unless_a_cell_was_asked_for_and_then_it_is_named() {
     let words = "catch --ball 3.3,0,0.2,-3.6,0,3.0 --json";
     let hits = |json: &[u8]| {
-        let told: serde_json::Value = serde_json::from_slice(json).unwrap();
-        let events = told["events"].as_array().unwrap().clone();
-        assert!(!told["trace"]["ball_m"].as_array().unwrap().is_empty());
-        assert_eq!(told["trace"]["q_rad"][0].as_array().unwrap().len(), 6);
+        let reported: serde_json::Value = serde_json::from_slice(json).unwrap();
+        let events = reported["events"].as_array().unwrap().clone();
+        assert!(!reported["trace"]["ball_m"].as_array().unwrap().is_empty());
+        assert_eq!(reported["trace"]["q_rad"][0].as_array().unwrap().len(), 6);
         events.iter().filter(|event| event["arm"] == "thrower").count()
     };
     assert_eq!(hits(&cubectl(words).stdout), 0);
@@ -164,9 +164,9 @@ fn a_catch_on_a_bus_is_refused_with_the_reason_where_it_makes_no_sense() {
         ),
     ] {
         let ended = cubectl(&format!("catch {words}"));
-        let told = String::from_utf8_lossy(&ended.stderr).into_owned();
-        assert_eq!(ended.status.code(), Some(i32::from(code)), "{words}: {told}");
-        assert!(told.contains(reason), "{words}: {told}");
+        let reported = String::from_utf8_lossy(&ended.stderr).into_owned();
+        assert_eq!(ended.status.code(), Some(i32::from(code)), "{words}: {reported}");
+        assert!(reported.contains(reason), "{words}: {reported}");
     }
     std::fs::remove_dir_all(folder).unwrap();
 }

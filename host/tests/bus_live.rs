@@ -67,7 +67,7 @@ fn ctrl_c_in_a_jog_stops_the_module_before_the_program_ends() {
     assert_eq!(moves.unwrap(), Ended::Done, "the jog never began");
     let killed = std::process::Command::new("sh").args(["-c", &format!("kill -INT {}", jog.id())]).status();
     assert!(killed.unwrap().success());
-    // How much virtual time passes until a process has ended is the machine's affair: a jog of 60 s that goes on is told by
+    // How much virtual time passes until a process has ended is the machine's affair: a jog of 60 s that goes on is reported by
     // its exit code.
     let status = loop {
         watch.pass(Duration::from_millis(20)).unwrap();
@@ -199,7 +199,7 @@ fn a_control_period_that_does_not_hold_is_refused_before_anything_moves() {
 }
 
 #[test]
-fn drives_too_slow_for_every_period_are_told_without_a_period_that_cannot_be_set() {
+fn drives_too_slow_for_every_period_are_reported_without_a_period_that_cannot_be_set() {
     let mut options = CellOptions::default();
     // Two thirds of the longest period, 40 ms, are 27 ms.
     options.drive.processing_delay = Duration::from_millis(30);
@@ -240,7 +240,7 @@ fn firmware_without_position_and_state_in_one_answer_is_a_finding() {
 }
 
 #[test]
-fn a_bus_without_drives_and_a_missing_drive_are_told_apart() {
+fn a_bus_without_drives_and_a_missing_drive_are_reported_apart() {
     let empty = Served::new(Vec::<hil_sim::participants::Solo<protocol_node::Silent>>::new);
     let output = cubectl(&["status", "--bus", &empty.spec]);
     assert_eq!(code(&output), 8);

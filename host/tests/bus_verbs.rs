@@ -51,8 +51,8 @@ fn a_module_of_the_robot_that_is_silent_is_an_error_after_the_others_are_shown()
     let text = err(&output);
     assert!(text.contains("module 4 does not answer") && text.contains("robot powercube6 has it"), "{text}");
     assert_eq!(text.matches("next: ").count(), 1, "{text}");
-    let told = json(&out(&cubectl(&["status", "--scenario", &scenario, "--json"])));
-    assert_eq!(told["missing"], serde_json::json!([4]), "{told:#}");
+    let reported = json(&out(&cubectl(&["status", "--scenario", &scenario, "--json"])));
+    assert_eq!(reported["missing"], serde_json::json!([4]), "{reported:#}");
     let whole = cubectl(&["status", "--json"]);
     assert_eq!(json(&out(&whole))["missing"], serde_json::json!([]));
     assert_eq!((code(&whole), err(&whole)), (0, String::new()));

@@ -30,7 +30,7 @@ fn verify(offset_deg: f64) -> (i32, String, serde_json::Value) {
 }
 
 #[test]
-fn lost_counts_are_told_per_joint_when_the_switch_is_found_again() {
+fn lost_counts_are_reported_per_joint_when_the_switch_is_found_again() {
     // With 30 degrees the joint starts on the other side of its switch; with 90 it meets its end stop on the way.
     for lost_deg in [5.0, -5.0, -40.0, 0.6, 30.0, 90.0, -90.0] {
         let (code, said, report) = verify(lost_deg);

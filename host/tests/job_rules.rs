@@ -110,13 +110,13 @@ fn the_exit_code_of_a_catch_is_that_of_the_ball() {
     for seed in ["1", "2", "3", "4"] {
         let line = "catch --ball=2.0,0.1,0.2,-2.3,-0.1,3.4 --fault bias:-30 --json --seed";
         let ended = cubectl_line(line, &[seed]);
-        let told: serde_json::Value = serde_json::from_str(&out(&ended)).unwrap();
+        let stated: serde_json::Value = serde_json::from_str(&out(&ended)).unwrap();
         // Whoever uses the ball next must know that it is there.
-        let known = told["caught"] == true && told["reported"] == "caught";
+        let known = stated["caught"] == true && stated["reported"] == "caught";
         assert_eq!(code(&ended) == 0, known, "seed {seed}: {}", err(&ended));
         assert_eq!(
             err(&ended).contains("the ball was not caught"),
-            told["caught"] == false,
+            stated["caught"] == false,
             "{}",
             err(&ended)
         );

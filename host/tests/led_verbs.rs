@@ -105,15 +105,15 @@ fn verbs_lead_a_robot_behind_a_socket_one_after_the_other_and_an_interrupt_stops
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    let mut told = BufReader::new(led.stderr.take().unwrap()).lines();
-    assert!(told.any(|line| line.unwrap().contains("drives answer")));
+    let mut reported = BufReader::new(led.stderr.take().unwrap()).lines();
+    assert!(reported.any(|line| line.unwrap().contains("drives answer")));
     let signal = Command::new("kill").args(["-INT", &led.id().to_string()]).status().unwrap();
     assert!(signal.success());
     assert_eq!(led.wait().unwrap().code(), Some(6));
     // Each run of the robot's program came to its end: no axis was stopped by the robot itself.
     let played = child.wait_with_output().unwrap();
-    let told = String::from_utf8_lossy(&played.stdout);
-    assert_eq!(told.matches("robot: program ended").count(), 3, "{told}");
+    let reported = String::from_utf8_lossy(&played.stdout);
+    assert_eq!(reported.matches("robot: program ended").count(), 3, "{reported}");
 }
 
 #[test]

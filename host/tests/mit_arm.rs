@@ -11,9 +11,9 @@ fn miss_m(folder: &Folder, target: &str, others: &[&str]) -> f64 {
     let thrown = cubectl(&[&["throw", "--robot", ARM, "--target", target, "--out", &dir], others].concat());
     assert_eq!(code(&thrown), 0, "{}{}", out(&thrown), err(&thrown));
     let text = std::fs::read_to_string(folder.0.join(&name).join("summary.json")).unwrap();
-    let told: Value = serde_json::from_str(&text).unwrap();
-    assert_eq!(told["outcome"], "landed");
-    told["landing_error_m"].as_f64().unwrap_or_else(|| panic!("{text}"))
+    let reported: Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(reported["outcome"], "landed");
+    reported["landing_error_m"].as_f64().unwrap_or_else(|| panic!("{text}"))
 }
 
 #[test]
@@ -101,15 +101,16 @@ fn on_can_fd_it_throws_at_2_ms_follows_more_closely_and_doctor_asks_its_motors()
     let target = "1.0,-0.2,0";
     done(&["throw", "--robot", &robot, "--gains", &gains, "--target", target, "--yes", "--out", &dir]);
     let text = std::fs::read_to_string(folder.0.join("throw/summary.json")).unwrap();
-    let told: Value = serde_json::from_str(&text).unwrap();
-    assert_eq!(told["outcome"], "landed");
+    let reported: Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(reported["outcome"], "landed");
     // At 3 ms on classical CAN: 5.3 mrad with 67 % of the bus.
-    let errors = told["tracking"]["error_max_rad"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap());
+    let errors =
+        reported["tracking"]["error_max_rad"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap());
     let worst_rad = errors.fold(0.0, f64::max);
     assert!((1e-3..4e-3).contains(&worst_rad), "{worst_rad} rad");
-    let load = told["analysis"]["bus"]["utilisation"].as_f64().unwrap();
+    let load = reported["analysis"]["bus"]["utilisation"].as_f64().unwrap();
     assert!((0.40..0.50).contains(&load), "{load}");
-    let landing_m = told["landing"]["error_m"].as_f64().unwrap();
+    let landing_m = reported["landing"]["error_m"].as_f64().unwrap();
     assert!((1e-4..5e-3).contains(&landing_m), "{landing_m} m");
     // Motors are spoken to in CAN FD only, the controller in classical frames only.
     let log = std::fs::read_to_string(folder.0.join("throw/bus.log")).unwrap();

@@ -24,16 +24,16 @@ fn arm_moves_to_angles_by_a_difference_and_to_a_named_pose_and_stands_there() {
     let saved = cubectl(&["arm", "pose", "save", "ready", "--joints", joints, "--poses", &poses]);
     assert_eq!(code(&saved), 0, "{}", err(&saved));
     assert!(out(&cubectl(&["arm", "pose", "list", "--poses", &poses])).contains("ready"));
-    let (status, found, told) = dry(&["--pose", "ready", "--poses", &poses]);
-    assert_eq!(status, 0, "{told}");
+    let (status, found, reported) = dry(&["--pose", "ready", "--poses", &poses]);
+    assert_eq!(status, 0, "{reported}");
     assert!((angles(&found)[1] + 60_f64.to_radians()).abs() < 1e-9, "{found}");
     assert_eq!(code(&cubectl(&["arm", "pose", "remove", "ready", "--poses", &poses])), 0);
     let gone = cubectl(&["move", "--pose", "ready", "--poses", &poses, "--home"]);
     assert_eq!(code(&gone), 4);
     assert!(err(&gone).contains("no pose \"ready\" of powercube6; known: none"), "{}", err(&gone));
 
-    let (status, found, told) = dry(&["--by", "1=+20deg,5=-0.1"]);
-    assert_eq!(status, 0, "{told}");
+    let (status, found, reported) = dry(&["--by", "1=+20deg,5=-0.1"]);
+    assert_eq!(status, 0, "{reported}");
     let from: Vec<f64> = found["from_rad"].as_array().unwrap().iter().map(|q| q.as_f64().unwrap()).collect();
     let by: Vec<f64> = angles(&found).iter().zip(&from).map(|(to, from)| to - from).collect();
     let wanted = [20_f64.to_radians(), 0.0, 0.0, 0.0, -0.1, 0.0];
@@ -57,10 +57,10 @@ fn places_that_cannot_be_reached_are_refused_with_a_next_step_and_nothing_moves(
         (&["--to", "0.5,0.2,0.6", "--calibration", "none.toml"], 4, "none.toml"),
         (&["--joints", "0,-1,-1,0,0,0", "--poses", "x.toml"], 4, "--poses is for --pose"),
     ] {
-        let (found, _, told) = dry(words);
-        assert_eq!(found, status, "{words:?}: {told}");
-        assert!(told.contains(part), "{words:?}: {told}");
-        assert!(status == 2 || told.contains("next: "), "{words:?}: {told}");
+        let (found, _, reported) = dry(words);
+        assert_eq!(found, status, "{words:?}: {reported}");
+        assert!(reported.contains(part), "{words:?}: {reported}");
+        assert!(status == 2 || reported.contains("next: "), "{words:?}: {reported}");
     }
 }
 
@@ -139,8 +139,8 @@ fn run_is_judged_per_joint_by_the_tolerances_that_are_given() {
         let text = std::fs::read_to_string(format!("{out}/summary.json")).unwrap_or_default();
         (code(&output), serde_json::from_str::<Value>(&text).unwrap_or_default(), err(&output))
     };
-    let (status, summary, told) = run(&[], &folder.file("usual"));
-    assert_eq!(status, 0, "{told}");
+    let (status, summary, reported) = run(&[], &folder.file("usual"));
+    assert_eq!(status, 0, "{reported}");
     let joints = summary["reached"]["joints"].as_array().unwrap();
     assert_eq!((joints.len(), &joints[0]["path_tolerance_rad"]), (6, &0.05.into()));
     let number = |joint: &Value, key: &str| joint[key].as_f64().unwrap();
@@ -149,23 +149,26 @@ fn run_is_judged_per_joint_by_the_tolerances_that_are_given() {
 
     // The first joint may be half as far from the motion as it was.
     let half = format!("{},1,1,1,1,1", 0.5 * off[0]);
-    let (status, summary, told) =
+    let (status, summary, reported) =
         run(&["--path-tolerance-rad", &half, "--goal-time-s", "1"], &folder.file("path"));
-    assert_eq!((status, &summary["outcome"]), (8, &"not_reached".into()), "{told}");
+    assert_eq!((status, &summary["outcome"]), (8, &"not_reached".into()), "{reported}");
     assert!(
-        told.contains("not reached: joint1 was ") && told.contains(" mrad from the motion at "),
-        "{told}"
+        reported.contains("not reached: joint1 was ") && reported.contains(" mrad from the motion at "),
+        "{reported}"
     );
-    assert!(!told.contains("joint2"), "{told}");
+    assert!(!reported.contains("joint2"), "{reported}");
     assert_eq!(summary["reached"]["goal_time_s"], 1.0);
     let report = std::fs::read_to_string(folder.file("path/report.html")).unwrap();
     assert!(report.contains("Tolerances"));
 
-    let (status, summary, told) = run(&["--goal-tolerance-rad", "1e-9"], &folder.file("goal"));
-    assert_eq!((status, &summary["outcome"]), (8, &"not_reached".into()), "{told}");
-    assert!(told.contains(" stood ") && told.contains(" mrad from the end (tolerance 0.00)"), "{told}");
+    let (status, summary, reported) = run(&["--goal-tolerance-rad", "1e-9"], &folder.file("goal"));
+    assert_eq!((status, &summary["outcome"]), (8, &"not_reached".into()), "{reported}");
+    assert!(
+        reported.contains(" stood ") && reported.contains(" mrad from the end (tolerance 0.00)"),
+        "{reported}"
+    );
 
-    let (status, _, told) = run(&["--goal-tolerance-rad", "0.1,0.2"], &folder.file("wrong"));
+    let (status, _, reported) = run(&["--goal-tolerance-rad", "0.1,0.2"], &folder.file("wrong"));
     assert_eq!(status, 4);
-    assert!(told.contains("2 numbers for an arm of 6 joints"), "{told}");
+    assert!(reported.contains("2 numbers for an arm of 6 joints"), "{reported}");
 }

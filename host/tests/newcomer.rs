@@ -310,10 +310,12 @@ fn a_setting_that_is_refused_beside_a_motion_says_that_another_program_works() {
     let _ = jog.kill();
     let _ = jog.wait();
     assert_ne!(code(&output), 0, "{}", out(&output));
-    let told = err(&output);
+    let reported = err(&output);
     assert!(
-        told.contains("another program") && told.contains("next: ") && !told.contains("does not take"),
-        "{told}"
+        reported.contains("another program")
+            && reported.contains("next: ")
+            && !reported.contains("does not take"),
+        "{reported}"
     );
 }
 

@@ -1,4 +1,4 @@
-//! Standard output that cannot be written does not end a verb, and is told when it matters.
+//! Standard output that cannot be written does not end a verb, and is reported when it matters.
 
 use std::process::{Command, Stdio};
 
@@ -21,11 +21,11 @@ fn a_reader_that_leaves_is_no_failure() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_full_disk_behind_standard_output_is_told_with_the_code_of_output() {
+fn a_full_disk_behind_standard_output_is_reported_with_the_code_of_output() {
     let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
     let ended =
         Command::new(CUBECTL).args(["explain", "exit"]).stdout(full).stderr(Stdio::piped()).output().unwrap();
     assert_eq!(ended.status.code(), Some(i32::from(host::exit::OUTPUT)));
-    let told = String::from_utf8_lossy(&ended.stderr).into_owned();
-    assert!(told.contains("standard output") && told.contains("next:"), "{told}");
+    let reported = String::from_utf8_lossy(&ended.stderr).into_owned();
+    assert!(reported.contains("standard output") && reported.contains("next:"), "{reported}");
 }

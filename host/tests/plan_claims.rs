@@ -52,16 +52,16 @@ fn spoil<T: PartialEq + Debug>(
                 vec![Value::from(-1e9), Value::from(x + 0.5 * x.abs() + 0.1)]
             }
         };
-        for told in false_ones {
+        for reported in false_ones {
             let mut spoiled = whole.clone();
-            *spoiled.pointer_mut(pointer).expect("there") = told.clone();
+            *spoiled.pointer_mut(pointer).expect("there") = reported.clone();
             let Some(found) = effect(&spoiled.to_string()) else {
                 counts[0] += 1;
                 continue;
             };
             counts[1] += 1;
             let free = found == sound || inputs.iter().any(|input| pointer.starts_with(input));
-            assert!(free, "{pointer}: {told} in place of {number} is taken, and changes the throw");
+            assert!(free, "{pointer}: {reported} in place of {number} is taken, and changes the throw");
         }
     }
     counts

@@ -129,9 +129,9 @@ fn a_false_spread_in_a_plan_file_is_refused_and_widens_no_tolerance() {
         ("/currents/motor_peak_a/0", -1e9),
         ("/landing/flight_s", -1e9),
     ] {
-        let mut told = whole.clone();
-        *told.pointer_mut(field).unwrap() = value.into();
-        std::fs::write(&plan, told.to_string()).unwrap();
+        let mut reported = whole.clone();
+        *reported.pointer_mut(field).unwrap() = value.into();
+        std::fs::write(&plan, reported.to_string()).unwrap();
         let checked = cubectl(&["plan", "check", &plan]);
         assert!(matches!(code(&checked), 4 | 5), "{field}: {} {}", code(&checked), out(&checked));
         let (summary, output) = thrown(&folder, "a", &["--plan", &plan]);

@@ -3,7 +3,7 @@
 use crate::program::{cubectl, cubectl_line, empty_folder as folder, text};
 
 #[test]
-fn an_opening_and_a_moving_target_are_planned_told_and_checked() {
+fn an_opening_and_a_moving_target_are_planned_reported_and_checked() {
     let folder = folder("plan-opening");
     let (out, report) = (folder.join("p.json"), folder.join("p.html"));
     let (out, report) = (out.display().to_string(), report.display().to_string());
@@ -11,9 +11,12 @@ fn an_opening_and_a_moving_target_are_planned_told_and_checked() {
         --target-velocity=0.1,0.1,0 --null-delay false --starts 8";
     let ended = cubectl_line(line, &["--out", &out, "--report", &report]);
     assert!(ended.status.success(), "{}", text(&ended.stderr));
-    let told = text(&ended.stdout);
-    assert!(told.contains("opening of 100 mm radius") && told.contains("meets the moving target"), "{told}");
-    assert!(told.contains("probability of a hit"), "{told}");
+    let reported = text(&ended.stdout);
+    assert!(
+        reported.contains("opening of 100 mm radius") && reported.contains("meets the moving target"),
+        "{reported}"
+    );
+    assert!(reported.contains("probability of a hit"), "{reported}");
     let checked = cubectl(&["plan", "check", &out]);
     assert!(checked.status.success(), "{}", text(&checked.stdout));
     assert!(text(&checked.stdout).contains("rim of the opening"), "{}", text(&checked.stdout));
@@ -26,8 +29,8 @@ fn numbers_of_three_hundred_digits_are_refused_in_short_words() {
     for option in ["--jitter-s", "--time-budget-s", "--drag-per-m", "--speed-use", "--clearance-m"] {
         let ended = cubectl(&["plan", "throw", "--target=1,1,-1", option, &long]);
         assert_eq!(ended.status.code(), Some(i32::from(host::exit::BAD_INPUT)), "{option}");
-        let told = text(&ended.stderr);
-        assert!(told.contains("1.000e300") && told.len() < 200, "{option}: {told}");
+        let reported = text(&ended.stderr);
+        assert!(reported.contains("1.000e300") && reported.len() < 200, "{option}: {reported}");
     }
     let ended = cubectl(&["plan", "throw", &format!("--target={long},1,-1")]);
     assert_eq!(ended.status.code(), Some(i32::from(host::exit::BAD_INPUT)));

@@ -65,8 +65,8 @@ fn a_sweep_that_is_killed_in_mid_run_is_completed_with_the_same_bytes() {
 
     let ended = ran(all(&killed_name));
     assert!(ended.status.success(), "{}", text(&ended.stderr));
-    let told = text(&ended.stdout);
-    assert!(told.contains(&format!("{} shards made, {left} were there", 40 - left)), "{told}");
+    let reported = text(&ended.stdout);
+    assert!(reported.contains(&format!("{} shards made, {left} were there", 40 - left)), "{reported}");
     // Nothing else is left: no temporary file either.
     assert!(files(&whole) == files(&killed), "the bytes differ");
     assert_eq!(files(&whole).len(), 41);
@@ -102,17 +102,17 @@ fn shards_made_apart_are_those_made_together_and_rows_are_plans() {
         .args(["plan", "sweep", "--json", "--summary", &apart.display().to_string()])
         .output()
         .expect("runs");
-    let told: serde_json::Value = serde_json::from_slice(&summary.stdout).expect("is JSON");
+    let reported: serde_json::Value = serde_json::from_slice(&summary.stdout).expect("is JSON");
     assert_eq!(
-        (&told["thrown"], &told["refused"], &told["draws_landed"]),
+        (&reported["thrown"], &reported["refused"], &reported["draws_landed"]),
         (&3.into(), &1.into(), &60.into())
     );
 
     // Another number of shards is another sweep, and changes nothing.
     let refused = words("--shards=4", &apart);
     assert_eq!(refused.status.code(), Some(i32::from(host::exit::BAD_INPUT)));
-    let told = text(&refused.stderr);
-    assert!(told.contains("shards: 3 there, 4 asked for") && told.contains("next:"), "{told}");
+    let reported = text(&refused.stderr);
+    assert!(reported.contains("shards: 3 there, 4 asked for") && reported.contains("next:"), "{reported}");
     assert!(files(&together) == files(&apart), "the bytes differ");
 }
 
@@ -122,14 +122,14 @@ fn what_would_differ_between_machines_is_refused_before_anything_is_written() {
     let out = folder.join("out");
     let grid = ["--x=1,1,1", "--z=-1,-1,1", "--shard", "1/2", "--out"];
     let out_name = out.display().to_string();
-    for (words, told) in [
+    for (words, reported) in [
         (["--time-budget-s", "1"], "--time-budget-s does not go with a sweep"),
         (["--draws", "1000001"], "at most 1000000 per target"),
         (["--objective", "hit"], "needs to know what a hit is"),
     ] {
         let ended = ran(sweep(&[&grid[..], &[&out_name], &words].concat()));
         assert_eq!(ended.status.code(), Some(i32::from(host::exit::BAD_INPUT)), "{words:?}");
-        assert!(text(&ended.stderr).contains(told), "{words:?}: {}", text(&ended.stderr));
+        assert!(text(&ended.stderr).contains(reported), "{words:?}: {}", text(&ended.stderr));
         assert!(!out.exists(), "{words:?}");
     }
     for shard in ["0/2", "3/2", "2"] {
@@ -230,8 +230,8 @@ fn a_list_has_a_row_for_each_target_in_order_and_a_torn_part_is_made_again() {
     std::fs::write(&list, "x_m,y_m,z_m\n1.5,0,-0.5\n").expect("writes");
     let refused = run();
     assert_eq!(refused.status.code(), Some(i32::from(host::exit::BAD_INPUT)));
-    let told = text(&refused.stderr);
-    assert!(told.contains("target list: ") && told.contains("next:"), "{told}");
+    let reported = text(&refused.stderr);
+    assert!(reported.contains("target list: ") && reported.contains("next:"), "{reported}");
     assert_eq!(part(&out), whole);
 }
 
@@ -254,8 +254,8 @@ fn a_sweep_is_continued_only_with_what_made_it() {
     ] {
         let refused = run(more);
         assert_eq!(refused.status.code(), Some(i32::from(host::exit::BAD_INPUT)), "{more:?}");
-        let told = text(&refused.stderr);
-        assert!(told.contains(differs) && told.contains("next:"), "{more:?}: {told}");
+        let reported = text(&refused.stderr);
+        assert!(reported.contains(differs) && reported.contains("next:"), "{more:?}: {reported}");
         assert!(files(&out) == first, "{more:?}");
     }
     assert!(run(&["--form", "paper"]).status.success(), "the same words go on");
@@ -277,8 +277,11 @@ fn a_sweep_tells_relaxed_throws_from_others_and_draws_its_reach() {
         ["row,x_m,y_m,z_m,outcome", "0,1,0.5,-1,thrown", "1,3,0.5,-1,relaxed", "2,5,0.5,-1,refused"]
     );
     let summary = cubectl(&["plan", "sweep", "--summary", &out_name, "--picture", &picture_name]);
-    let told = text(&summary.stdout);
-    assert!(told.contains("1 throws with all that was asked for, 1 without some of it, 1 refused"), "{told}");
+    let reported = text(&summary.stdout);
+    assert!(
+        reported.contains("1 throws with all that was asked for, 1 without some of it, 1 refused"),
+        "{reported}"
+    );
     let page = page_data::of(&std::fs::read_to_string(&picture).expect("reads"));
     let shown: Vec<_> = page_data::all(&page, "cells")[0].as_array().unwrap().iter().collect();
     // What is out of reach first, then from the dearest to the cheapest.

@@ -223,10 +223,10 @@ fn program_whose_cycles_begin_elsewhere_each_time_goes_on_by_its_own_ways() {
     // Until there is no way, which is said before the first motion.
     let far = cubectl(&["run", &written(&folder, by), "--home", "--repeat", "100"]);
     assert_eq!(code(&far), 3);
-    let told = err(&far);
+    let reported = err(&far);
     assert!(
-        told.contains("cycle 3") && told.contains("step 1: ") && told.contains("the arm stands"),
-        "{told}"
+        reported.contains("cycle 3") && reported.contains("step 1: ") && reported.contains("the arm stands"),
+        "{reported}"
     );
     assert!(out(&far).starts_with("0 of 100 cycles, 0 steps"), "{}", out(&far));
 }

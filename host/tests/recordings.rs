@@ -71,7 +71,7 @@ fn a_recorder_that_is_killed_loses_at_most_what_the_flush_interval_holds() {
 }
 
 #[test]
-fn a_log_with_a_torn_last_line_is_replayed_and_reported_up_to_it_and_the_tear_is_told() {
+fn a_log_with_a_torn_last_line_is_replayed_and_reported_up_to_it_and_the_tear_is_reported() {
     let folder = Folder::new("record-torn");
     let dir = folder.file("a");
     let thrown = cubectl(&["throw", "--target", "1,1,-1", "--yes", "--out", &dir]);

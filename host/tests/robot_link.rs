@@ -34,9 +34,9 @@ fn json(path: &Path) -> Value {
 }
 
 /// The millimetres of "…, 1.2 mm from it: bottle hit".
-fn off_mm(told: &str) -> f64 {
-    let before = told.split(" mm from it").next().expect("a landing");
-    before.rsplit(' ').next().and_then(|number| number.parse().ok()).unwrap_or_else(|| panic!("{told}"))
+fn off_mm(reported: &str) -> f64 {
+    let before = reported.split(" mm from it").next().expect("a landing");
+    before.rsplit(' ').next().and_then(|number| number.parse().ok()).unwrap_or_else(|| panic!("{reported}"))
 }
 
 #[test]
@@ -67,18 +67,18 @@ fn every_generation_and_transport_throws_at_a_tracked_target_and_the_bottle_is_h
         assert_eq!(out.status.code(), Some(0), "{name}: {}", text(&out.stderr));
         assert!(text(&out.stdout).contains("thrown, not observed"), "{name}: {}", text(&out.stdout));
         let sim = child.wait_with_output().expect("ends");
-        let told = text(&sim.stdout);
-        println!("{name}: {told}");
+        let reported = text(&sim.stdout);
+        println!("{name}: {reported}");
         assert!(
-            told.contains("bottle hit") && told.contains("program ended"),
-            "{name}: {told} {}",
+            reported.contains("bottle hit") && reported.contains("program ended"),
+            "{name}: {reported} {}",
             text(&sim.stderr)
         );
-        assert!(told.contains("0 late answers, 0 refused"), "{name}: {told}");
+        assert!(reported.contains("0 late answers, 0 refused"), "{name}: {reported}");
         // What the client concludes from the measured axes is what the ball did.
         let summary = json(&Path::new(&results).join("summary.json"));
         let predicted = summary["outcome_text"].as_str().expect("text").to_owned();
-        assert!(off_mm(&told) < 10.0, "{name}: {told}; {predicted}");
+        assert!(off_mm(&reported) < 10.0, "{name}: {reported}; {predicted}");
         // The recorded exchange gives the same answers again, and makes a report.
         let out = cubectl(&["log", "replay", &results]);
         assert!(
@@ -136,9 +136,9 @@ fn tracked_target_is_measured_calibrated_and_thrown_at_and_a_missing_body_is_ref
     let pid = child.id().to_string();
     assert!(Command::new("kill").args(["-INT", &pid]).status().expect("runs").success());
     let sim = child.wait_with_output().expect("ends");
-    let told = text(&sim.stdout);
-    println!("{told}");
-    assert!(told.contains("bottle hit"), "{told}");
+    let reported = text(&sim.stdout);
+    println!("{reported}");
+    assert!(reported.contains("bottle hit"), "{reported}");
     let summary = json(&Path::new(&out_folder).join("summary.json"));
     assert!(
         summary["target"]["moved_during_throw_m"].as_f64().expect("looked") < 1e-3,
@@ -150,12 +150,12 @@ fn tracked_target_is_measured_calibrated_and_thrown_at_and_a_missing_body_is_ref
 /// Waits until a program has written `words` to standard error, and returns what it wrote until then.
 fn wait_for_words(child: &mut Child, words: &str) -> (String, BufReader<ChildStderr>) {
     let mut lines = BufReader::new(child.stderr.take().expect("piped"));
-    let mut told = String::new();
-    while !told.contains(words) {
-        let read = lines.read_line(&mut told).expect("readable");
-        assert!(read > 0, "it ended before \"{words}\": {told}");
+    let mut reported = String::new();
+    while !reported.contains(words) {
+        let read = lines.read_line(&mut reported).expect("readable");
+        assert!(read > 0, "it ended before \"{words}\": {reported}");
     }
-    (told, lines)
+    (reported, lines)
 }
 
 #[test]
@@ -182,13 +182,13 @@ fn target_that_moved_while_the_robot_was_waited_for_is_not_thrown_at() {
     let _ = before.wait();
     // 20 mm to the side.
     let mut after = sees("2.5,0.02,0.6", &spec);
-    let mut told = String::new();
-    rest.read_to_string(&mut told).expect("readable");
+    let mut reported = String::new();
+    rest.read_to_string(&mut reported).expect("readable");
     let status = client.wait().expect("ends");
     assert!(Command::new("kill").args(["-INT", &after.id().to_string()]).status().expect("runs").success());
     let _ = after.wait();
-    assert_eq!(status.code(), Some(9), "{told}");
-    assert!(told.contains("moved by 20.0 mm") && told.contains("nothing was thrown"), "{told}");
+    assert_eq!(status.code(), Some(9), "{reported}");
+    assert!(reported.contains("moved by 20.0 mm") && reported.contains("nothing was thrown"), "{reported}");
     // The recorded exchange runs again with the same answers, so the throw is held there too.
     let again = cubectl(&["log", "replay", &results.to_string_lossy()]);
     assert!(

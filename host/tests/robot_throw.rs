@@ -118,7 +118,7 @@ fn industrial_robot_throws_and_its_recorded_motion_sends_the_ball_to_the_target(
     let summary = summary(&folder);
     assert_eq!((summary["outcome"].as_str(), summary["exit_code"].as_u64()), (Some("landed"), Some(0)));
     assert_eq!(summary["late_answers"].as_u64(), Some(0));
-    let told = summary["landing"]["error_m"].as_f64().expect("a landing");
+    let reported = summary["landing"]["error_m"].as_f64().expect("a landing");
     let release_s = {
         let plan: Value =
             serde_json::from_str(&std::fs::read_to_string(folder.join("plan.json")).expect("written"))
@@ -127,11 +127,11 @@ fn industrial_robot_throws_and_its_recorded_motion_sends_the_ball_to_the_target(
             + summary["release"]["late_s"].as_f64().expect("a time")
     };
     let own = (landing(&actual(&folder), release_s) - Vector3::from(TARGET)).xy().norm();
-    println!("told {:.2} mm, from the recorded motion {:.2} mm", 1e3 * told, 1e3 * own);
-    assert!(told < 0.02 && (own - told).abs() < 0.005, "{told} {own}");
+    println!("reported {:.2} mm, from the recorded motion {:.2} mm", 1e3 * reported, 1e3 * own);
+    assert!(reported < 0.02 && (own - reported).abs() < 0.005, "{reported} {own}");
     shows_the_figures(&folder);
 
-    // The same plan with a tolerance that no throw keeps is told as a miss.
+    // The same plan with a tolerance that no throw keeps is reported as a miss.
     let plan = folder.join("plan.json").to_string_lossy().into_owned();
     let again = self::folder("robot-throw-missed").to_string_lossy().into_owned();
     let words = ["throw", "--robot", "kr16_2", "--plan", &plan, "--out", &again, "--tolerance-m", "0.000001"];
@@ -146,11 +146,13 @@ fn industrial_robot_throws_and_its_recorded_motion_sends_the_ball_to_the_target(
     let words =
         ["throw", "--robot", "kr16_2", "--plan", &plan, "--out", &blocked_text, "--tolerance-m", "0.000001"];
     let out = cubectl(&words);
-    let told = text(&out.stderr);
-    assert_eq!(out.status.code(), Some(11), "{told}");
+    let reported = text(&out.stderr);
+    assert_eq!(out.status.code(), Some(11), "{reported}");
     assert!(
-        told.contains("missed") && told.contains("not all of them") && told.contains("motion.csv"),
-        "{told}"
+        reported.contains("missed")
+            && reported.contains("not all of them")
+            && reported.contains("motion.csv"),
+        "{reported}"
     );
     assert_eq!(self::summary(&blocked)["exit_code"].as_u64(), Some(11));
 
@@ -163,7 +165,7 @@ fn industrial_robot_throws_and_its_recorded_motion_sends_the_ball_to_the_target(
     let out = cubectl(&["log", "replay", &path]);
     assert!(text(&out.stdout).starts_with("identical: "), "{} {}", text(&out.stdout), text(&out.stderr));
 
-    // A robot that cuts out while it follows the flight is told as stopped.
+    // A robot that cuts out while it follows the flight is reported as stopped.
     let scenario = self::folder("robot-throw-scenario");
     std::fs::create_dir_all(&scenario).expect("writable");
     let krc = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/kr16_2");
@@ -183,10 +185,10 @@ fn industrial_robot_throws_and_its_recorded_motion_sends_the_ball_to_the_target(
 
     // The folder has what the controller saw: the robot fell silent, in which state, and each axis at that moment.
     let out = cubectl(&["explain", "--last", &stopped]);
-    let told = text(&out.stdout);
+    let reported = text(&out.stdout);
     assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
     for words in ["DriveSilent (101)", "in state running", "reaction:", "last events"] {
-        assert!(told.contains(words), "{words}: {told}");
+        assert!(reported.contains(words), "{words}: {reported}");
     }
     let out = cubectl(&["explain", "--last", &path]);
     assert!(text(&out.stdout).contains("no fault is latched"), "{}", text(&out.stdout));

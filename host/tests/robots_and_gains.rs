@@ -35,15 +35,15 @@ fn another_robot_gets_gains_that_are_designed_for_it_and_the_report_names_their_
     let thrown = cubectl(&["throw", "--robot", &my_arm, "--target", "0.9,0.9,-1", "--out", &dir]);
     assert_eq!(code(&thrown), 0, "{}{}", out(&thrown), err(&thrown));
     assert!(err(&thrown).contains("designed and certified for my_arm at 3 ms"), "{}", err(&thrown));
-    let told = summary(&folder, "a");
-    assert_eq!((&told["outcome"], &told["gains_from"]), (&"landed".into(), &"designed".into()));
+    let reported = summary(&folder, "a");
+    assert_eq!((&reported["outcome"], &reported["gains_from"]), (&"landed".into(), &"designed".into()));
     let gains = std::fs::read_to_string(folder.0.join("a/gains.toml")).unwrap();
     let robot = robot_model::RobotModel::load(&my_arm).unwrap();
     let mut held = operator::bus::settings::settings_of(&robot).unwrap();
     let robot_crc32 = held.limits_robot_crc32;
     GainsFile::from_toml(&gains, "my_arm").unwrap().enter(robot_crc32, &mut held);
     let own = format!("{:08x}", held.gains_certificate_crc32);
-    assert_eq!(told["hashes"]["certificate_crc32"], own);
+    assert_eq!(reported["hashes"]["certificate_crc32"], own);
     assert_ne!(own, foreign);
     let report = std::fs::read_to_string(folder.0.join("a/report.html")).unwrap();
     assert!(report.contains(&own) && !report.contains(&foreign));
@@ -139,7 +139,7 @@ fn a_second_controller_does_not_start_with_the_paper_settings_either() {
     assert!(err(&second).contains("another controller or host speaks to the modules"), "{}", err(&second));
 }
 
-/// Found with gains for a third of the delay of the loop: thrown, and told to be inside the certificate.
+/// Found with gains for a third of the delay of the loop: thrown, and reported to be inside the certificate.
 #[test]
 fn gains_for_another_delay_are_refused_before_anything_moves() {
     let folder = Folder::new("robots-delay");
@@ -166,23 +166,23 @@ fn gains_for_a_plan_are_designed_and_compared_with_others_in_its_throw() {
     std::fs::write(&b, own).unwrap();
     let compared = cubectl(&["tune", "--compare", &a, &b, "--log", &thrown, "--json"]);
     assert_eq!(code(&compared), 0, "{}{}", out(&compared), err(&compared));
-    let told: Value = serde_json::from_str(&out(&compared)).unwrap();
-    let rows = told["rows"].as_array().unwrap();
+    let reported: Value = serde_json::from_str(&out(&compared)).unwrap();
+    let rows = reported["rows"].as_array().unwrap();
     let of = |gains: &str, start: &str| {
         let row = rows.iter().find(|row| row["gains"] == gains && row["start"] == start);
-        row.unwrap_or_else(|| panic!("{gains} {start}: {told:#}"))
+        row.unwrap_or_else(|| panic!("{gains} {start}: {reported:#}"))
     };
     // The measured throw is found to be of the second file, and its error is that of the simulation of it.
     let (seen, expected) = (of(&b, "recorded"), of(&b, "on it"));
     let ratio = seen["late_max_mrad"].as_f64().unwrap() / expected["late_max_mrad"].as_f64().unwrap();
-    assert!((0.5..2.0).contains(&ratio), "{told:#}");
-    assert!(of(&a, "on it")["landing_mm"].as_f64().unwrap() < 20.0, "{told:#}");
+    assert!((0.5..2.0).contains(&ratio), "{reported:#}");
+    assert!(of(&a, "on it")["landing_mm"].as_f64().unwrap() < 20.0, "{reported:#}");
     // Gains for the plan use what it leaves: errors are halved no later.
     let halved = |gains: &str| -> Vec<f64> {
         let row = of(gains, "100 mrad beside")["halved_s"].as_array().unwrap();
         row.iter().map(|s| s.as_f64().unwrap()).collect()
     };
-    assert!(halved(&a).iter().zip(halved(&b)).all(|(a, b)| *a <= b), "{told:#}");
+    assert!(halved(&a).iter().zip(halved(&b)).all(|(a, b)| *a <= b), "{reported:#}");
     let table = out(&cubectl(&["tune", "--compare", &a, &b, "--log", &thrown]));
     for said in ["certificates verified", "late mrad  ", "largest position error of any joint after 0.35 s"] {
         assert!(table.contains(said), "{said}: {table}");
@@ -199,13 +199,13 @@ fn errors_that_cannot_be_certified_give_the_gains_for_the_nearest_that_can() {
     let asked = ["--error", "0.06", "--out", &gains, "--report", &page, "--apply", "--backup", &backup];
     let tuned = cubectl(&[&words[..], &asked].concat());
     assert_eq!(code(&tuned), 9, "{}{}", out(&tuned), err(&tuned));
-    let told = err(&tuned);
-    assert!(told.contains("saturation binds") && told.contains("next: "), "{told}");
+    let reported = err(&tuned);
+    assert!(reported.contains("saturation binds") && reported.contains("next: "), "{reported}");
     // What is named is what the file proves, and it is taken as named.
     let file = GainsFile::from_toml(&std::fs::read_to_string(&gains).unwrap(), "powercube6").unwrap();
     let nearest = file.joint[0].problem.error_position_rad;
-    assert!(nearest < 0.06 && told.contains(&format!("--error {nearest} ")), "{nearest}: {told}");
-    let advised: Vec<&str> = told.split("--error ").nth(1).unwrap().split([' ', ',']).take(2).collect();
+    assert!(nearest < 0.06 && reported.contains(&format!("--error {nearest} ")), "{nearest}: {reported}");
+    let advised: Vec<&str> = reported.split("--error ").nth(1).unwrap().split([' ', ',']).take(2).collect();
     let again = cubectl(&[&words[..], &["--error"], &advised].concat());
     assert_eq!(code(&again), 0, "{advised:?}: {}", err(&again));
     let page = std::fs::read_to_string(page).unwrap();

@@ -131,8 +131,11 @@ fn targets_plans_and_gains_that_do_not_fit() {
     std::fs::write(folder.file("longer.toml"), longer).unwrap();
     let output = throw(&folder, &["--plan", &plan, "--robot", &folder.file("longer.toml")]);
     assert_eq!(code(&output), 4);
-    let told = err(&output);
-    assert!(told.contains("is for robot \"powercube6\"") && told.contains("plan again"), "{told}");
+    let reported = err(&output);
+    assert!(
+        reported.contains("is for robot \"powercube6\"") && reported.contains("plan again"),
+        "{reported}"
+    );
     std::fs::write(folder.file("gains.toml"), "format = 99").unwrap();
     let output = throw(&folder, &["--gains", &folder.file("gains.toml")]);
     assert_eq!(code(&output), 4);
@@ -280,16 +283,16 @@ fn a_host_that_is_killed_in_mid_throw_leaves_a_standing_arm_and_a_fault_with_tha
 }
 
 #[test]
-fn a_host_that_is_told_to_end_in_mid_throw_stops_the_arm_before_it_ends() {
+fn a_host_that_is_reported_to_end_in_mid_throw_stops_the_arm_before_it_ends() {
     for name in ["INT", "TERM", "HUP"] {
         let folder = Folder::new(&format!("fail-{name}"));
         let mut lab = Lab::new();
-        let mut told = lab.throwing(&folder);
-        signal(&told, name);
+        let mut reported = lab.throwing(&folder);
+        signal(&reported, name);
         // A throw that goes on ends with another exit code.
         let status = loop {
             lab.watch.pass(Duration::from_millis(20)).unwrap();
-            if let Some(status) = told.try_wait().unwrap() {
+            if let Some(status) = reported.try_wait().unwrap() {
                 break status;
             }
         };
@@ -302,11 +305,12 @@ fn a_host_that_is_told_to_end_in_mid_throw_stops_the_arm_before_it_ends() {
 fn a_signal_half_a_second_after_the_first_ends_a_host_that_waits_for_its_arm() {
     let folder = Folder::new("fail-insists");
     let mut lab = Lab::new();
-    let mut told = lab.throwing(&folder);
+    let mut reported = lab.throwing(&folder);
     // Simulated time does not advance in this loop, so the host never sees the arm stop. Only a later signal ends the host.
     let status = loop {
-        let _ = Command::new("kill").args(["-INT", &told.id().to_string()]).stderr(Stdio::null()).status();
-        if let Some(status) = told.try_wait().unwrap() {
+        let _ =
+            Command::new("kill").args(["-INT", &reported.id().to_string()]).stderr(Stdio::null()).status();
+        if let Some(status) = reported.try_wait().unwrap() {
             break status;
         }
         std::thread::sleep(std::time::Duration::from_millis(20));

@@ -29,5 +29,5 @@ pub fn table(heading: &str) -> Vec<Vec<String>> {
 /// True if a figure of the page says what was found: within a twentieth of `whole`, and within `step` in any case.
 #[must_use]
 pub fn agrees(cell: &str, found: f64, whole: f64, step: f64) -> bool {
-    cell.parse::<f64>().is_ok_and(|told| (told - found).abs() <= step.max(0.05 * whole))
+    cell.parse::<f64>().is_ok_and(|reported| (reported - found).abs() <= step.max(0.05 * whole))
 }

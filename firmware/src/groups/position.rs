@@ -76,7 +76,7 @@ pub trait Family: fmt::Debug + Default {
         None
     }
 
-    /// Largest speed of a joint that its drive can be told; `None`: the joint has no drive.
+    /// Largest speed of a joint that its drive can be ordered; `None`: the joint has no drive.
     fn v_max_rad_s(options: &Self::Options, joint: JointIndex) -> Option<f32>;
 
     /// The frame as it goes onto the bus.

@@ -104,10 +104,10 @@ mod tests {
             }
         }
         let (sender, ended) = std::sync::mpsc::channel();
-        let told = Told(sender);
+        let reported = Told(sender);
         drop(TypedInput::new(move || {
             std::iter::repeat_with(move || {
-                let _ = &told;
+                let _ = &reported;
             })
         }));
         assert_eq!(ended.recv(), Ok(()));

@@ -120,7 +120,7 @@ fn run_all(
 
 #[test]
 #[ignore = "6 s: run by the stage long of CI"]
-fn every_fault_ends_caught_declined_or_told_and_none_silently() {
+fn every_fault_ends_caught_declined_or_reported_and_none_silently() {
     let cell = TwoArmOptions::two_arms().unwrap();
     let throws = throws(&Pair::new(cell.clone()).unwrap(), 10);
     for (name, cell, options) in degradations(&cell) {

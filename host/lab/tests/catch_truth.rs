@@ -30,7 +30,7 @@ fn cup(pair: &Pair, options: &TrialOptions) -> (Vector3<f64>, Vector3<f64>) {
 
 /// No catch is possible in the time left; the ball falls into the cup that waits.
 #[test]
-fn a_ball_that_falls_into_the_waiting_cup_after_a_decline_is_told_as_caught() {
+fn a_ball_that_falls_into_the_waiting_cup_after_a_decline_is_reported_as_caught() {
     let mut cell = TwoArmOptions::two_arms().unwrap();
     cell.ball.drag_1_m = 0.0;
     let pair = Pair::new(cell).unwrap();
@@ -48,7 +48,7 @@ fn a_ball_that_falls_into_the_waiting_cup_after_a_decline_is_told_as_caught() {
 
 /// A ball in a smooth cup rolls for longer than a trial lasts after its last motion: seen in 4 of 2 000 throws of a study, reported as missed.
 #[test]
-fn a_ball_that_rolls_in_the_cup_for_long_is_watched_until_it_rests_and_never_told_as_missed() {
+fn a_ball_that_rolls_in_the_cup_for_long_is_watched_until_it_rests_and_never_reported_as_missed() {
     let mut rested_late = 0;
     for (rolling, seed) in [(0.0, 1), (0.004, 2), (0.01, 3), (0.02, 4), (0.05, 5)] {
         let mut cell = TwoArmOptions::two_arms().unwrap();
@@ -77,7 +77,7 @@ fn a_ball_that_rolls_in_the_cup_for_long_is_watched_until_it_rests_and_never_tol
 /// A cup that looks 6 degrees down holds a ball for half a second; the trial ends at several times after that. Seen in 2 of 10 000 throws
 /// of a study, reported as caught.
 #[test]
-fn a_ball_that_has_just_fallen_out_of_the_cup_is_not_told_as_caught() {
+fn a_ball_that_has_just_fallen_out_of_the_cup_is_not_reported_as_caught() {
     let mut cell = TwoArmOptions::two_arms().unwrap();
     cell.ball.drag_1_m = 0.0;
     let pair = Pair::new(cell).unwrap();
@@ -130,7 +130,7 @@ fn a_hand_that_moves_with_the_ball_does_not_hit_it_with_the_outside_of_its_cup()
 /// Begun on a vague forecast, these catches cannot be corrected when the ball is seen better: the hand would stand 70 to 130 mm beside
 /// the flight.
 #[test]
-fn a_catch_that_has_become_hopeless_is_given_up_and_told() {
+fn a_catch_that_has_become_hopeless_is_given_up_and_reported() {
     let pair = pair();
     let [thrower, catcher] = &pair.cell.arms;
     let flight = FlightModel::vacuum(9.81).unwrap().with_drag(pair.cell.ball.drag_1_m).unwrap();

@@ -42,7 +42,7 @@ fn throws_with_a_place_are_caught_by_eyes_and_by_plan_and_with_jerk_limits() {
 
 /// Tracker, throw or a drive fail at any moment: whatever happens is reported, and no limit is passed.
 #[test]
-fn whatever_fails_is_caught_declined_or_told() {
+fn whatever_fails_is_caught_declined_or_reported() {
     let pair = pair();
     let throws = throws(&pair, 4);
     for (k, aimed) in throws.iter().enumerate() {

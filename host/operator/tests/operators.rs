@@ -73,8 +73,8 @@ fn the_same_job_lands_the_ball_by_either_operator_and_its_samples_give_the_same_
     for thrown in [&bus, &local] {
         assert!(thrown.record.ended.is_none(), "{:?}", thrown.record.ended);
         assert_eq!(thrown.record.verdict.outcome, Outcome::Landed, "{}", thrown.record.verdict.text);
-        let told_m = thrown.record.landing.unwrap().error_m;
-        assert!((told_m - miss_m(&thrown.ball, &plan)).abs() < 1e-12);
+        let reported_m = thrown.record.landing.unwrap().error_m;
+        assert!((reported_m - miss_m(&thrown.ball, &plan)).abs() < 1e-12);
     }
     assert_eq!((bus.record.node.map(NodeId::get), local.record.node), (Some(10), None));
 

@@ -171,22 +171,22 @@ fn holds_after_its_new_start(seen: &Seen, place: &str) {
 }
 
 #[test]
-fn every_fault_in_every_phase_of_a_kr_c2_over_udp_is_told_with_its_cause_and_resumes_nothing() {
+fn every_fault_in_every_phase_of_a_kr_c2_over_udp_is_reported_with_its_cause_and_resumes_nothing() {
     every_fault_in_every_phase("KR C2, UDP", "kr-c2");
 }
 
 #[test]
-fn every_fault_in_every_phase_of_a_kr_c2_over_tcp_is_told_with_its_cause_and_resumes_nothing() {
+fn every_fault_in_every_phase_of_a_kr_c2_over_tcp_is_reported_with_its_cause_and_resumes_nothing() {
     every_fault_in_every_phase("KR C2, TCP", "kr-c2-tcp");
 }
 
 #[test]
-fn every_fault_in_every_phase_of_a_kr_c4_over_udp_is_told_with_its_cause_and_resumes_nothing() {
+fn every_fault_in_every_phase_of_a_kr_c4_over_udp_is_reported_with_its_cause_and_resumes_nothing() {
     every_fault_in_every_phase("KR C4, UDP", "kr-c4-12ms");
 }
 
 fn every_fault_in_every_phase(name: &'static str, source: &'static str) {
-    let (mut wrong, mut told) = (Vec::new(), BTreeMap::<String, usize>::new());
+    let (mut wrong, mut reported) = (Vec::new(), BTreeMap::<String, usize>::new());
     let cell = Cell::new(name, source);
     let phases = cell.phases();
     println!("{name}: {}", phases.map(|(phase, _)| phase).join(", "));
@@ -241,7 +241,7 @@ fn every_fault_in_every_phase(name: &'static str, source: &'static str) {
                         "NO END".to_owned()
                     }
                 };
-                *told.entry(word.clone()).or_default() += 1;
+                *reported.entry(word.clone()).or_default() += 1;
                 cell_words.push(word);
                 if matches!(kind, Kind::Restart) && phase != "waiting" {
                     holds_after_its_new_start(&seen, &place);
@@ -252,13 +252,13 @@ fn every_fault_in_every_phase(name: &'static str, source: &'static str) {
         }
         println!("{kind_name:<28} {}", row.join(", "));
     }
-    println!("{told:?}");
+    println!("{reported:?}");
     assert!(wrong.is_empty(), "{wrong:#?}");
     // Both outcomes occur, so the faults act.
     let count = |what: &str| -> usize {
-        told.iter().filter(|(word, _)| word.starts_with(what)).map(|(_, count)| count).sum()
+        reported.iter().filter(|(word, _)| word.starts_with(what)).map(|(_, count)| count).sum()
     };
-    assert!(count("landed") >= 20 && count("stopped") >= 20, "{name}: {told:?}");
+    assert!(count("landed") >= 20 && count("stopped") >= 20, "{name}: {reported:?}");
 }
 
 /// A robot that accepts any step of its set points and any number of late answers: only the client can end a path.
@@ -323,7 +323,7 @@ fn client_that_begins_again_in_a_run_moves_no_set_point() {
 }
 
 #[test]
-fn one_late_answer_at_any_speed_is_caught_up_or_told_and_the_axes_end_on_the_path() {
+fn one_late_answer_at_any_speed_is_caught_up_or_reported_and_the_axes_end_on_the_path() {
     let (_, nominal) = thrown(&scenario(1));
     let Stage::Finished { started_at } = *nominal.stage() else { panic!("{:?}", nominal.stage()) };
     let last = plan().steps.last().expect("steps").q_rad;

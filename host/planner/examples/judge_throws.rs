@@ -47,14 +47,14 @@ fn judge_all(arm: &RobotModel, theirs: &[Row], known: &[Row]) -> Result<(), Box<
     let (mut invalid, mut missing, mut relaxed, mut stricter) = (0, 0, 0, 0);
     let mut gaps: Vec<f64> = Vec::new();
     for (index, (row, best)) in theirs.iter().zip(known).enumerate() {
-        let Some((level, told)) = row.known else {
+        let Some((level, reported)) = row.known else {
             missing += usize::from(best.known.is_some());
             continue;
         };
         let price = match judge(arm, row, level) {
-            Ok(price) if (price / told - 1.0).abs() <= TOLD_SHARE => price,
+            Ok(price) if (price / reported - 1.0).abs() <= TOLD_SHARE => price,
             Ok(price) => {
-                println!("row {index}: its price is {price}, not {told}");
+                println!("row {index}: its price is {price}, not {reported}");
                 invalid += 1;
                 continue;
             }

@@ -50,12 +50,12 @@ fn finds_what_long_searches_find(arm: &RobotModel, file: &str) {
     for (target, level, objective) in known.into_iter().take(ROWS) {
         let (found_level, found) = search(arm, &Index::default(), target, 1)
             .unwrap_or_else(|| panic!("{}: {target} refused", arm.name()));
-        let told = format!(
+        let reported = format!(
             "{} to {target}: {found} in level {found_level}, known {objective} in level {level}",
             arm.name()
         );
-        assert!(found_level <= level, "{told}");
-        assert!(found_level < level || found <= objective * GAP, "{told}");
+        assert!(found_level <= level, "{reported}");
+        assert!(found_level < level || found <= objective * GAP, "{reported}");
     }
 }
 
@@ -151,9 +151,13 @@ fn rows_are_valid(arm: &RobotModel, file: &str) {
     assert_eq!(rows.len(), 1000, "{}", arm.name());
     let mut judged = 0;
     for (index, row) in rows.iter().enumerate().step_by(JUDGED) {
-        let Some((level, told)) = row.known else { continue };
+        let Some((level, reported)) = row.known else { continue };
         let price = judge(arm, row, level).unwrap_or_else(|why| panic!("{} row {index}: {why}", arm.name()));
-        assert!((price / told - 1.0).abs() < ROUNDED, "{} row {index}: {price}, told {told}", arm.name());
+        assert!(
+            (price / reported - 1.0).abs() < ROUNDED,
+            "{} row {index}: {price}, reported {reported}",
+            arm.name()
+        );
         judged += 1;
     }
     assert!(judged >= 5, "{}: {judged} rows with a throw", arm.name());
@@ -197,14 +201,18 @@ fn throws_past_the_foot_and_the_floor_are_found_again_from_themselves() {
     let (_, plain) = levels(&Options::best(), Kept::default()).pop().expect("three levels");
     let (mut tried, mut found) = (0, 0);
     for row in &rows {
-        let Some((2, told)) = row.known else { continue };
+        let Some((2, reported)) = row.known else { continue };
         let problem = Problem::new(&arm, row.target, plain.clone()).expect("valid");
         tried += 1;
         if let Some(again) =
             Planner::new(&problem).persistent().from_throw(&row.throw(arm.n()).expect("a throw"))
         {
             // It may lead to a cheaper one.
-            assert!((0.8..1.2).contains(&(again.objective / told)), "{}, told {told}", again.objective);
+            assert!(
+                (0.8..1.2).contains(&(again.objective / reported)),
+                "{}, reported {reported}",
+                again.objective
+            );
             found += 1;
         }
     }
@@ -221,11 +229,15 @@ fn throws_beside_the_arm_are_found_again_from_themselves_and_from_nothing() {
     let arm = RobotModel::load("powercube6").expect("built in");
     let rows = Row::read_all(include_str!("../benches/best_known/powercube6-1000.csv")).expect("rows");
     for row in BESIDE_THE_ARM.map(|index| &rows[index]) {
-        let (level, told) = row.known.expect("a throw");
+        let (level, reported) = row.known.expect("a throw");
         assert_eq!(level, 0);
         let problem = Problem::new(&arm, row.target, Options::best()).expect("valid");
         let again = Planner::new(&problem).from_throw(&row.throw(arm.n()).expect("a throw"));
-        assert!(again.is_some_and(|found| found.objective < 1.005 * told), "{:?}, told {told}", row.target);
+        assert!(
+            again.is_some_and(|found| found.objective < 1.005 * reported),
+            "{:?}, reported {reported}",
+            row.target
+        );
     }
     // As no start found it before.
     let row = &rows[BESIDE_THE_ARM[1]];
@@ -245,12 +257,12 @@ fn targets_at_the_edge_of_the_reach_are_not_refused() {
     let table = built_in(&arm);
     let rows = Row::read_all(include_str!("../benches/best_known/kr16_2-1000.csv")).expect("rows");
     for (index, seed) in REFUSED_ONCE.into_iter().flat_map(|index| [(index, 1), (index, 2)]) {
-        let (level, told) = rows[index].known.expect("a throw");
+        let (level, reported) = rows[index].known.expect("a throw");
         let (found_level, found) = search(&arm, &table, rows[index].target, seed)
             .unwrap_or_else(|| panic!("row {index} is refused with seed {seed}"));
         assert!(
-            found_level <= level && found <= told * GAP,
-            "row {index}, seed {seed}: {found}, told {told}"
+            found_level <= level && found <= reported * GAP,
+            "row {index}, seed {seed}: {found}, reported {reported}"
         );
     }
 }

@@ -134,7 +134,7 @@ fn a_catch_at_the_edge_of_the_reach_is_reported_as_less_likely() {
         .into_iter()
         .find(|(p, v)| found(&arm, &settings, 0.0, &forecast(*p, *v)).is_ok())
         .unwrap();
-    let told = |out_m: f64| {
+    let reported = |out_m: f64| {
         let away = {
             let d = p - arm.shoulder_m();
             Vector3::new(d.x, d.y, 0.0).normalize()
@@ -147,7 +147,7 @@ fn a_catch_at_the_edge_of_the_reach_is_reported_as_less_likely() {
         let start = Start { at_s: 0.0, state: &state, under_way: None };
         search(&arm, &settings, &start, &vague).0.map_or(0.0, |choice| choice.probability)
     };
-    let all: Vec<f64> = (-40..=40).map(|k| told(0.03 * f64::from(k))).collect();
+    let all: Vec<f64> = (-40..=40).map(|k| reported(0.03 * f64::from(k))).collect();
     assert!(all.iter().any(|p| *p > 0.99), "{all:?}");
     let between = all.iter().filter(|p| (0.1..0.95).contains(*p)).count();
     assert!(between >= 1, "{all:?}");

@@ -224,6 +224,6 @@ fn links_of_a_large_arm_that_come_near_between_two_instants_are_seen() {
     let refused = refused(&arm, &plan);
     assert!(refused.iter().any(|r| r.contains("2.7 mm of 5.0 mm")), "{refused:?}");
     // The planner checks instants between those of the verifier.
-    let told_mm = 1e3 * plan.margins.clearance_m.expect("bodies that can meet");
-    assert!((2.4..2.8).contains(&told_mm), "{told_mm} mm");
+    let reported_mm = 1e3 * plan.margins.clearance_m.expect("bodies that can meet");
+    assert!((2.4..2.8).contains(&reported_mm), "{reported_mm} mm");
 }

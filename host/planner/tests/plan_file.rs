@@ -270,8 +270,8 @@ fn the_second_opinion_objects_to_a_tampered_plan() {
     for knot in &mut file.motion.knots {
         knot.q_rad[0] += 0.01;
     }
-    let told = "stated release and landing are those of the motion";
-    assert_eq!(failing(&file), ["landing on the target", told]);
+    let reported = "stated release and landing are those of the motion";
+    assert_eq!(failing(&file), ["landing on the target", reported]);
     // The end alone: the acceleration jumps at the release.
     let mut file = good.clone();
     file.motion.knots[2].q_rad[2] += 0.01;

@@ -60,7 +60,7 @@ fn a_search_of_a_billion_starts_stops_when_it_is_ordered_to() {
     let problem = Problem::new(&arm, Vector3::new(1.5, 1.0, -1.0), Options::best()).expect("valid");
     let watch = Watch::default();
     let budget = Budget { starts: usize::MAX, all: true, ..Budget::default() };
-    let (best, done_when_told) = std::thread::scope(|scope| {
+    let (best, done_when_reported) = std::thread::scope(|scope| {
         let teller = scope.spawn(|| {
             // The stop depends on the number of starts, not on the clock.
             while watch.done.load(Ordering::SeqCst) < 40 {
@@ -76,8 +76,8 @@ fn a_search_of_a_billion_starts_stops_when_it_is_ordered_to() {
     // What is under way ends, nothing new begins: one batch of 8 at most, however late the other thread is. The first pass
     // over the stored throws is one start more.
     assert!(
-        best.starts >= 40 && best.starts <= done_when_told + 9,
-        "{}, told after {done_when_told}",
+        best.starts >= 40 && best.starts <= done_when_reported + 9,
+        "{}, reported after {done_when_reported}",
         best.starts
     );
     assert!(best.others.len() <= best.starts);
@@ -115,7 +115,7 @@ fn what_is_no_obstacle_is_refused_by_name_and_numbers_stay_short() {
     let options = Options { obstacles: vec![obstacle([1.0, 0.5, 0.0], half)], ..Options::best() };
     let refused = state(options).expect_err("endless").to_string();
     assert!(refused.contains("half edge") && refused.contains("= inf"), "{refused}");
-    for (options, told) in [
+    for (options, reported) in [
         (
             Options { drag_per_m: 100.0, ..Options::best() },
             "drag of the ball in 1/m = 100 is outside 0 to 10",
@@ -127,7 +127,7 @@ fn what_is_no_obstacle_is_refused_by_name_and_numbers_stay_short() {
         ),
     ] {
         let refused = state(options).expect_err("no ball").to_string();
-        assert!(refused.contains(told) && refused.len() < 120, "{refused}");
+        assert!(refused.contains(reported) && refused.len() < 120, "{refused}");
     }
     let far = Problem::new(&arm, Vector3::new(1e300, 0.0, 0.0), Options::best()).map(|_| ());
     let refused = far.expect_err("no place").to_string();

@@ -33,9 +33,9 @@ def main(scheduler: str, out: str, shards: int, keywords: dict[str, Any]) -> Non
         for done, task in enumerate(as_completed(tasks), start=1):
             task.result()
             print(f"{done} of {shards} shards", flush=True)
-    told = cubecell.sweep_summary(out)
-    assert not told["missing_shards"], told
-    print(f"{told['thrown']} throws, {told['relaxed']} relaxed, {told['refused']} refused; CRC-32 {told['crc32']}")
+    reported = cubecell.sweep_summary(out)
+    assert not reported["missing_shards"], reported
+    print(f"{reported['thrown']} throws, {reported['relaxed']} relaxed, {reported['refused']} refused; CRC-32 {reported['crc32']}")
 
 
 if __name__ == "__main__":

@@ -29,11 +29,11 @@ pub(crate) fn interruptible<T: Send + 'static>(
 ) -> PyResult<T> {
     let stop = Arc::new(AtomicBool::new(false));
     let (done, mut answer) = sync_channel(1);
-    let told = Arc::clone(&stop);
+    let reported = Arc::clone(&stop);
     let thread = thread::Builder::new().name("cubecell".to_owned()).stack_size(STACK_BYTES);
     let thread = thread.spawn(move || {
         // If nobody waits any more, nobody wants the result.
-        let _ = done.send(work(&told));
+        let _ = done.send(work(&reported));
     });
     let thread = thread.map_err(|error| PyOSError::new_err(error.to_string()))?;
     loop {

@@ -134,8 +134,9 @@ impl Columns {
                 }
             }
             Fact::Joints { joints, .. } => {
-                for (joint, told) in joints {
-                    let [q, qd, error] = [told.q_rad, told.qd_rad_s, told.error_q_rad].map(f64::from);
+                for (joint, reported) in joints {
+                    let [q, qd, error] =
+                        [reported.q_rad, reported.qd_rad_s, reported.error_q_rad].map(f64::from);
                     self.put(Table::Joints, [t_s, f64::from(joint), q, qd, error]);
                 }
             }

@@ -71,7 +71,7 @@ fn throw(request: &Request, stop: &Arc<AtomicBool>) -> Result<String, ExpectedEr
     let record = perform(&mut operator, &order, &mut |_| Answer::Yes);
     // The simulated cell is the witness.
     let seen = BallSeen::of(operator.cell()).landing;
-    let told = json!({
+    let reported = json!({
         "outcome": record.verdict.outcome.json_name(),
         "text": record.verdict.text,
         "tolerance_m": order.judge.tolerance_m(),
@@ -81,7 +81,7 @@ fn throw(request: &Request, stop: &Arc<AtomicBool>) -> Result<String, ExpectedEr
         "miss_m": record.landing.map(|landing| landing.error_m),
         "analysis": record.analysis,
     });
-    Ok(told.to_string())
+    Ok(reported.to_string())
 }
 
 /// A throw that follows the flight, with the simulated robot controller inside this program, from a request of

@@ -26,18 +26,18 @@ def test_a_hundred_plans_are_those_of_the_program_byte_for_byte() -> None:
         form = "best" if number % 2 == 0 else "paper"
         words = ["plan", "throw", "--json", "--robot", "powercube6", "--form", form, "--seed", str(number)]
         words += ["--target=" + ",".join(map(repr, target_m)), "--starts", "2"]
-        told = cubectl(*words)
+        reported = cubectl(*words)
         try:
             mine = cubecell.plan("powercube6", target_m, form="best" if form == "best" else "paper", seed=number, starts=2)
         except cubecell.CubecellError as error:
-            refusal = json.loads(told.stdout)
-            same = told.returncode == error.exit_code == refusal["code"] and str(error) in told.stderr
+            refusal = json.loads(reported.stdout)
+            same = reported.returncode == error.exit_code == refusal["code"] and str(error) in reported.stderr
         else:
             planned += 1
-            same = told.returncode == 0 and told.stdout == mine.json + "\n"
-            same = same and (mine.note or "") in told.stderr
+            same = reported.returncode == 0 and reported.stdout == mine.json + "\n"
+            same = same and (mine.note or "") in reported.stderr
         if not same:
-            differ.append((number, target_m, told.returncode))
+            differ.append((number, target_m, reported.returncode))
     print(f"{planned} of 100 targets were planned, {100 - planned} refused")
     assert not differ
     # Both ways to end are compared.
@@ -51,12 +51,12 @@ def test_refusals_are_those_of_the_program() -> None:
         (["--lag-ms", "5"], {"lag_ms": 5}),
     ]
     for words, options in cases:
-        told = cubectl("plan", "throw", "--target=1,1,-1", *words)
+        reported = cubectl("plan", "throw", "--target=1,1,-1", *words)
         with pytest.raises(cubecell.CubecellError) as refused:
             cubecell.plan("powercube6", [1.0, 1.0, -1.0], **options)
-        assert refused.value.exit_code == told.returncode != 0
+        assert refused.value.exit_code == reported.returncode != 0
         first = str(refused.value).splitlines()[0].removeprefix("error: ")
-        assert first in told.stderr, (first, told.stderr)
+        assert first in reported.stderr, (first, reported.stderr)
 
 
 def test_a_wrong_field_is_refused_by_its_name() -> None:
@@ -82,10 +82,10 @@ def test_plans_are_read_by_the_program(tmp_path: Path) -> None:
     plan = cubecell.plan("powercube6", [1.0, 1.0, -1.0], fast=True)
     plan.write(tmp_path / "plan.json")
     assert cubecell.Plan.read(tmp_path / "plan.json").json == plan.json
-    told = cubectl("plan", "check", "--json", str(tmp_path / "plan.json"))
+    reported = cubectl("plan", "check", "--json", str(tmp_path / "plan.json"))
     report = cubecell.check(plan)
-    assert told.returncode == 0 and report.ok
-    assert all(f'"what": "{finding.what}"' in told.stdout for finding in report.findings)
+    assert reported.returncode == 0 and report.ok
+    assert all(f'"what": "{finding.what}"' in reported.stdout for finding in report.findings)
 
 
 def test_gains_are_those_of_the_program(tmp_path: Path) -> None:
@@ -96,10 +96,10 @@ def test_gains_are_those_of_the_program(tmp_path: Path) -> None:
         gains = cubecell.tune("powercube6", period_ms=period_ms, design="paper" if design == "paper" else "saturated")
         assert gains.toml == out.read_text()
         assert gains.data["period_s"] == period_ms / 1e3 and len(gains.data["joint"]) == 6
-    told = cubectl("tune", "--period-ms=-1.0", "--no-trial")
+    reported = cubectl("tune", "--period-ms=-1.0", "--no-trial")
     with pytest.raises(cubecell.CubecellError) as refused:
         cubecell.tune("powercube6", period_ms=-1.0)
-    assert refused.value.exit_code == told.returncode != 0 and str(refused.value) in told.stderr
+    assert refused.value.exit_code == reported.returncode != 0 and str(refused.value) in reported.stderr
 
 
 def test_a_log_as_tables_is_the_text_read_by_hand(tmp_path: Path) -> None:

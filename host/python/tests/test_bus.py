@@ -38,11 +38,11 @@ def served(*words: str) -> Iterator[str]:
 
 def test_who_is_there_and_how_is_what_the_program_tells() -> None:
     bus = cubecell.Bus(seed=7)
-    told = json.loads(cubectl("status", "--seed", "7", "--json").stdout)
+    reported = json.loads(cubectl("status", "--seed", "7", "--json").stdout)
     for mine in (bus.scan(), bus.status()):
-        assert mine.details == told["modules"] and mine.bus == told["bus"] and mine.asked and mine.missing == []
+        assert mine.details == reported["modules"] and mine.bus == reported["bus"] and mine.asked and mine.missing == []
         assert mine.module.tolist() == [1, 2, 3, 4, 5, 6] and not mine.homed.any()
-        assert mine.position_rad.tolist() == [module["position_rad"] for module in told["modules"]]
+        assert mine.position_rad.tolist() == [module["position_rad"] for module in reported["modules"]]
     assert bus.scan([2, 5]).module.tolist() == [2, 5]
 
 
@@ -51,21 +51,21 @@ def test_silence_is_an_error_with_the_next_step_of_the_program(tmp_path: Path) -
     scenario.write_text(SILENT)
     bus = cubecell.Bus(scenario=scenario)
     assert bus.scan().missing == [4] and bus.scan().module.tolist() == [1, 2, 3, 5, 6]
-    told = cubectl("status", "--scenario", str(scenario))
+    reported = cubectl("status", "--scenario", str(scenario))
     with pytest.raises(cubecell.CubecellError) as refused:
         bus.status()
-    assert refused.value.exit_code == told.returncode == 8
-    assert str(refused.value) in told.stderr and "module 4 does not answer" in told.stderr and "next: " in told.stderr
+    assert refused.value.exit_code == reported.returncode == 8
+    assert str(refused.value) in reported.stderr and "module 4 does not answer" in reported.stderr and "next: " in reported.stderr
     assert bus.status([1, 2]).module.tolist() == [1, 2]
     with pytest.raises(cubecell.CubecellError, match="no module answers") as refused:
         bus.scan([20, 21])
     assert refused.value.exit_code == 8
     for spec, code in (("socketcand://127.0.0.1:1/can0", 7), ("nosuchcan7", 7)):
-        told = cubectl("status", "--bus", spec)
+        reported = cubectl("status", "--bus", spec)
         with pytest.raises(cubecell.CubecellError) as refused:
             cubecell.Bus(spec).scan()
-        assert refused.value.exit_code == told.returncode != 0, told.stderr
-        assert str(refused.value) in told.stderr
+        assert refused.value.exit_code == reported.returncode != 0, reported.stderr
+        assert str(refused.value) in reported.stderr
     with pytest.raises(cubecell.CubecellError) as refused:
         cubecell.Bus(robot="no_such_robot").record(0.1)
     assert refused.value.exit_code == 4
@@ -89,8 +89,8 @@ def test_a_bus_over_a_socket_is_read_and_left_as_it_was() -> None:
         bus = cubecell.Bus(spec, robot="powercube6")
         found = bus.scan()
         assert found.asked and found.module.tolist() == [1, 2, 3, 4, 5, 6] and found.missing == []
-        told = json.loads(cubectl("status", "--bus", spec, "--json").stdout)
-        assert bus.status().state.tolist() == [module["state"] for module in told["modules"]]
+        reported = json.loads(cubectl("status", "--bus", spec, "--json").stdout)
+        assert bus.status().state.tolist() == [module["state"] for module in reported["modules"]]
         # Two hosts at once: what one asks, the other records.
         asking = threading.Thread(target=lambda: cubectl("status", "--bus", spec))
         asking.start()

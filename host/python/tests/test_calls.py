@@ -46,11 +46,11 @@ def test_ctrl_c_ends_a_long_call(name: str) -> None:
         sent = time.monotonic()
         os.kill(process.pid, signal.SIGINT)
         try:
-            told, errors = process.communicate(timeout=60)
+            reported, errors = process.communicate(timeout=60)
         finally:
             process.kill()
     assert process.returncode == 0, errors
-    print(f"{name}: {1e3 * (float(told) - sent):.0f} ms after the signal")
+    print(f"{name}: {1e3 * (float(reported) - sent):.0f} ms after the signal")
 
 
 def test_the_handler_of_a_program_is_asked_and_stays() -> None:

@@ -22,13 +22,13 @@ def ball_words(ball: list[float], *words: str) -> list[str]:
     return ["catch", "--ball=" + ",".join(map(repr, ball)), *words, "--json"]
 
 
-def same(mine: Any, told: Any) -> bool:
+def same(mine: Any, data: Any) -> bool:
     """Equal, where an array is a list and `nan` is null."""
     if isinstance(mine, np.ndarray):
         mine = mine.tolist()
-    if isinstance(told, list):
-        return len(mine) == len(told) and all(map(same, mine, told))
-    return mine == told or (told is None and isinstance(mine, float) and math.isnan(mine))
+    if isinstance(data, list):
+        return len(mine) == len(data) and all(map(same, mine, data))
+    return mine == data or (data is None and isinstance(mine, float) and math.isnan(mine))
 
 
 @pytest.mark.parametrize("options", [{}, {"hand": "hold", "seed": 7}, {"jerk": True}, {"fault": ["tracker-dead:0.1"]}])
@@ -36,10 +36,10 @@ def test_a_trial_is_that_of_the_program(options: dict[str, Any]) -> None:
     words = ["--jerk"] if options.get("jerk") else []
     words += [f"--fault={fault}" for fault in options.get("fault", [])]
     words += [f"--{name}={options[name]}" for name in ("hand", "seed") if name in options]
-    told = cubectl(*ball_words(BALL, *words))
+    data = cubectl(*ball_words(BALL, *words))
     mine = cubecell.catch_ball(BALL[:3], BALL[3:], **options)
-    assert mine.exit_code == told.returncode
-    theirs = json.loads(told.stdout)
+    assert mine.exit_code == data.returncode
+    theirs = json.loads(data.stdout)
     assert (mine.reported, mine.caught) == (theirs["reported"], theirs["caught"])
     assert (mine.crossing is None) == (theirs["crossing"] is None) and (mine.choice is None) == (theirs["choice"] is None)
     for name, value in (theirs["crossing"] or {}).items():
@@ -76,10 +76,10 @@ def test_the_word_of_the_witness_is_where_the_ball_lies() -> None:
 
 
 def test_a_disc_is_caught_as_the_program_does() -> None:
-    told = cubectl("catch", "--start=0.5,-1.0,1.2", "--velocity=0.0,4.0,0.0", "--json")
+    data = cubectl("catch", "--start=0.5,-1.0,1.2", "--velocity=0.0,4.0,0.0", "--json")
     mine = cubecell.catch_disc([0.5, -1.0, 1.2], [0.0, 4.0, 0.0])
-    theirs = json.loads(told.stdout)
-    assert told.returncode == mine.exit_code == 0 and mine.plan is not None and mine.rule is not None
+    theirs = json.loads(data.stdout)
+    assert data.returncode == mine.exit_code == 0 and mine.plan is not None and mine.rule is not None
     for of, name in ((mine.plan, "plan"), (mine.rule, "rule")):
         for key, value in theirs[name].items():
             if key == "witness":

@@ -29,14 +29,14 @@ def plan() -> cubecell.FollowPlan:
 
 
 def test_plans_are_those_of_the_program(plan: cubecell.FollowPlan) -> None:
-    told = cubectl("plan", "throw", "--robot", "kr16_2", "--target=2.5,0.0,0.6", "--starts", "4", "--json")
-    assert told.returncode == 0, told.stderr
-    assert timeless(json.loads(told.stdout)) == timeless(plan.data)
+    reported = cubectl("plan", "throw", "--robot", "kr16_2", "--target=2.5,0.0,0.6", "--starts", "4", "--json")
+    assert reported.returncode == 0, reported.stderr
+    assert timeless(json.loads(reported.stdout)) == timeless(plan.data)
     words = ["--robot", "powercube6", "--follow", "--target=1.2,0.0,-0.5", "--seed", "3", "--starts", "4", "--lag-ms", "10"]
-    told = cubectl("plan", "throw", *words, "--json")
+    reported = cubectl("plan", "throw", *words, "--json")
     mine = cubecell.plan_follow("powercube6", [1.2, 0.0, -0.5], seed=3, starts=4, lag_ms=10, follow=True)
-    assert told.returncode == 0, told.stderr
-    assert timeless(json.loads(told.stdout)) == timeless(mine.data)
+    assert reported.returncode == 0, reported.stderr
+    assert timeless(json.loads(reported.stdout)) == timeless(mine.data)
 
 
 def test_refusals_are_those_of_the_program() -> None:
@@ -48,11 +48,11 @@ def test_refusals_are_those_of_the_program() -> None:
     ]
     for target_m, words, options in cases:
         target = "--target=" + ",".join(map(str, target_m))
-        told = cubectl("plan", "throw", "--robot", "kr16_2", target, *words)
+        reported = cubectl("plan", "throw", "--robot", "kr16_2", target, *words)
         with pytest.raises(cubecell.CubecellError) as refused:
             cubecell.plan_follow("kr16_2", target_m, **options)
-        assert refused.value.exit_code == told.returncode != 0
-        assert str(refused.value).removeprefix("error: ").splitlines()[0] in told.stderr, told.stderr
+        assert refused.value.exit_code == reported.returncode != 0
+        assert str(refused.value).removeprefix("error: ").splitlines()[0] in reported.stderr, reported.stderr
     with pytest.raises(cubecell.CubecellError, match="ask for `follow`"):
         cubecell.plan_follow("powercube6", [1.0, 1.0, -1.0])
     with pytest.raises(cubecell.CubecellError, match="has 4 joints"):
@@ -66,10 +66,10 @@ def test_refusals_are_those_of_the_program() -> None:
 def test_the_check_is_that_of_the_program_and_finds_what_was_changed(plan: cubecell.FollowPlan, tmp_path: Path) -> None:
     plan.write(tmp_path / "plan.json")
     assert cubecell.FollowPlan.read(tmp_path / "plan.json").json == plan.json
-    told = cubectl("plan", "check", "--json", str(tmp_path / "plan.json"))
+    reported = cubectl("plan", "check", "--json", str(tmp_path / "plan.json"))
     report = cubecell.check(plan)
-    assert told.returncode == 0 and report.ok
-    assert json.loads(told.stdout) == {"good": True, **report.__dict__}
+    assert reported.returncode == 0 and report.ok
+    assert json.loads(reported.stdout) == {"good": True, **report.__dict__}
     data = json.loads(plan.json)
     data["steps"][plan.data["window"][0] + 1]["q_rad"][1] += 0.01
     wrong = cubecell.check(cubecell.FollowPlan(json.dumps(data)))
@@ -99,11 +99,11 @@ def test_simulated_throws_are_those_of_the_program(plan: cubecell.FollowPlan, tm
     plan.write(tmp_path / "plan.json")
     out = tmp_path / "throw"
     words = ["--robot", "kr16_2", "--plan", str(tmp_path / "plan.json"), "--seed", "1", "--out", str(out)]
-    told = cubectl("throw", *words)
+    reported = cubectl("throw", *words)
     summary = json.loads((out / "summary.json").read_text())
     del summary["command_line"]
     run = cubecell.simulate_follow(plan, seed=1)
-    assert run.summary == summary and told.returncode == summary["exit_code"] == 0, told.stderr
+    assert run.summary == summary and reported.returncode == summary["exit_code"] == 0, reported.stderr
     assert run.outcome == "landed" and run.landing_m is not None and run.miss_m is not None
     assert abs(np.linalg.norm(run.landing_m[:2] - TARGET_M[:2]) - run.miss_m) < 1e-12
     table = np.loadtxt(out / "motion.csv", delimiter=",", skiprows=1)

@@ -47,8 +47,8 @@ def read(part: Path) -> list[dict[str, Any]]:
 
 
 def test_a_sweep_has_the_bytes_of_the_program(tmp_path: Path) -> None:
-    told = cubectl("plan", "sweep", *GRID, *FAST, "--shards", "5", "--out", str(tmp_path / "program"))
-    assert told.returncode == 0, told.stderr
+    reported = cubectl("plan", "sweep", *GRID, *FAST, "--shards", "5", "--out", str(tmp_path / "program"))
+    assert reported.returncode == 0, reported.stderr
     x, y, z = [0.7, 1.9, 0.3], [-0.4, 0.4, 0.4], [-1.0, 0.0, 0.5]
     for number in (5, 3, 1, 2, 4):
         made = cubecell.sweep(
@@ -81,11 +81,11 @@ def test_rows_are_the_plans_of_the_program(tmp_path: Path) -> None:
     for row, target in zip(table, rows, strict=True):
         assert (row["x_m"], row["y_m"], row["z_m"]) == target
         single = ["--target=" + ",".join(map(repr, target)), *FAST, "--hit-radius-m", "0.05", "--json"]
-        told = cubectl("plan", "throw", *single)
-        if told.returncode != 0:
-            assert row["outcome"] == "refused" and row["note"] in told.stderr and row["objective"] is None
+        reported = cubectl("plan", "throw", *single)
+        if reported.returncode != 0:
+            assert row["outcome"] == "refused" and row["note"] in reported.stderr and row["objective"] is None
             continue
-        plan = json.loads(told.stdout)
+        plan = json.loads(reported.stdout)
         release, landing = plan["release"], plan["landing"]
         assert row["outcome"] == "thrown" and row["note"] == ""
         assert row["objective"] == plan["objective"]["value"]
@@ -95,7 +95,7 @@ def test_rows_are_the_plans_of_the_program(tmp_path: Path) -> None:
         assert [row[f"release_v{axis}_m_s"] for axis in "xyz"] == release["velocity_m_s"]
         for name, key, unit in (("q", "q_rad", "rad"), ("qd", "qd_rad_s", "rad_s"), ("qdd", "qdd_rad_s2", "rad_s2")):
             assert [row[f"release_{name}{joint}_{unit}"] for joint in range(1, 7)] == release[key]
-        assert row["plan_crc32"] == zlib.crc32(told.stdout.encode())
+        assert row["plan_crc32"] == zlib.crc32(reported.stdout.encode())
         assert row["draws_landed"] == 50 and 0 <= row["draws_hit"] <= 50
         # The share of hits and the probability by another rule: 50 draws are within 0.3 of it but once in ten thousand.
         assert abs(row["draws_hit"] / 50 - row["hit_probability"]) < 0.3

@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn one_thing_is_told_in_the_singular() {
+    fn one_thing_is_reported_in_the_singular() {
         assert_eq!([0, 1, 2].map(|count| counted(count, "module")), ["0 modules", "1 module", "2 modules"]);
     }
 }

@@ -279,13 +279,13 @@ mod tests {
                 let mut words: Vec<String> =
                     base.iter().map(|(name, value)| format!("--{name}={}", text(value))).collect();
                 words.extend(program.0.iter().map(|word| (*word).to_owned()));
-                let told = |words: &[String]| {
+                let reported = |words: &[String]| {
                     let left = |text: String| {
                         program.1.iter().fold(text, |text, (there, left)| text.replace(there, left))
                     };
                     by_words::<A>(words).map(left)
                 };
-                let usual = told(&words).ok();
+                let usual = reported(&words).ok();
                 for (word, value) in values(arg, file.to_str().unwrap()) {
                     let (word, value) = match arg.get_action() {
                         ArgAction::SetTrue => (format!("--{long}"), json!(true)),
@@ -295,10 +295,10 @@ mod tests {
                     let all: Vec<String> = words.iter().cloned().chain([word]).collect();
                     data.insert((*name).to_owned(), value.clone());
                     let read = read::<A>("verb", &Value::from(data.clone()).to_string());
-                    match (told(&all), read.map(|request| format!("{request:?}"))) {
-                        (Ok(told), Ok(read)) => {
-                            assert_eq!(told, read, "{all:?} {data:?}");
-                            equal += usize::from(usual.as_ref() != Some(&told));
+                    match (reported(&all), read.map(|request| format!("{request:?}"))) {
+                        (Ok(reported), Ok(read)) => {
+                            assert_eq!(reported, read, "{all:?} {data:?}");
+                            equal += usize::from(usual.as_ref() != Some(&reported));
                         }
                         (Err(why), Ok(read)) if why.kind() != ErrorKind::MissingRequiredArgument => {
                             panic!("{all:?}: {why}, but data gives {read}")

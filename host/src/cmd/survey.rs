@@ -182,7 +182,7 @@ impl Look {
     }
 
     /// That modules are missing, with what to do; `None` if none is.
-    pub(super) fn told_missing(&self) -> Option<ExpectedError> {
+    pub(super) fn reported_missing(&self) -> Option<ExpectedError> {
         let missing = self.missing();
         if missing.is_empty() {
             return None;

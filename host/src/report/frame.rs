@@ -7,7 +7,7 @@ use serde_json::Value;
 use super::page::{Answer, Block, Cell, Page, Tone, cell, table};
 
 /// Outcome and sentence of a `summary.json`.
-pub(super) fn told_outcome(summary: &Value) -> Option<(Outcome, String)> {
+pub(super) fn reported_outcome(summary: &Value) -> Option<(Outcome, String)> {
     let outcome = summary.get("outcome").and_then(Value::as_str).and_then(Outcome::from_json_name)?;
     // The second name is that of recordings before version 3.
     let text = ["outcome_text", "text"].into_iter().find_map(|key| summary.get(key)?.as_str());
@@ -28,7 +28,7 @@ pub(super) fn cause(summary: Option<&Value>) -> Option<(String, String)> {
     let why = summary?.get("cause")?.as_str()?;
     // Recordings before this field have the step in the cause.
     let next = summary?.get("next").and_then(|steps| steps.get(0)?.as_str());
-    let says_more = told_outcome(summary?).is_none_or(|(_, text)| text != why);
+    let says_more = reported_outcome(summary?).is_none_or(|(_, text)| text != why);
     says_more.then(|| (why.to_owned(), next.unwrap_or("see the events of this page").to_owned()))
 }
 

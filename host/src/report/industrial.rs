@@ -13,7 +13,7 @@ use serde_json::Value;
 
 use super::chart::{Chart, Curve, Pen};
 use super::follow::{JITTER_S, PHASES, opening_chart, path, path_charts, releases, sensitivities};
-use super::frame::{cause, foot, head, told_outcome, tone};
+use super::frame::{cause, foot, head, reported_outcome, tone};
 use super::motion::Row;
 use super::page::{Answer, Cell, Tile, Tone, cell, number};
 use super::scene;
@@ -60,8 +60,8 @@ impl RobotRun<'_> {
     #[must_use]
     pub fn html(&self) -> String {
         let plan = self.plan;
-        let (outcome, text) =
-            told_outcome(self.summary).unwrap_or((Outcome::NotThrown, "no outcome is recorded".to_owned()));
+        let (outcome, text) = reported_outcome(self.summary)
+            .unwrap_or((Outcome::NotThrown, "no outcome is recorded".to_owned()));
         let [x, y, z] = plan.target_m;
         let (flown, planned) = (self.flown(), path(self.arm, plan));
         let (title, robot) = (format!("Throw to ({x:.3}, {y:.3}, {z:.3}) m over RSI"), &plan.robot);

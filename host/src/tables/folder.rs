@@ -316,7 +316,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn long_texts_are_told_where_they_differ_only() {
+    fn long_texts_are_reported_where_they_differ_only() {
         let long = |middle: &str| format!("{}{middle}{}", "a".repeat(100), "z".repeat(100));
         let (a, b) = excerpts(&long("1"), &long("22"));
         let (before, behind) = ("a".repeat(30), "z".repeat(30));

@@ -100,7 +100,7 @@ mod tests {
     #[test]
     fn words_that_name_no_shard_are_refused_with_what_does() {
         assert_eq!("3/100".parse(), Ok(Shard { number: 3, count: 100 }));
-        for (word, told) in [
+        for (word, reported) in [
             ("3", "expected I/N"),
             ("a/4", "\"a\" is not a whole number"),
             ("-1/4", "\"-1\" is not a whole number"),
@@ -110,7 +110,7 @@ mod tests {
             ("1/100001", "at most 100000"),
         ] {
             let refused = word.parse::<Shard>().expect_err(word);
-            assert!(refused.contains(told), "{word}: {refused}");
+            assert!(refused.contains(reported), "{word}: {refused}");
         }
     }
 }

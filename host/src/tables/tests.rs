@@ -90,11 +90,11 @@ fn another_sweep_is_refused_with_what_differs_and_changes_nothing() {
     let ours = Folder::for_study(&path, study("1", 4, 2)).expect("opens");
     make(&ours, Shard::new(1, 2).unwrap());
     let before = names(&path);
-    for (other, told) in
+    for (other, reported) in
         [(study("2", 4, 2), "seed: 1 there, 2 asked for"), (study("1", 4, 4), "shards: 2 there, 4 asked for")]
     {
         let refused = Folder::for_study(&path, other).expect_err("refused").to_string();
-        assert!(refused.contains(told) && refused.contains("next:"), "{refused}");
+        assert!(refused.contains(reported) && refused.contains("next:"), "{refused}");
     }
     // A part that was copied in from another sweep.
     let from = folder("other-sweep-from");
@@ -220,7 +220,7 @@ fn a_list_has_its_columns_in_any_order_and_is_read_from_any_row() {
 
 #[test]
 fn files_that_are_not_lists_are_refused_with_row_and_column() {
-    for (name, content, told) in [
+    for (name, content, reported) in [
         ("a.csv", "x_m,y_m\n1,2\n", "all or none are needed"),
         ("b.csv", "x_m,y_m,z_m,colour\n1,2,3,red\n", "\"colour\" is not known"),
         ("c.csv", "x_m,y_m,z_m\n1,2,-1\n1,nan,-1\n", "row 2, column \"y_m\""),
@@ -230,7 +230,7 @@ fn files_that_are_not_lists_are_refused_with_row_and_column() {
         ("g.parquet", "PAR1", "next: python3 -c \"import pandas; pandas.read_parquet("),
     ] {
         let refused = TargetList::open(&list(name, content)).expect_err(name).to_string();
-        assert!(refused.contains(told) && refused.contains(name), "{name}: {refused}");
+        assert!(refused.contains(reported) && refused.contains(name), "{name}: {refused}");
     }
     assert!(
         TargetList::open(Path::new("/dev/zero")).expect_err("no file").to_string().contains("must be a file")

@@ -140,9 +140,9 @@ impl Walk {
                         }
                     }
                     Some((Refusal, words)) => {
-                        let (code, _, told) = self.run(name, places, words);
-                        if !matches!(code, 2 | 4) || !told.contains(&format!("--{long}")) {
-                            wrong.push(format!("{place}: {code} {told}"));
+                        let (code, _, reported) = self.run(name, places, words);
+                        if !matches!(code, 2 | 4) || !reported.contains(&format!("--{long}")) {
+                            wrong.push(format!("{place}: {code} {reported}"));
                         }
                     }
                     Some((Change, words)) => {
@@ -150,9 +150,9 @@ impl Walk {
                         let plain = plain
                             .entry((name.clone(), base))
                             .or_insert_with(|| self.run(name, places, if base { "--json" } else { "" }));
-                        let (code, shown, told) = self.run(name, places, words);
+                        let (code, shown, reported) = self.run(name, places, words);
                         if (code, &shown) == (plain.0, &plain.1) {
-                            wrong.push(format!("{place}: no change, {code} {told}"));
+                            wrong.push(format!("{place}: no change, {code} {reported}"));
                         }
                     }
                 }

@@ -22,8 +22,8 @@ fn cut(bytes: &[u8], size: usize) -> (Vec<Vec<u8>>, usize, usize) {
 fuzz_target!(|bytes: &[u8]| {
     let whole = cut(bytes, bytes.len().max(1));
     let blank = bytes.iter().filter(|byte| byte.is_ascii_whitespace() || **byte == 0).count();
-    let told = whole.0.iter().map(Vec::len).sum::<usize>() + whole.1 + whole.2;
-    assert!(told <= bytes.len() && bytes.len() <= told + blank);
+    let reported = whole.0.iter().map(Vec::len).sum::<usize>() + whole.1 + whole.2;
+    assert!(reported <= bytes.len() && bytes.len() <= reported + blank);
     let size = usize::from(bytes.first().copied().unwrap_or(0) % 16) + 1;
     assert_eq!(cut(bytes, size), whole);
 });

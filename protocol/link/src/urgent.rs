@@ -185,12 +185,12 @@ mod tests {
     fn what_was_granted_is_in_force_until_the_request_is_dropped() {
         let fifo = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
         let before = in_force();
-        let told = |urgent: &Urgent| match urgent.granted().priority {
+        let reported = |urgent: &Urgent| match urgent.granted().priority {
             Some(priority) => (fifo, i32::from(priority).max(before.1)),
             None => before,
         };
         let outer = Urgent::request(Role::Plant);
-        assert_eq!(in_force(), told(&outer));
+        assert_eq!(in_force(), reported(&outer));
         let with_outer = in_force();
         let inner = Urgent::request(Role::Controller);
         assert!(in_force().1 >= with_outer.1, "a nested request never lowers the priority");

@@ -23,7 +23,7 @@ import pinocchio as pin
 ROBOTS = ["powercube6", "kr16_2", "pincher4"]
 STATES = 6
 AGREE = 1e-9
-GRAVITY = 9.81  # both libraries read URDF without gravity: Pinocchio assumes 9.81, MuJoCo is told
+GRAVITY = 9.81  # both libraries read URDF without gravity: Pinocchio assumes 9.81, MuJoCo is given it
 
 
 def pinocchio_vectors(model, q, v, a):

@@ -35,8 +35,8 @@ class Page:
             [*CHROMIUM, f"--user-data-dir={folder / 'profile'}", "about:blank"],
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )
-        told = folder / "profile" / "DevToolsActivePort"
-        port = wait_for("the browser", lambda: told.exists() and told.read_text().split("\n")[0])
+        reported = folder / "profile" / "DevToolsActivePort"
+        port = wait_for("the browser", lambda: reported.exists() and reported.read_text().split("\n")[0])
         targets = json.load(urllib.request.urlopen(f"http://127.0.0.1:{port}/json"))
         page = next(target for target in targets if target["type"] == "page")
         self.wire = websocket.create_connection(page["webSocketDebuggerUrl"], timeout=PATIENCE_S)

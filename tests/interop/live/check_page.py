@@ -2,7 +2,7 @@
 
     check_page.py CUBECTL OUT      pictures and recordings go into the folder OUT
 
-The page must show, for every joint, the angle that its drive told last before the time the page names; its stop button must
+The page must show, for every joint, the angle that its drive reported last before the time the page names; its stop button must
 halt the drives; a page of another origin must get nothing.
 """
 
@@ -144,7 +144,7 @@ def main(cubectl, out):
         for process in reversed(processes):
             process.kill()
 
-    told = positions(folder / "seen.mcap")
+    reported = positions(folder / "seen.mcap")
     compared, moved = 0, set()
     for rows in shown:
         for module, row in enumerate(rows, start=1):
@@ -152,10 +152,10 @@ def main(cubectl, out):
                 continue
             # A reading of the very microsecond may have come after the look.
             shown_us = row["t_s"] * 1e6
-            before = [q for at_us, q in told[module] if at_us < shown_us - 0.5]
-            told_then = before[-1:] + [q for at_us, q in told[module] if abs(at_us - shown_us) <= 0.5]
-            assert told_then, f"module {module} had told nothing at {row['t_s']} s"
-            assert any(abs(q - float(row["q"])) <= 0.51e-4 for q in told_then), (module, row, told_then)
+            before = [q for at_us, q in reported[module] if at_us < shown_us - 0.5]
+            reported_then = before[-1:] + [q for at_us, q in reported[module] if abs(at_us - shown_us) <= 0.5]
+            assert reported_then, f"module {module} had reported nothing at {row['t_s']} s"
+            assert any(abs(q - float(row["q"])) <= 0.51e-4 for q in reported_then), (module, row, reported_then)
             compared += 1
             moved.add((module, row["q"]))
     under = 0
@@ -164,9 +164,9 @@ def main(cubectl, out):
         for module, value in enumerate(values.split(", "), start=1):
             name, q = value.rsplit(" ", 1)
             assert name == f"joint{module}", text
-            # The page's snapshots are 20 ms apart, and show what was told last before.
-            near = [told_q for at_us, told_q in told[module] if -0.15 <= at_us * 1e-6 - float(time_s) <= 0.002]
-            assert any(abs(told_q - float(q.replace("−", "-"))) <= 0.6e-3 for told_q in near), (module, text, near)
+            # The page's snapshots are 20 ms apart, and show what was reported last before.
+            near = [reported_q for at_us, reported_q in reported[module] if -0.15 <= at_us * 1e-6 - float(time_s) <= 0.002]
+            assert any(abs(reported_q - float(q.replace("−", "-"))) <= 0.6e-3 for reported_q in near), (module, text, near)
             under += 1
     assert under > 60, f"only {under} angles under the pointer"
     assert compared > 100, f"only {compared} angles were compared"

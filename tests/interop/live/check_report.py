@@ -1,8 +1,8 @@
-"""Points at charts of a report in a real browser, and holds what is told under the pointer against recording and plan.
+"""Points at charts of a report in a real browser, and holds what is shown under the pointer against recording and plan.
 
     check_report.py CUBECTL OUT      pictures, throw and report go into the folder OUT
 
-Of each joint the angle of the sample under the pointer must be one that its drive told at that time of the plan, the reference must
+Of each joint the angle of the sample under the pointer must be one that its drive reported at that time of the plan, the reference must
 be that of the plan file, the error must be the difference of the two. A drag enlarges a part of a chart.
 """
 
@@ -30,7 +30,7 @@ def number(text):
     return float(text.replace("−", "-"))
 
 
-def told(tip):
+def reported(tip):
     """Time in s, and the value of each curve by its name; of a curve without a value `None`."""
     time, rest = re.fullmatch(r"(−?[0-9.]+) s: (.*)", tip).groups()
     values = {}
@@ -179,16 +179,16 @@ def look(page, report, folder):
         for place in PLACES:
             page.point_at(left + place * width, y)
             tip = page.value(TIP % i)
-            t_s, values = told(tip)
-            # A sample every few ms where the pointer is; plans are told in steps of a hundredth of their length.
+            t_s, values = reported(tip)
+            # A sample every few ms where the pointer is; plans are shown in steps of a hundredth of their length.
             assert abs(t_s - (x0 + place * (x1 - x0))) <= 0.05 * (x1 - x0), (title, tip)
             looks.setdefault(title, []).append((t_s, values))
         if i == 0:
             page.picture(folder / "report_pointer.png", whole=False)
             enlarge(page, i)
     drawing(page)
-    told_there = landing(page)
-    assert len(told_there) == 1 and told_there[0].startswith("2σ "), told_there
+    reported_there = landing(page)
+    assert len(reported_there) == 1 and reported_there[0].startswith("2σ "), reported_there
     return looks
 
 

@@ -1,4 +1,4 @@
-"""What drives and controller told, from the bytes of a recording."""
+"""What drives and controller reported, from the bytes of a recording."""
 
 import struct
 
@@ -9,8 +9,8 @@ ACT_POS, POS_STATE_DIO = 0x3C, 0x62
 
 
 def positions(path):
-    """What each module told, read from the bytes of its answers: (time of the session in µs, rad), in order."""
-    told = {}
+    """What each module reported, read from the bytes of its answers: (time of the session in µs, rad), in order."""
+    reported = {}
     with open(path, "rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         for _, channel, message, decoded in reader.iter_decoded_messages():
@@ -21,20 +21,20 @@ def positions(path):
             value = len(data) >= 6 and data[0] == 0x0A and data[1] in (ACT_POS, POS_STATE_DIO)
             if ramp or value:
                 q_rad = struct.unpack_from("<f", data, 2)[0]
-                told.setdefault(decoded.id - 0x0A0, []).append((decoded.time_us, q_rad))
-    return told
+                reported.setdefault(decoded.id - 0x0A0, []).append((decoded.time_us, q_rad))
+    return reported
 
 
 def plan_begins(path):
     """When the last run began by the controller's own time of it, in s of the session: a few ms late, as its words take time."""
     with open(path, "rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        told = [d for *_, d in reader.iter_decoded_messages(topics=["/group"])]
-    while told[-1].state != "running":
-        told.pop()
+        reported = [d for *_, d in reader.iter_decoded_messages(topics=["/group"])]
+    while reported[-1].state != "running":
+        reported.pop()
     begins = []
-    while told[-1].state == "running":
-        group = told.pop()
+    while reported[-1].state == "running":
+        group = reported.pop()
         if group.plan_time_s > 0:
             begins.append(group.time_us * 1e-6 - group.plan_time_s)
     return min(begins)

@@ -64,10 +64,10 @@ def is_motion_order(can_id, extended, data):
     return not extended and can_id >> 5 == 7 and data[:1] == b"\x0b"
 
 
-def cycles(told, addresses):
+def cycles(reported, addresses):
     """Angles of each control cycle: it ends when all drives have sent theirs, or one sends it again."""
     angles, fresh = [None] * len(addresses), set()
-    for time_us, module, q_rad in told:
+    for time_us, module, q_rad in reported:
         if module not in addresses:
             continue
         joint = addresses.index(module)
@@ -192,8 +192,8 @@ def main(path, robot, layout, fault):
         assert about["robot"] == robot["name"] and about["times"] == "virtual time from zero", about
     assert len(text) > 1000, f"only {len(text)} frames in the text log"
     assert frames == text, "the two logs have different frames"
-    told = list(readings(text))
-    assert positions == [one for one in told if one[2] != 0.0], "positions are not those of the frames"
+    reported = list(readings(text))
+    assert positions == [one for one in reported if one[2] != 0.0], "positions are not those of the frames"
     public = {"/joints": "JointStates", "/tf": "FrameTransforms", "/scene": "SceneUpdate", "/events": "Log"}
     wanted = {"/group": "cubectl.GroupState", "/joint/1": "cubectl.JointState", "/joint/6": "cubectl.JointState"}
     wanted |= {topic: "foxglove." + name for topic, name in public.items()}
@@ -213,7 +213,7 @@ def main(path, robot, layout, fault):
     # Joints at control rate: each cycle, from the bytes of the text log.
     names = [joint["name"] for joint in robot["joint"]]
     addresses = [joint["drive"]["address"] for joint in robot["joint"]]
-    expected = list(cycles(told, addresses))
+    expected = list(cycles(reported, addresses))
     shown = [
         (time_ns // 1000, [{j.name: j.position for j in one.joints}.get(name) for name in names])
         for time_ns, one in zip(stamped["/joints"], messages["/joints"])
@@ -224,8 +224,8 @@ def main(path, robot, layout, fault):
     # At control rate: one message for each period while a plan is driven. It ends with the last motion order: then the
     # drives hold, and the controller asks by turns for an angle with the state and for the state alone.
     orders = [time_us for time_us, can_id, extended, data in text if is_motion_order(can_id, extended, data)]
-    told_group = [(t // 1000, g.state, g.cycle_us) for t, g in zip(stamped["/group"], messages["/group"])]
-    runs = [list(run) for state, run in itertools.groupby(told_group, lambda told: told[1]) if state == "running"]
+    reported_group = [(t // 1000, g.state, g.cycle_us) for t, g in zip(stamped["/group"], messages["/group"])]
+    runs = [list(run) for state, run in itertools.groupby(reported_group, lambda reported: reported[1]) if state == "running"]
     for run in runs:
         begin, _, period_us = run[0]
         end = max(time_us for time_us in orders if time_us <= run[-1][0])

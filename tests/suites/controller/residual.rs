@@ -274,7 +274,7 @@ fn row(name: &str, what: &str, (least, middle, most): (f64, f64, f64), bound_ms:
 
 /// Rows of `docs/trust.md` with other latencies than those of this run over 200 arms.
 fn stale(found: &[(String, (f64, f64, f64))]) -> Vec<String> {
-    let told = page::table("How fast it stops");
+    let reported = page::table("How fast it stops");
     let is_true = |cells: &[String]| {
         found.iter().any(|(key, (least, middle, most))| {
             let same = |cell: &String, ms: &f64| page::agrees(cell, *ms, *ms, 0.1);
@@ -282,8 +282,8 @@ fn stale(found: &[(String, (f64, f64, f64))]) -> Vec<String> {
                 && cells[2..5].iter().zip([least, middle, most]).all(|(cell, ms)| same(cell, ms))
         })
     };
-    assert_eq!(told.len(), found.len(), "rows of docs/trust.md");
-    told.iter().filter(|cells| !is_true(cells)).map(|cells| cells.join(" | ")).collect()
+    assert_eq!(reported.len(), found.len(), "rows of docs/trust.md");
+    reported.iter().filter(|cells| !is_true(cells)).map(|cells| cells.join(" | ")).collect()
 }
 
 fn latencies(seeds: u64) {

@@ -145,7 +145,7 @@ fn page_table(rows: &BTreeMap<&str, Row>) -> String {
 
 /// Rows of `docs/trust.md` that say something else than what was found.
 fn stale(rows: &BTreeMap<&str, Row>) -> Vec<String> {
-    let told = page::table("The matrix");
+    let listed = page::table("The matrix");
     let is_true = |cells: &[String]| {
         rows.iter().any(|(name, row)| {
             let found = [row.landed, row.missed, row.stopped, row.failed];
@@ -156,7 +156,7 @@ fn stale(rows: &BTreeMap<&str, Row>) -> Vec<String> {
                     .all(|(cell, n)| page::agrees(cell, n as f64, row.runs as f64, 2.0))
         })
     };
-    told.iter().filter(|cells| !is_true(cells)).map(|cells| cells.join(" | ")).collect()
+    listed.iter().filter(|cells| !is_true(cells)).map(|cells| cells.join(" | ")).collect()
 }
 
 /// Runs the entries, prints the tables and returns the lines of the runs that went wrong, and the rows by kind.
@@ -220,28 +220,28 @@ fn pairs(matrix: &Matrix, seeds: std::ops::Range<u64>) -> Vec<String> {
 }
 
 #[test]
-fn a_sample_of_pairs_of_faults_is_told_as_it_is_seen() {
+fn a_sample_of_pairs_of_faults_is_reported_as_it_is_seen() {
     let wrong = pairs(&Matrix::new(), 0..20);
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
 #[test]
 #[ignore = "minutes: run by its CI stage"]
-fn two_thousand_pairs_of_faults_are_told_as_they_are_seen() {
+fn two_thousand_pairs_of_faults_are_reported_as_they_are_seen() {
     let count = std::env::var("PAIRS").map_or(2_000, |text| text.parse().expect("PAIRS is a number"));
     let wrong = pairs(&Matrix::new(), 0..count);
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
 #[test]
-fn a_sample_of_the_matrix_is_told_as_it_is_seen() {
+fn a_sample_of_the_matrix_is_reported_as_it_is_seen() {
     let matrix = Matrix::new();
     let (wrong, _) = run(&matrix, &sample(matrix.entries(), 41));
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
 #[test]
-fn a_sample_of_the_matrix_of_drives_that_follow_positions_is_told_as_it_is_seen() {
+fn a_sample_of_the_matrix_of_drives_that_follow_positions_is_reported_as_it_is_seen() {
     for family in Family::FOLLOWING {
         let matrix = Matrix::of(family);
         let (wrong, _) = run(&matrix, &sample(matrix.entries(), 97));
@@ -267,7 +267,7 @@ fn chosen(matrix: &Matrix) -> (Vec<Entry>, bool) {
 
 #[test]
 #[ignore = "long: run by hand, not by CI"]
-fn every_fault_of_drives_that_follow_positions_is_told_as_it_is_seen() {
+fn every_fault_of_drives_that_follow_positions_is_reported_as_it_is_seen() {
     let mut all = Vec::new();
     let named = std::env::var("FAMILY").unwrap_or_default();
     for family in
@@ -284,7 +284,7 @@ fn every_fault_of_drives_that_follow_positions_is_told_as_it_is_seen() {
 
 #[test]
 #[ignore = "minutes: run by its CI stage"]
-fn every_fault_in_every_phase_is_told_as_it_is_seen() {
+fn every_fault_in_every_phase_is_reported_as_it_is_seen() {
     let matrix = Matrix::new();
     let (entries, whole) = chosen(&matrix);
     let (wrong, by_kind) = run(&matrix, &entries);

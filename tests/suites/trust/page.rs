@@ -15,11 +15,11 @@ fn the_page_lists_every_kind_of_the_matrix_with_its_number_of_runs() {
         *runs.entry(entry.variant.to_owned()).or_default() += 1;
     }
     runs.insert("all".to_owned(), runs.values().sum());
-    let told: BTreeMap<String, usize> = page::table("The matrix")
+    let reported: BTreeMap<String, usize> = page::table("The matrix")
         .into_iter()
         .map(|row| (row[0].clone(), row[1].parse().unwrap_or_else(|_| panic!("no number of runs: {row:?}"))))
         .collect();
-    assert_eq!(told, runs);
+    assert_eq!(reported, runs);
 }
 
 #[test]

@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn axes_that_run_later_than_the_model_are_told_as_a_delay_of_the_path() {
+    fn axes_that_run_later_than_the_model_are_reported_as_a_delay_of_the_path() {
         let options = Options::default();
         let mut model = DriveModel::default();
         model.rest_at(PerJoint::splat(0.0));

@@ -92,7 +92,7 @@ impl Heard {
 pub fn collect(samples: &Samples, clock: PlanClock) -> Heard {
     Heard {
         joints: samples.joints.iter().map(|joint| joint_log(joint, clock)).collect(),
-        group: samples.group.iter().map(|told| (clock.t_s(told.at), told.state)).collect(),
+        group: samples.group.iter().map(|reported| (clock.t_s(reported.at), reported.state)).collect(),
         gripper_ordered_t_s: samples.gripper_ordered.iter().map(|at| clock.t_s(*at)).collect(),
     }
 }
@@ -114,6 +114,6 @@ fn joint_log(joint: &JointSamples, clock: PlanClock) -> JointLog {
                 a_rad_s2: order.a_rad_s2,
             })
             .collect(),
-        telemetry: joint.told.iter().map(|(at, sample)| (clock.t_s(*at), *sample)).collect(),
+        telemetry: joint.reported.iter().map(|(at, sample)| (clock.t_s(*at), *sample)).collect(),
     }
 }

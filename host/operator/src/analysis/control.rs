@@ -97,11 +97,12 @@ mod tests {
             order(0.04, 3.0, 0.04, 5.0),
         ];
         let positions = [Reading { t_s: 0.0, value: 0.0 }];
-        let told: Vec<f64> = controls(&still, 0, &orders, &positions).iter().map(|c| c.qdd_rad_s2).collect();
-        for (got, want) in told.iter().zip([2.0, 4.0, -3.0, 1.0]) {
-            assert!((got - want).abs() < 1e-9, "{told:?}");
+        let reported: Vec<f64> =
+            controls(&still, 0, &orders, &positions).iter().map(|c| c.qdd_rad_s2).collect();
+        for (got, want) in reported.iter().zip([2.0, 4.0, -3.0, 1.0]) {
+            assert!((got - want).abs() < 1e-9, "{reported:?}");
         }
-        assert_eq!(told.len(), 4);
+        assert_eq!(reported.len(), 4);
     }
 
     #[test]

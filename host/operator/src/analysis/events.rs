@@ -54,13 +54,13 @@ pub struct FrozenJoint {
 /// Everything that happened, by time of the plan.
 #[must_use]
 pub fn events(samples: &Samples, clock: PlanClock) -> Vec<RunEvent> {
-    let told = samples.events.iter().map(|event| RunEvent {
+    let reported = samples.events.iter().map(|event| RunEvent {
         t_s: clock.t_s(event.at),
         severity: event.severity,
         source: event.source.clone(),
         text: event.text.clone(),
     });
-    told.collect()
+    reported.collect()
 }
 
 /// The first fault after the start of the plan.

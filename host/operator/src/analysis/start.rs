@@ -30,7 +30,7 @@ const SAME_RUN_US: i64 = 1_000;
 #[must_use]
 pub fn find(group: &[GroupTold]) -> Vec<Instant> {
     let messages: Vec<(i64, GroupState)> =
-        group.iter().map(|told| (told.made_by.as_micros() as i64, told.state)).collect();
+        group.iter().map(|reported| (reported.made_by.as_micros() as i64, reported.state)).collect();
     let mut starts = Vec::new();
     let mut last_us = None;
     for (ran_us, run) in messages.iter().filter(|(_, group)| is_on_path(group)) {

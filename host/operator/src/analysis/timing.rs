@@ -46,8 +46,8 @@ pub fn cycles(heard: &Heard, end_t_s: f64) -> Cycles {
     let period_s = Distribution::of(periods.iter().copied());
     let deviation_s =
         period_s.and_then(|p| Distribution::of(periods.iter().map(|period| (period - p.median).abs())));
-    let told = heard.group.iter().find(|(t_s, _)| *t_s > 0.0).or(heard.group.last());
-    let nominal_s = told.map(|(_, group)| f64::from(group.cycle_us) * 1e-6).filter(|s| *s > 0.0);
+    let reported = heard.group.iter().find(|(t_s, _)| *t_s > 0.0).or(heard.group.last());
+    let nominal_s = reported.map(|(_, group)| f64::from(group.cycle_us) * 1e-6).filter(|s| *s > 0.0);
     Cycles { nominal_s, period_s, deviation_s }
 }
 

@@ -277,9 +277,9 @@ mod tests {
         let times = Times::default();
         session.add_tap(Box::new(times.clone()));
         session.pass(Duration::from_millis(200)).unwrap();
-        let told = times.0.borrow();
-        let frames = told.iter().filter(|(is_frame, _)| *is_frame).count();
+        let reported = times.0.borrow();
+        let frames = reported.iter().filter(|(is_frame, _)| *is_frame).count();
         assert!(frames > 1, "only {frames} frames");
-        assert!(told.iter().map(|(_, at)| at).is_sorted(), "{told:?}");
+        assert!(reported.iter().map(|(_, at)| at).is_sorted(), "{reported:?}");
     }
 }

@@ -54,7 +54,7 @@ impl Session {
                 }
             }
             lost = host_node.silence(begun) > PRESENCE;
-            let state = told_since(host_node.inbox().and_then(|inbox| inbox.group), begun);
+            let state = reported_since(host_node.inbox().and_then(|inbox| inbox.group), begun);
             seen |= state == Some(State::Homing);
             lost || matches!(state, Some(State::Fault | State::Stopped))
                 || (seen && matches!(state, Some(State::Ready | State::Idle)))
@@ -80,9 +80,9 @@ impl Session {
 }
 
 /// The state that was reported after `since`.
-pub(super) fn told_since(
-    told: Option<(Instant, NodeId, protocol::cyphal::cubecell::group_state::GroupState)>,
+pub(super) fn reported_since(
+    reported: Option<(Instant, NodeId, protocol::cyphal::cubecell::group_state::GroupState)>,
     since: Instant,
 ) -> Option<State> {
-    told.filter(|(at, ..)| *at > since).map(|(_, _, group)| group.state)
+    reported.filter(|(at, ..)| *at > since).map(|(_, _, group)| group.state)
 }

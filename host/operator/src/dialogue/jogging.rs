@@ -13,7 +13,7 @@ use protocol::cyphal::id::NodeId;
 use protocol::cyphal::uavcan::command::{CommandRequest, SERVICE};
 use protocol::{Duration, Instant, JointIndex};
 
-use super::homing::told_since;
+use super::homing::reported_since;
 use super::operator::{OperatorError, stopped};
 use super::registers::Numbers;
 use crate::bus::session::{Ended, Session};
@@ -132,7 +132,7 @@ impl Session {
                 Err(error) => return Err(error),
             }
             let ended = self.run(now + JOG_PERIOD, &mut |host_node| {
-                let state = told_since(host_node.inbox().and_then(|inbox| inbox.group), now);
+                let state = reported_since(host_node.inbox().and_then(|inbox| inbox.group), now);
                 matches!(state, Some(State::Fault | State::Stopped))
             })?;
             match ended {
@@ -173,8 +173,8 @@ impl Session {
         let _ = link.request(now, node, SERVICE, Policy::default(), &request);
         while self.now() < let_go_at + JOG_HOLD + REST_MAX {
             self.pass(JOG_PERIOD)?;
-            let told = self.host_node().inbox().and_then(|inbox| inbox.group);
-            match told_since(told, let_go_at) {
+            let reported = self.host_node().inbox().and_then(|inbox| inbox.group);
+            match reported_since(reported, let_go_at) {
                 Some(State::Ready | State::Idle) => {
                     // Positions reported from now on are those at rest.
                     return self.settle(let_go_at);
@@ -195,8 +195,9 @@ impl Session {
     fn settle(&mut self, since: Instant) -> Result<(), OperatorError> {
         let rest_at = self.now();
         for _ in 0..20 {
-            let told = self.host_node().inbox().and_then(|inbox| inbox.joints.as_ref().map(|(at, ..)| *at));
-            if told.is_some_and(|at| at > rest_at.max(since)) {
+            let reported =
+                self.host_node().inbox().and_then(|inbox| inbox.joints.as_ref().map(|(at, ..)| *at));
+            if reported.is_some_and(|at| at > rest_at.max(since)) {
                 break;
             }
             self.pass(JOG_PERIOD)?;

@@ -88,14 +88,14 @@ impl Session {
         self.listen()
     }
 
-    /// Listens for `span`, at least [`OTHERS_LISTEN`], or with `until_told` until a controller was found and had
+    /// Listens for `span`, at least [`OTHERS_LISTEN`], or with `until_reported` until a controller was found and had
     /// time to show its host. Nothing is sent; before it returns the session may send again.
-    pub fn listen_for(&mut self, span: Duration, until_told: bool) -> Result<Presence, AskError> {
+    pub fn listen_for(&mut self, span: Duration, until_reported: bool) -> Result<Presence, AskError> {
         let (begun, before) = (self.now(), self.host_node().tally());
         let heard_since = |at: Instant| at > begun;
         let ended = self.only_listen(span, &mut |host_node| {
             // A host sends a heartbeat every 30 ms.
-            until_told
+            until_reported
                 && host_node.inbox().and_then(|inbox| inbox.group).is_some_and(|(at, ..)| heard_since(at))
         })?;
         if ended == Ended::Interrupted {

@@ -149,10 +149,10 @@ impl Session {
     /// # Errors
     /// [`OperatorError::NoRegister`] for a name that the controller does not know; or another [`OperatorError`].
     pub fn register(&mut self, node: NodeId, name: &str) -> Result<Numbers, OperatorError> {
-        self.access(node, name, Value::EMPTY).map(|told| told.value)
+        self.access(node, name, Value::EMPTY).map(|reported| reported.value)
     }
 
-    pub fn told_register(&mut self, node: NodeId, name: &str) -> Result<RegisterEntry, OperatorError> {
+    pub fn reported_register(&mut self, node: NodeId, name: &str) -> Result<RegisterEntry, OperatorError> {
         self.access(node, name, Value::EMPTY)
     }
 

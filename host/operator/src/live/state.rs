@@ -167,7 +167,7 @@ pub struct LiveState {
     bus_errors: u64,
     group: Option<Heard<(u8, GroupState)>>,
     /// What the controller reports of each joint, by its number in the robot from 1.
-    told: BTreeMap<u8, Heard<JointSample>>,
+    reported: BTreeMap<u8, Heard<JointSample>>,
     drives: BTreeMap<u8, Drive>,
     events: Events,
     stopping: Stopping,
@@ -190,7 +190,7 @@ impl LiveState {
             bit_rate_bit_s,
             bus_errors: 0,
             group: None,
-            told: BTreeMap::new(),
+            reported: BTreeMap::new(),
             drives: BTreeMap::new(),
             events: Events::default(),
             stopping: Stopping::default(),
@@ -241,7 +241,8 @@ impl LiveState {
             }
             Some(Fact::Group { from, state, .. }) => self.group = Some(Heard::new(at, (from.get(), state))),
             Some(Fact::Joints { joints, .. }) => {
-                self.told.extend(joints.into_iter().map(|(number, sample)| (number, Heard::new(at, sample))));
+                self.reported
+                    .extend(joints.into_iter().map(|(number, sample)| (number, Heard::new(at, sample))));
             }
             _ => {}
         }
@@ -372,11 +373,12 @@ impl LiveState {
     fn joint(&self, j: usize) -> JointView {
         let (now, module) = (self.now, self.machine.addresses.get(j).copied());
         let drive = module.and_then(|address| self.drives.get(&address));
-        let told = u8::try_from(j + 1).ok().and_then(|number| self.told.get(&number).copied());
-        let fresh = told.and_then(|told| told.fresh(now));
+        let reported = u8::try_from(j + 1).ok().and_then(|number| self.reported.get(&number).copied());
+        let fresh = reported.and_then(|reported| reported.fresh(now));
         // For drives whose answers are not visible, the controller's reports are used.
         let measured = drive.and_then(|drive| drive.position);
-        let angle = measured.or_else(|| told.map(|told| Heard::new(told.at, f64::from(told.value.q_rad))));
+        let angle = measured
+            .or_else(|| reported.map(|reported| Heard::new(reported.at, f64::from(reported.value.q_rad))));
         let old = angle.map(|angle| angle.age(now)).filter(|age| age.is_old());
         JointView {
             name: self.machine.joints.get(j).cloned().unwrap_or_default(),
@@ -384,11 +386,11 @@ impl LiveState {
             q_rad: angle.map(|angle| angle.value),
             age_s: angle.map(|angle| angle.age(now).s()),
             old: old.is_some(),
-            qd_rad_s: fresh.map(|told| f64::from(told.qd_rad_s)),
-            error_rad: fresh.map(|told| f64::from(told.error_q_rad)),
+            qd_rad_s: fresh.map(|reported| f64::from(reported.qd_rad_s)),
+            error_rad: fresh.map(|reported| f64::from(reported.error_q_rad)),
             current_a: drive
                 .and_then(|drive| drive.current_a?.fresh(now))
-                .or_else(|| fresh.map(|told| f64::from(told.current_a)).filter(|a| a.is_finite())),
+                .or_else(|| fresh.map(|reported| f64::from(reported.current_a)).filter(|a| a.is_finite())),
             state: match drive {
                 Some(drive) => drive.words(now),
                 None => old.map_or_else(String::new, Age::words),
@@ -420,7 +422,7 @@ fn in_words(state: CubeState) -> String {
     } else if state.contains(CubeState::ERROR) {
         words.push("error".to_owned());
     }
-    let told = [
+    let reported = [
         (CubeState::HALTED, "halted"),
         (CubeState::BRAKEACTIVE, "brake on"),
         (CubeState::CURLIMIT, "controller output at its limit"),
@@ -428,7 +430,7 @@ fn in_words(state: CubeState) -> String {
         (CubeState::SW1, "on limit switch 1"),
         (CubeState::SW2, "on limit switch 2"),
     ];
-    words.extend(told.iter().filter(|(bit, _)| state.contains(*bit)).map(|(_, word)| (*word).to_owned()));
+    words.extend(reported.iter().filter(|(bit, _)| state.contains(*bit)).map(|(_, word)| (*word).to_owned()));
     let homed = if state.contains(CubeState::HOME_OK) { "homed" } else { "not homed" };
     let phases = [
         (CubeState::RAMP_ACC, "accelerates"),
@@ -453,8 +455,8 @@ impl Drive {
             })
         };
         let age = || {
-            let told = [self.state.map(|state| state.at), self.short_state.map(|short| short.at)];
-            let age = Age::of(told.into_iter().flatten().max().unwrap_or(self.heard), now);
+            let reported = [self.state.map(|state| state.at), self.short_state.map(|short| short.at)];
+            let age = Age::of(reported.into_iter().flatten().max().unwrap_or(self.heard), now);
             if age.is_old() { age.words() } else { String::new() }
         };
         word.or_else(|| short().map(str::to_owned)).unwrap_or_else(age)

@@ -99,13 +99,13 @@ mod tests {
 
     fn numbers(joints: &mut Numbering, at_ms: u64, count: u8) -> (Vec<u8>, u8) {
         let (at, from) = (Instant::from_micros(1_000 * at_ms), NodeId::from_low_bits(10));
-        let mut told =
+        let mut reported =
             Fact::Joints { from, joints: (1..=count).map(|j| (j, JointSample::default())).collect() };
-        joints.renumber(at, &mut told);
+        joints.renumber(at, &mut reported);
         let state = GroupState { fault_joint: count, ..GroupState::default() };
         let mut group = Fact::Group { from, first_at: at, state };
         joints.renumber(at, &mut group);
-        match (told, group) {
+        match (reported, group) {
             (Fact::Joints { joints, .. }, Fact::Group { state, .. }) => {
                 (joints.iter().map(|(number, _)| *number).collect(), state.fault_joint)
             }

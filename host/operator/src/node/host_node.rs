@@ -196,7 +196,8 @@ impl HostNode {
 
     /// Modules that gave more answers than there were requests: two drives have the address.
     pub fn double_answers(&self) -> Vec<ModuleId> {
-        let doubled = self.talks.iter().filter(|(_, (asked, told))| *told > *asked + EXTRA_ANSWERS_MAX);
+        let doubled =
+            self.talks.iter().filter(|(_, (asked, reported))| *reported > *asked + EXTRA_ANSWERS_MAX);
         doubled.map(|(module, _)| *module).collect()
     }
 

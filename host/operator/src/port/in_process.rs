@@ -55,7 +55,7 @@ type Members = ((Cell, Solo<ScriptedHost>), Solo<Controller<RamStorage, Spline, 
 pub struct InProcess {
     world: World<Members>,
     /// Report of the controller, and its time.
-    told: (Instant, GroupState),
+    reported: (Instant, GroupState),
     kept: Option<Kept>,
     /// Once set, no more time passes.
     stop: Option<Arc<AtomicBool>>,
@@ -100,10 +100,10 @@ impl InProcess {
         let participants = ((cell, script), Solo::new("controller", controller));
         let mut world = World::new(participants, setup.bus, seed, setup.faults.clone())?;
         world.faults_mut().await_throw();
-        let told = (Instant::ZERO, GroupState::default());
+        let reported = (Instant::ZERO, GroupState::default());
         Ok(Self {
             world,
-            told,
+            reported,
             kept: None,
             stop: None,
             stops: StopWatch::of_others(),
@@ -158,21 +158,21 @@ impl InProcess {
             // Without a host link no other node passes a stop message on to the controller.
             self.act(Controller::stop_now)?;
         }
-        let last = self.told.1;
-        let told = self.act(|controller, now| {
+        let last = self.reported.1;
+        let reported = self.act(|controller, now| {
             let due = controller.take_telemetry_due(now);
             (due || controller.state().kind() != last.state).then(|| (due, controller.take_sample(now)))
         })?;
         let now = self.world.now();
-        if let Some((_, sample)) = &told {
-            self.told = (now, group_message(sample, last.sequence.wrapping_add(1), false));
-            self.stops.take_state(now, &self.told.1);
+        if let Some((_, sample)) = &reported {
+            self.reported = (now, group_message(sample, last.sequence.wrapping_add(1), false));
+            self.stops.take_state(now, &self.reported.1);
         }
         if let Some(kept) = &mut self.kept {
             let controller = &self.world.participants().1.node;
-            kept.collect(now, controller, told.is_some_and(|(due, _)| due));
-            if told.is_some() {
-                kept.hear(now, controller, &self.told.1);
+            kept.collect(now, controller, reported.is_some_and(|(due, _)| due));
+            if reported.is_some() {
+                kept.hear(now, controller, &self.reported.1);
             }
         }
         Ok(())
@@ -194,7 +194,7 @@ impl InProcess {
 
     /// Reports a stop once, when the controller has reported it or does not.
     fn end_if_stopped(&mut self) -> Result<(), OperatorError> {
-        let Some(stop) = self.stops.due(self.world.now(), Some(self.told)) else { return Ok(()) };
+        let Some(stop) = self.stops.due(self.world.now(), Some(self.reported)) else { return Ok(()) };
         self.stops.end();
         // The caller gets the controller's report of a fault.
         if stop.by_other { Err(BusFailure::StoppedByOther(stop).into()) } else { Ok(()) }
@@ -207,8 +207,8 @@ impl InProcess {
         done: &mut dyn FnMut(Instant, &GroupState) -> bool,
     ) -> Result<bool, OperatorError> {
         loop {
-            let (at, told) = self.told;
-            let is_done = done(at, &told);
+            let (at, reported) = self.reported;
+            let is_done = done(at, &reported);
             self.end_if_stopped()?;
             if is_done {
                 return Ok(true);
@@ -250,7 +250,7 @@ impl Operator for InProcess {
     }
 
     fn group(&mut self) -> GroupState {
-        self.told.1
+        self.reported.1
     }
 
     fn wait_for(&mut self, limit: Duration, wanted: &dyn Fn(State) -> bool) -> Result<(), OperatorError> {
@@ -258,7 +258,7 @@ impl Operator for InProcess {
         let ended = self.pass_until(until, &mut |_, group| {
             wanted(group.state) || matches!(group.state, State::Fault | State::Stopped)
         })?;
-        let group = self.told.1;
+        let group = self.reported.1;
         match ended {
             true if wanted(group.state) => Ok(()),
             true => Err(stopped(&group)),
@@ -387,7 +387,7 @@ impl Operator for InProcess {
                 break ended;
             }
         };
-        let group = self.told.1;
+        let group = self.reported.1;
         match (ended, group.state) {
             (true, State::Ready) => Ok(()),
             (true, State::Stopped | State::Fault) => Err(stopped(&group)),

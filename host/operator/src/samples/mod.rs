@@ -49,7 +49,7 @@ pub struct JointSamples {
     pub temperatures: Vec<At>,
     pub orders: Vec<RampOrder>,
     /// Reports of the controller about the joint.
-    pub told: Vec<(Instant, JointSample)>,
+    pub reported: Vec<(Instant, JointSample)>,
 }
 
 /// A state of the group, as the controller reported it.
@@ -166,7 +166,7 @@ impl Samples {
     /// True if no data were received at all.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        let silent = |joint: &JointSamples| joint.positions.is_empty() && joint.told.is_empty();
+        let silent = |joint: &JointSamples| joint.positions.is_empty() && joint.reported.is_empty();
         self.group.is_empty()
             && self.joints.iter().all(silent)
             && self.bus.as_ref().is_none_or(|bus| bus.frames.is_empty())

@@ -28,12 +28,12 @@ impl Kept {
         Self { samples, watch: Watch::default(), traced: controller.trace().total() }
     }
 
-    /// Measurements and orders to the gripper since the last call; with `told` also the controller's reports of its joints.
+    /// Measurements and orders to the gripper since the last call; with `reported` also the controller's reports of its joints.
     pub(crate) fn collect<G: DriveGroup>(
         &mut self,
         now: Instant,
         controller: &Controller<RamStorage, Spline, G>,
-        told: bool,
+        reported: bool,
     ) {
         for (kept, joint) in self.samples.joints.iter_mut().zip(controller.joints()) {
             if let Some(position) = controller.group().position(joint)
@@ -47,8 +47,8 @@ impl Kept {
             {
                 kept.currents.push(At { at: now, value });
             }
-            if told {
-                kept.told.push((now, controller.joint_sample(joint)));
+            if reported {
+                kept.reported.push((now, controller.joint_sample(joint)));
             }
         }
         for (number, at, event) in controller.trace().places().flatten() {

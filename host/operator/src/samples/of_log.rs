@@ -96,7 +96,7 @@ impl Reader<'_> {
                 for (number, sample) in joints {
                     let joint = usize::from(*number).wrapping_sub(1);
                     let Some(of_joint) = self.samples.joints.get_mut(joint) else { continue };
-                    of_joint.told.push((at, *sample));
+                    of_joint.reported.push((at, *sample));
                     if let Some(motors) = &mut self.motors {
                         motors.align(joint, f64::from(sample.q_rad));
                     }

@@ -109,9 +109,9 @@ fn corrections(
         let at_s = first_s + share * (last_s - first_s);
         let left_s = (ball.t_s - at_s).max(0.0);
         let then_m = sigma_m.min(watch.sigma_by_m(at_s, ball.t_s));
-        let told_m = (sigma_m * sigma_m - then_m * then_m).max(0.0).sqrt();
+        let reported_m = (sigma_m * sigma_m - then_m * then_m).max(0.0).sqrt();
         sigma_m = then_m;
-        Correction { authority_m: 0.25 * left_s * left_s * LEVER_M, sigma_m: told_m }
+        Correction { authority_m: 0.25 * left_s * left_s * LEVER_M, sigma_m: reported_m }
     });
     (all, sigma_m)
 }

@@ -20,7 +20,7 @@
 //! | `posture` | postures of the arm at a release: closed form, numerical, or drawn |
 //! | `place` | stored throws turned to a target |
 //! | `continuation` | stored throws carried to a target in steps |
-//! | `basins` | local optima in which the starts ended, and when to stop starting |
+//! | `optima` | local optima in which the starts ended, and when to stop starting |
 //! | [`planner`] | common data of all starts to one target |
 //! | [`outcome`] | budget of a search, and its result |
 //! | [`relaxation`] | requirements that a search gives up if no throw keeps all limits of the landing's shift |
@@ -35,7 +35,6 @@
 //! | [`mod@file`] | the plan file |
 //! | [`rng`] | seeded numbers |
 
-mod basins;
 pub mod bounds;
 mod continuation;
 mod cuts;
@@ -51,6 +50,7 @@ pub mod margins;
 pub mod nearest;
 mod obstruction;
 pub mod opening;
+mod optima;
 pub mod options;
 pub mod outcome;
 pub mod paper;
@@ -72,11 +72,11 @@ pub mod statistics;
 mod warm_start;
 
 pub use crate::throw::{Arm, Joints, Throw};
-pub use basins::Confidence;
 pub use bounds::Bounds;
 pub use local::{Blocked, Found, Nearest};
 pub use margins::Margins;
 pub use obstruction::Obstruction;
+pub use optima::Confidence;
 pub use options::{AskedBounds, DelayWindow, Form, Goal, Opening, Options};
 pub use outcome::{Best, Budget, NoThrow, Watch};
 pub use paper::PaperParameters;

@@ -74,12 +74,12 @@ impl Planner<'_, '_> {
     #[must_use]
     pub fn refused_at_once(&self, index: &Index, budget: &Budget, watch: &Watch) -> Option<NoThrow> {
         let (kind, options) = (kind_of(&self.problem.options), &self.problem.options);
-        let told = self.has_table(index) && options.obstacles.is_empty() && options.course.is_at_rest();
+        let reported = self.has_table(index) && options.obstacles.is_empty() && options.course.is_at_rest();
         let inside = || {
             let near = !self.warm_starts(index, 1).is_empty();
             near && index.surrounds(kind, self.range_m, self.problem.target.z, RINGS)
         };
-        if !told || inside() || self.from_index(index, QUICK_TRIES).is_some() {
+        if !reported || inside() || self.from_index(index, QUICK_TRIES).is_some() {
             return None;
         }
         let near = self.stored_near(index, |r| r.kind == kind, QUICK_STARTS);

@@ -5,9 +5,9 @@ use std::time::Duration;
 
 use nalgebra::Vector3;
 
-use super::basins::Confidence;
 use super::local::Found;
 use super::obstruction::Obstruction;
+use super::optima::Confidence;
 
 /// How long to search.
 #[derive(Debug, Clone, Copy)]
@@ -103,8 +103,8 @@ pub struct NearestTarget {
 /// Coordinates with three decimals; no "-0.000".
 fn point_text(point: &Vector3<f64>) -> String {
     let [x, y, z] = (*point).into();
-    let told = |value: f64| (value * 1e3).round() / 1e3 + 0.0;
-    format!("({:.3}, {:.3}, {:.3})", told(x), told(y), told(z))
+    let reported = |value: f64| (value * 1e3).round() / 1e3 + 0.0;
+    format!("({:.3}, {:.3}, {:.3})", reported(x), reported(y), reported(z))
 }
 
 /// End of a message: where the nearest target is and what blocks; empty if no such target is known.

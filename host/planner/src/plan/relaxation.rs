@@ -9,8 +9,8 @@
 use nalgebra::Vector3;
 use robot_model::RobotModel;
 
-use super::basins::Basins;
 use super::local::Found;
+use super::optima::Optima;
 use super::options::Options;
 use super::outcome::{Best, Budget, NoThrow, Watch};
 use super::planner::Planner;
@@ -166,7 +166,7 @@ fn carry(planner: &Planner<'_, '_>, from: &[Found], watch: &Watch) -> Option<Bes
     let carried = each(&from[..from.len().min(CARRIED_MAX)], |found| {
         (!stopped()).then(|| counted(watch, planner.solve_from_throw(&found.throw)))
     });
-    let mut basins = Basins::default();
-    carried.into_iter().flatten().for_each(|found| basins.add_stored(found));
-    planner.best_of(&basins, &stopped)
+    let mut optima = Optima::default();
+    carried.into_iter().flatten().for_each(|found| optima.add_stored(found));
+    planner.best_of(&optima, &stopped)
 }

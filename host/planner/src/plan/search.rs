@@ -3,9 +3,9 @@
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
-use super::basins::{Basins, ENOUGH_STORED, Surroundings};
 use super::local::{Begin, Found, evaluate_once, solve_from};
 use super::obstruction::obstruction;
+use super::optima::{ENOUGH_STORED, Optima, Surroundings};
 pub use super::outcome::{Best, Budget, NoThrow, Watch};
 pub use super::planner::{Planner, kind_of};
 use super::warm_start::{RINGS, WarmStart, warm_starts};
@@ -190,10 +190,10 @@ impl Planner<'_, '_> {
         // Looking for the nearest target is itself a way in: it may end at the target.
         if nearest.distance_m < REACHED_M {
             let Some(found) = self.from_throw(&throw) else { return Err(none) };
-            let mut basins = Basins::default();
-            basins.add_random(Some(found));
+            let mut optima = Optima::default();
+            optima.add_random(Some(found));
             let (starts, interrupted) = (none.starts, none.interrupted);
-            let confidence = basins.confidence();
+            let confidence = optima.confidence();
             return Ok(Best { found, starts, solved: 1, interrupted, confidence, others: vec![found] });
         }
         Err(NoThrow { nearest: persistent.proven(&nearest, index, budget, watch), ..none })
@@ -212,26 +212,26 @@ impl Planner<'_, '_> {
     ///
     /// A kind of throw that reaches farther is often more expensive than the kind that ends before the target.
     /// Stored throws of the cheaper kind are tried first and all end at the edge of its reach.
-    fn walk_from_nearest(&self, index: &Index, stopped: &(dyn Fn() -> bool + Sync), watch: &Watch) -> Basins {
+    fn walk_from_nearest(&self, index: &Index, stopped: &(dyn Fn() -> bool + Sync), watch: &Watch) -> Optima {
         let kind = kind_of(&self.problem.options);
         let wanted = |r: &Record| r.kind == kind && self.away_m(r) <= WALKED_WITHIN_M;
         let walked = each(&self.stored_near(index, wanted, NEAREST_WALKED), |record| {
             (!stopped()).then(|| counted(watch, self.walk_to_target(record, stopped)))
         });
-        let mut basins = Basins::default();
-        walked.into_iter().flatten().for_each(|found| basins.add_stored(found));
-        basins
+        let mut optima = Optima::default();
+        walked.into_iter().flatten().for_each(|found| optima.add_stored(found));
+        optima
     }
 
     /// The best of the throws that some starts ended in; `None` if no start ended in a throw.
-    pub(super) fn best_of(&self, basins: &Basins, stopped: &(dyn Fn() -> bool + Sync)) -> Option<Best> {
-        let others = self.finish(basins, stopped);
+    pub(super) fn best_of(&self, optima: &Optima, stopped: &(dyn Fn() -> bool + Sync)) -> Option<Best> {
+        let others = self.finish(optima, stopped);
         Some(Best {
             found: *others.first()?,
-            starts: basins.starts(),
-            solved: basins.solved(),
+            starts: optima.starts(),
+            solved: optima.solved(),
             interrupted: stopped(),
-            confidence: basins.confidence(),
+            confidence: optima.confidence(),
             others,
         })
     }
@@ -245,34 +245,34 @@ impl Planner<'_, '_> {
         let began = Instant::now();
         let out_of_time = || budget.time.is_some_and(|t| began.elapsed() >= t);
         let stopped = || watch.stop.load(Ordering::Relaxed) || out_of_time();
-        let mut basins = Basins::default();
-        let surroundings = self.polish_stored(index, &mut basins, &stopped, watch);
+        let mut optima = Optima::default();
+        let surroundings = self.polish_stored(index, &mut optima, &stopped, watch);
         let batch = if surroundings == Surroundings::Stored { ENOUGH_STORED } else { BATCH };
         // Without a table, a throw that was found by only one or two starts is seldom the best one. So more starts are made.
-        let most = |basins: &Basins| {
-            let more = !budget.all && surroundings == Surroundings::Unknown && basins.solved() > 0;
+        let most = |optima: &Optima| {
+            let more = !budget.all && surroundings == Surroundings::Unknown && optima.solved() > 0;
             budget.starts.saturating_mul(if more { MORE_STARTS } else { 1 })
         };
         let mut begun = 0;
-        while begun < most(&basins)
+        while begun < most(&optima)
             && !stopped()
-            && (budget.all || !basins.enough(surroundings, self.problem.options.null_delay))
+            && (budget.all || !optima.enough(surroundings, self.problem.options.null_delay))
         {
-            let batch: Vec<u64> = ((begun as u64)..(most(&basins).min(begun + batch) as u64)).collect();
+            let batch: Vec<u64> = ((begun as u64)..(most(&optima).min(begun + batch) as u64)).collect();
             begun += batch.len();
-            let known = (surroundings == Surroundings::Unknown).then(|| basins.found());
+            let known = (surroundings == Surroundings::Unknown).then(|| optima.found());
             let ended = each(&batch, |k| {
                 (!stopped()).then(|| counted(watch, self.solve_random(budget.seed, *k, known.as_deref())))
             });
-            ended.into_iter().flatten().for_each(|found| basins.add_random(found));
+            ended.into_iter().flatten().for_each(|found| optima.add_random(found));
         }
-        let interrupted = stopped() && (begun < most(&basins) || basins.random() < begun);
-        let best = self.best_of(&basins, &stopped).map(|best| Best { interrupted, ..best });
+        let interrupted = stopped() && (begun < most(&optima) || optima.random() < begun);
+        let best = self.best_of(&optima, &stopped).map(|best| Best { interrupted, ..best });
         best.ok_or_else(|| NoThrow {
             target: self.problem.target,
             nearest: None,
             obstruction: None,
-            starts: basins.starts(),
+            starts: optima.starts(),
             interrupted,
         })
     }
@@ -282,7 +282,7 @@ impl Planner<'_, '_> {
     fn polish_stored(
         &self,
         index: &Index,
-        basins: &mut Basins,
+        optima: &mut Optima,
         stopped: &(dyn Fn() -> bool + Sync),
         watch: &Watch,
     ) -> Surroundings {
@@ -291,22 +291,22 @@ impl Planner<'_, '_> {
         let solve = |work: &(dyn Fn() -> Option<Found> + Sync)| (!stopped()).then(|| counted(watch, work()));
         let polished =
             each(&near, |(_, record)| solve(&|| self.polish(record, &Settings::default(), usize::MAX)));
-        polished.into_iter().flatten().for_each(|found| basins.add_stored(found));
+        polished.into_iter().flatten().for_each(|found| optima.add_stored(found));
         // What answers at once must not be better than a search.
         if let Some(found) = self.first_pass(&near) {
-            basins.add_stored(Some(found));
+            optima.add_stored(Some(found));
         }
-        if basins.solved() == 0 {
+        if optima.solved() == 0 {
             let walked = each(&near[..near.len().min(WALKED)], |(_, record)| {
                 solve(&|| self.walk_to_target(record, stopped))
             });
-            walked.into_iter().flatten().for_each(|found| basins.add_stored(found));
+            walked.into_iter().flatten().for_each(|found| optima.add_stored(found));
         }
-        if basins.solved() == 0 {
+        if optima.solved() == 0 {
             let others = each(&self.other_kinds(index, kind), |start| {
                 solve(&|| self.solve(start, self.anywhere(), &Settings::default(), usize::MAX))
             });
-            others.into_iter().flatten().for_each(|found| basins.add_stored(found));
+            others.into_iter().flatten().for_each(|found| optima.add_stored(found));
         }
         match near.len() {
             _ if !self.has_table(index) => Surroundings::Unknown,
@@ -316,8 +316,8 @@ impl Planner<'_, '_> {
     }
 
     /// More steps for the best few throws: the steps of a start show where it will end, but may not suffice to end there.
-    pub(super) fn finish(&self, basins: &Basins, stopped: &(dyn Fn() -> bool + Sync)) -> Vec<Found> {
-        let finished = basins
+    pub(super) fn finish(&self, optima: &Optima, stopped: &(dyn Fn() -> bool + Sync)) -> Vec<Found> {
+        let finished = optima
             .found()
             .iter()
             .enumerate()

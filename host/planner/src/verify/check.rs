@@ -213,25 +213,25 @@ pub fn check(arm: &RobotModel, plan: &PlanFile) -> Report {
     findings.extend(flight_findings(plan, &watched, &flown));
     findings.extend(opening(arm.gripper().ball_radius_m, plan, &flown));
     findings.extend(delays(plan, &release));
-    let told = told(plan, [p, v], flown.landed.as_ref());
+    let reported = reported(plan, [p, v], flown.landed.as_ref());
     // The rest is computed from the release: where that is false, nothing more is learned.
-    let lie = if told.ok { plan.false_claim(arm) } else { None };
-    findings.push(told);
+    let lie = if reported.ok { plan.false_claim(arm) } else { None };
+    findings.push(reported);
     let text = lie.clone().unwrap_or_else(|| "all of them".to_owned());
     findings.push(Finding::claimed("numbers of the file are those of its motion", lie.is_none(), text));
     Report { findings, samples: steps + 1 }
 }
 
 /// The release and the landing that the file states, compared with those of its motion: programs read them without the motion.
-fn told(plan: &PlanFile, [p, v]: [Vector3<f64>; 2], landed: Option<&Met>) -> Finding {
+fn reported(plan: &PlanFile, [p, v]: [Vector3<f64>; 2], landed: Option<&Met>) -> Finding {
     let (release, landing) = (&plan.release, &plan.landing);
     let moved = motion::at(plan, plan.release_time_s);
     let mut worst = Worst::new();
-    let mut compare = |what: &str, at_s: f64, tolerance: f64, told: &[f64], found: &[f64]| {
+    let mut compare = |what: &str, at_s: f64, tolerance: f64, reported: &[f64], found: &[f64]| {
         for (k, found) in found.iter().enumerate() {
-            let told = told.get(k).copied().unwrap_or(f64::NAN);
-            worst.see((told - found).abs() / tolerance, at_s, || {
-                format!("{what} {}: {told:.6}, not {found:.6}", k + 1)
+            let reported = reported.get(k).copied().unwrap_or(f64::NAN);
+            worst.see((reported - found).abs() / tolerance, at_s, || {
+                format!("{what} {}: {reported:.6}, not {found:.6}", k + 1)
             });
         }
     };
@@ -341,13 +341,16 @@ fn clear_finding(what: &str, near: &Worst, wanted_m: f64, enforced: bool) -> Fin
 fn hand_finding(near: &Worst, wanted_m: f64, enforced: bool) -> Finding {
     let of = if wanted_m > 0.0 { format!(" of {:.2} mm", wanted_m * 1e3) } else { String::new() };
     let least_m = (wanted_m - HAND_TOLERANCE_M).max(0.0);
-    let told = format!("{:.2} mm{of}", -near.value * 1e3);
-    near_finding(&format!("{RELEASED_BALL}free of the hand"), near, &told, least_m, enforced)
+    let reported = format!("{:.2} mm{of}", -near.value * 1e3);
+    near_finding(&format!("{RELEASED_BALL}free of the hand"), near, &reported, least_m, enforced)
 }
 
-fn near_finding(what: &str, near: &Worst, told: &str, least_m: f64, enforced: bool) -> Finding {
-    let worst =
-        if near.what.is_empty() { "nothing to check".to_owned() } else { format!("{told} ({})", near.what) };
+fn near_finding(what: &str, near: &Worst, reported: &str, least_m: f64, enforced: bool) -> Finding {
+    let worst = if near.what.is_empty() {
+        "nothing to check".to_owned()
+    } else {
+        format!("{reported} ({})", near.what)
+    };
     Finding { what: what.to_owned(), ok: -near.value > least_m, worst, at_s: Some(near.at_s), enforced }
 }
 

@@ -37,7 +37,7 @@ class Modules:
     missing: list[int]
     #: The controller that was heard, if modules were not asked.
     controller: dict[str, Any] | None = field(repr=False)
-    #: Everything that was told of each module, with serial number, firmware, supplies and temperature where they were asked for.
+    #: Everything that was reported of each module, with serial number, firmware, supplies and temperature where they were asked for.
     details: list[dict[str, Any]] = field(repr=False)
 
 
@@ -94,21 +94,21 @@ class Bus:
 
 
 def _modules(text: str) -> Modules:
-    told = json.loads(text)
-    rows = told["modules"]
+    reported = json.loads(text)
+    rows = reported["modules"]
 
     def numbers(name: str) -> Doubles:
         return np.array([row.get(name) for row in rows], dtype=np.float64)
 
     return Modules(
-        bus=told["bus"],
-        asked=told.get("asked", True),
+        bus=reported["bus"],
+        asked=reported.get("asked", True),
         module=np.array([row["module"] for row in rows], dtype=np.uint8),
         position_rad=numbers("position_rad"),
         current_a=numbers("current_a"),
         homed=np.array([bool(row["homed"]) for row in rows], dtype=np.bool_),
         state=np.array([row["state"] or "" for row in rows], dtype=np.str_),
-        missing=told["missing"],
-        controller=told.get("controller"),
+        missing=reported["missing"],
+        controller=reported.get("controller"),
         details=rows,
     )

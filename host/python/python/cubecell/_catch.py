@@ -21,8 +21,8 @@ def _rows(values: Any) -> Doubles:
     return np.array(values, dtype=np.float64)
 
 
-def _motion(told: dict[str, Any] | None) -> Motion | None:
-    return None if told is None else Motion(**{name: _rows(values) for name, values in told.items()})
+def _motion(data: dict[str, Any] | None) -> Motion | None:
+    return None if data is None else Motion(**{name: _rows(values) for name, values in data.items()})
 
 
 @dataclass(frozen=True)
@@ -134,20 +134,20 @@ def catch_ball(
     A ball that is missed or declined is a result, not an exception; :class:`CubecellError` is raised if something is refused.
     """
     numbers = [*to_point(position_m, "a position"), *to_point(velocity_m_s, "a velocity")]
-    told = json.loads(_native.catch_ball(request(options, robot=source_of(robot), ball=numbers), float(step_s)))
-    choice, motion, crossing = told["choice"], _motion(told["motion"]), told["crossing"]
+    data = json.loads(_native.catch_ball(request(options, robot=source_of(robot), ball=numbers), float(step_s)))
+    choice, motion, crossing = data["choice"], _motion(data["motion"]), data["crossing"]
     if choice is not None:
         for name in ("p_m", "axis", "q_rad", "qd_rad_s"):
             choice[name] = _rows(choice[name])
 
     def column(name: str) -> list[Any]:
-        return [decision[name] for decision in told["decisions"]]
+        return [decision[name] for decision in data["decisions"]]
 
     return BallCatch(
-        reported=told["reported"],
-        caught=told["caught"],
-        exit_code=told["exit_code"],
-        text=told["text"],
+        reported=data["reported"],
+        caught=data["caught"],
+        exit_code=data["exit_code"],
+        text=data["text"],
         crossing=None if crossing is None else Crossing(**crossing),
         choice=None if choice is None or motion is None else BallChoice(**choice, motion=motion),
         decisions=Decisions(
@@ -159,16 +159,16 @@ def catch_ball(
             judged=np.array(column("judged"), dtype=np.int64),
         ),
         trace=Trace(
-            after_release_s=_rows(told["trace"]["t_s"]),
-            ball_m=_rows(told["trace"]["ball_m"]).reshape(-1, 3),
-            mouth_m=_rows(told["trace"]["mouth_m"]).reshape(-1, 3),
-            q_rad=_rows(told["trace"]["q_rad"]).reshape(-1, 6),
+            after_release_s=_rows(data["trace"]["t_s"]),
+            ball_m=_rows(data["trace"]["ball_m"]).reshape(-1, 3),
+            mouth_m=_rows(data["trace"]["mouth_m"]).reshape(-1, 3),
+            q_rad=_rows(data["trace"]["q_rad"]).reshape(-1, 6),
         ),
-        events=told["events"],
-        base=_rows(told["x_wb"]),
-        limits=told["limits"],
-        within_limits=told["within_limits"],
-        refusals=told["refusals"],
+        events=data["events"],
+        base=_rows(data["x_wb"]),
+        limits=data["limits"],
+        within_limits=data["within_limits"],
+        refusals=data["refusals"],
     )
 
 
@@ -252,10 +252,10 @@ class DiscCatch:
     flight: DiscFlight = field(repr=False)
 
 
-def _witness(told: dict[str, Any]) -> DiscWitness:
+def _witness(data: dict[str, Any]) -> DiscWitness:
     for name in ("speed_rad_s", "acceleration_rad_s2"):
-        told[name] = _rows(told[name])
-    return DiscWitness(**told)
+        data[name] = _rows(data[name])
+    return DiscWitness(**data)
 
 
 def catch_disc(
@@ -275,8 +275,8 @@ def catch_disc(
     """
     start, velocity = to_point(position_m, "a position"), to_point(velocity_m_s, "a velocity")
     fields = request(options, robot=source_of(robot), start=start, velocity=velocity)
-    told = json.loads(_native.catch_disc(fields, float(step_s)))
-    rule, plan, motion = told["rule"], told["plan"], _motion(told["motion"])
+    data = json.loads(_native.catch_disc(fields, float(step_s)))
+    rule, plan, motion = data["rule"], data["plan"], _motion(data["motion"])
     if rule is not None:
         rule["speed_demanded_rad_s"] = _rows(rule["speed_demanded_rad_s"])
         rule["witness"] = _witness(rule["witness"])
@@ -289,10 +289,10 @@ def catch_disc(
         plan["witness"] = _witness(plan["witness"])
         found = DiscPlan(**plan, motion=motion)
     return DiscCatch(
-        exit_code=told["exit_code"],
-        text=told["text"],
+        exit_code=data["exit_code"],
+        text=data["text"],
         rule=None if rule is None else DiscRule(**rule),
         plan=found,
         declined=declined,
-        flight=DiscFlight(**{name: _rows(values) for name, values in told["flight"].items()}),
+        flight=DiscFlight(**{name: _rows(values) for name, values in data["flight"].items()}),
     )

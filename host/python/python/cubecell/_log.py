@@ -28,18 +28,18 @@ class Log:
         self._fill(_native.read_log(path / "bus.log" if path.is_dir() else path))
 
     @classmethod
-    def of_columns(cls, told: dict[str, Any]) -> Log:
+    def of_columns(cls, reported: dict[str, Any]) -> Log:
         """The tables of columns from the native half; see :meth:`Bus.record`."""
         log = cls.__new__(cls)
-        log._fill(told)
+        log._fill(reported)
         return log
 
-    def _fill(self, told: dict[str, Any]) -> None:
+    def _fill(self, reported: dict[str, Any]) -> None:
         #: What was cut off at the end of the log, in words, if something was.
-        self.torn: str | None = told["torn"]
+        self.torn: str | None = reported["torn"]
 
         def column(name: str, kind: type[Any] = np.float64) -> NDArray[Any]:
-            values = told[name]
+            values = reported[name]
             if isinstance(values, list):
                 return np.array(values, dtype=np.str_)
             return to_array(values, -1).astype(kind, copy=False)
@@ -51,21 +51,21 @@ class Log:
             "extended": column("frames.extended", np.bool_),
             "sent": column("frames.sent", np.bool_),
             "length": column("frames.length", np.uint8),
-            "data": np.frombuffer(told["frames.data"], dtype=np.uint8).reshape(-1, 8),
+            "data": np.frombuffer(reported["frames.data"], dtype=np.uint8).reshape(-1, 8),
         }
-        #: Positions that drives (by their addresses) told, rad.
+        #: Positions that drives (by their addresses) reported, rad.
         self.positions: Table = {
             "t_s": column("positions.t_s"),
             "module": column("positions.module", np.uint8),
             "position_rad": column("positions.position_rad"),
         }
-        #: Motor currents that drives told, A.
+        #: Motor currents that drives reported, A.
         self.currents: Table = {
             "t_s": column("currents.t_s"),
             "module": column("currents.module", np.uint8),
             "current_a": column("currents.current_a"),
         }
-        #: Joints (from 1) as the controller told them: rad, rad/s, and the tracking error in rad.
+        #: Joints (from 1) as the controller reported them: rad, rad/s, and the tracking error in rad.
         self.joints: Table = {
             "t_s": column("joints.t_s"),
             "joint": column("joints.joint", np.uint8),
@@ -73,7 +73,7 @@ class Log:
             "qd_rad_s": column("joints.qd_rad_s"),
             "error_q_rad": column("joints.error_q_rad"),
         }
-        #: The group as the controller told it: state in words, cause of a fault (0: none), time in the plan in s, bus load (0 to 1).
+        #: The group as the controller reported it: state in words, cause of a fault (0: none), time in the plan in s, bus load (0 to 1).
         self.group: Table = {
             "t_s": column("group.t_s"),
             "state": column("group.state"),

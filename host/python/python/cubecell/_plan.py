@@ -118,11 +118,11 @@ def check(plan: Plan | FollowPlan) -> Report | FollowReport:
 
     Raises :class:`CubecellError` if the plan cannot be read or is for another robot.
     """
-    told = json.loads(_native.check(plan.json, plan.robot))
+    reported = json.loads(_native.check(plan.json, plan.robot))
     if isinstance(plan, FollowPlan):
-        del told["good"]
-        return FollowReport(**told)
-    return Report([Finding(**finding) for finding in told["findings"]], told["samples"])
+        del reported["good"]
+        return FollowReport(**reported)
+    return Report([Finding(**finding) for finding in reported["findings"]], reported["samples"])
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class Gains:
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Gains:
-        """Reads a gains file; what is wrong with it is told where it is used."""
+        """Reads a gains file; what is wrong with it is reported where it is used."""
         return cls(Path(path).read_text(encoding="utf-8"))
 
     def write(self, path: str | os.PathLike[str]) -> None:

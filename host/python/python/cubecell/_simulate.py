@@ -56,7 +56,7 @@ def simulate(
         "gains": None if gains is None else gains.toml,
         "scenario": None if scenario is None else os.fspath(scenario),
     }
-    told = json.loads(_native.simulate(request))
-    landed = told["landing_m"]
-    told["landing_m"] = None if landed is None else np.array(landed)
-    return Run(**told)
+    reported = json.loads(_native.simulate(request))
+    landed = reported["landing_m"]
+    reported["landing_m"] = None if landed is None else np.array(landed)
+    return Run(**reported)

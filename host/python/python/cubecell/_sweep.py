@@ -64,5 +64,5 @@ def sweep(
 
 def sweep_summary(out: str | os.PathLike[str]) -> dict[str, Any]:
     """What the parts of a sweep say together, as ``cubectl plan sweep --summary OUT --json`` prints it."""
-    told: dict[str, Any] = json.loads(_native.sweep_summary(os.fspath(out)))
-    return told
+    reported: dict[str, Any] = json.loads(_native.sweep_summary(os.fspath(out)))
+    return reported

@@ -40,7 +40,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             Seen::Asked(found) => answered(&look.bus, found),
         }
     }
-    match look.told_missing() {
+    match look.reported_missing() {
         Some(missing) if look.is_guess() => {
             console::note!("{}", missing.on(&Place::of_bus(&args.bus)));
         }
@@ -62,7 +62,7 @@ pub fn for_programs(
     stop: &Arc<AtomicBool>,
 ) -> Result<serde_json::Value, ExpectedError> {
     let look = look(bus, modules, false, Arc::clone(stop))?;
-    match look.told_missing().filter(|_| all_must_answer && !look.is_guess()) {
+    match look.reported_missing().filter(|_| all_must_answer && !look.is_guess()) {
         Some(missing) => Err(missing),
         None => Ok(look.json()),
     }

@@ -318,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn on_the_controller_a_catch_is_a_catch_and_a_lost_drive_is_told() {
+    fn on_the_controller_a_catch_is_a_catch_and_a_lost_drive_is_reported() {
         ended("catch --disc flat --on-controller").unwrap();
         let code = |words| ended(words).unwrap_err().code;
         assert_eq!(code("catch --disc flat --on-controller --fault drive-lost:0.2"), exit::STOPPED);

@@ -310,7 +310,7 @@ pub(super) fn summary(folder: &Path) -> Result<(Summary, serde_json::Value), Exp
     let folder = Folder::open(folder)?;
     let s = Summary::of(&folder)?;
     let [least, mean, most] = s.objective.map_or([None; 3], |values| values.map(Some));
-    let told = json!({
+    let reported = json!({
         "targets": s.targets,
         "shards": s.shards,
         "missing_shards": s.missing,
@@ -323,7 +323,7 @@ pub(super) fn summary(folder: &Path) -> Result<(Summary, serde_json::Value), Exp
         "draws_miss_rms_m": s.miss_rms_m,
         "crc32": format!("{:08x}", s.crc32),
     });
-    Ok((s, told))
+    Ok((s, reported))
 }
 
 /// Page with the reach, from the parts that are there.

@@ -3,7 +3,7 @@
   const by = id => document.getElementById(id);
   const SPAN_S = 10, KEPT = 600, EVENTS = 60;
   const fixed = (value, digits) => value === null || value === undefined ? '–' : value.toFixed(digits).replace('-', '−');
-  let last = null, heard = 0, socket = null, dirty = false, told_s = 0, stop_shown = false;
+  let last = null, heard = 0, socket = null, dirty = false, reported_s = 0, stop_shown = false;
 
   // A chart over the last seconds. On a phone it is drawn smaller, its letters are not.
   const phone = innerWidth < 640;
@@ -118,9 +118,9 @@
     const tone = last && last.stop ? last.stop.tone : '';
     by('stopped').className = tone === 'good' && (silent || over || last.link.tone !== 'good') ? 'warn' : tone;
     // While nothing comes, the ages still grow.
-    if (last && (dirty || silent && Math.round(gap_s) !== told_s)) {
-      dirty = false; told_s = Math.round(gap_s);
-      const c = last.controller, gone = silent ? `not heard for ${told_s} s` : '', aged = silent || c && c.old ? 'warn' : '';
+    if (last && (dirty || silent && Math.round(gap_s) !== reported_s)) {
+      dirty = false; reported_s = Math.round(gap_s);
+      const c = last.controller, gone = silent ? `not heard for ${reported_s} s` : '', aged = silent || c && c.old ? 'warn' : '';
       set('state', c ? gone || c.state : 'no controller is heard', c ? (silent ? 'bad' : over ? '' : c.tone) : '');
       set('plan', c && c.plan_s > 0 ? `${fixed(c.plan_s, 2)} s` : '–', aged);
       set('counts', c ? `${c.cycles_saturated} / ${c.cycles_late} / ${c.replies_missed}` : '–', aged);

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use super::super::frame::{cause, foot, head, told_outcome, tone};
+use super::super::frame::{cause, foot, head, reported_outcome, tone};
 use super::super::page::{Answer, Cell, Tone, cell, number};
 use super::{Ran, record};
 use operator::analysis::events::RunEvent;
@@ -28,8 +28,8 @@ impl EarlyReport<'_> {
     /// One self-contained HTML file.
     #[must_use]
     pub fn html(&self) -> String {
-        let (outcome, verdict) =
-            told_outcome(self.summary).unwrap_or((Outcome::NotThrown, "no outcome is recorded".to_owned()));
+        let (outcome, verdict) = reported_outcome(self.summary)
+            .unwrap_or((Outcome::NotThrown, "no outcome is recorded".to_owned()));
         let text_of = |key: &str| self.summary.get(key).and_then(Value::as_str);
         let robot = &self.ran.robot;
         let (why, next) = cause(Some(self.summary)).unwrap_or_else(|| {

@@ -17,7 +17,7 @@ pub use ran::Ran;
 use serde_json::Value;
 
 use super::chart::{Chart, Curve};
-use super::frame::{cause, head, told_outcome, tone};
+use super::frame::{cause, head, reported_outcome, tone};
 use super::hand::{HandPath, Led, measured};
 use super::page::{Answer, Tile, Tone};
 use super::{landing, scene};
@@ -113,7 +113,7 @@ impl RunReport<'_> {
 
     /// What the throw itself judged; without its summary, what the log says.
     fn verdict(&self) -> (String, Tone) {
-        if let Some((outcome, text)) = self.summary.and_then(told_outcome) {
+        if let Some((outcome, text)) = self.summary.and_then(reported_outcome) {
             return (text, tone(outcome));
         }
         if let Some(fault) = &self.analysis.fault {

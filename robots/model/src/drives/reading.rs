@@ -93,7 +93,7 @@ pub(super) fn travel(part: &Section<'_>, max_deg: f64) -> Result<FingerTravel, L
     Ok(travel)
 }
 
-/// Refuses the first limit of a joint that is larger than its drive can be told: rows of key, value and maximum, in the unit of the file.
+/// Refuses the first limit of a joint that is larger than its drive can be ordered: rows of key, value and maximum, in the unit of the file.
 /// `holder` is what clips it, for people.
 pub(super) fn require_range(
     section: &Section<'_>,

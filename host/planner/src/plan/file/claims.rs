@@ -151,17 +151,17 @@ impl PlanFile {
 }
 
 /// The first number of a plan that differs from the plan computed again, with both values.
-pub(crate) fn first_difference<T: Serialize>(told: &T, again: &T) -> Option<String> {
+pub(crate) fn first_difference<T: Serialize>(reported: &T, again: &T) -> Option<String> {
     // Plans are numbers, text and lists of them.
     let json = |plan: &T| serde_json::to_value(plan).unwrap_or_default();
-    difference(&json(told), &json(again), "")
+    difference(&json(reported), &json(again), "")
 }
 
 /// Where the first of two values differs from the second, with both.
-fn difference(told: &Value, found: &Value, at: &str) -> Option<String> {
+fn difference(reported: &Value, found: &Value, at: &str) -> Option<String> {
     let below =
         |key: &dyn std::fmt::Display| if at.is_empty() { key.to_string() } else { format!("{at}.{key}") };
-    match (told, found) {
+    match (reported, found) {
         (Value::Object(a), Value::Object(b)) if a.keys().eq(b.keys()) => {
             a.iter().zip(b.values()).find_map(|((key, a), b)| difference(a, b, &below(key)))
         }
@@ -174,11 +174,11 @@ fn difference(told: &Value, found: &Value, at: &str) -> Option<String> {
             } else {
                 (SAME, SAME_SHARE)
             };
-            let same = match told.as_f64().zip(found.as_f64()) {
+            let same = match reported.as_f64().zip(found.as_f64()) {
                 Some((a, b)) => (a - b).abs() <= same + share * a.abs().max(b.abs()),
-                None => told == found,
+                None => reported == found,
             };
-            (!same).then(|| format!("{at}: {told}, not {found}"))
+            (!same).then(|| format!("{at}: {reported}, not {found}"))
         }
     }
 }

@@ -24,7 +24,7 @@ use serde::{Deserialize, Serialize};
 pub(crate) use self::claims::first_difference;
 pub use self::io::{FILE_MAX_BYTES, PlanFileError, fields, parse, require_robot, tagged_json};
 pub use self::motion::{EventInfo, KnotInfo, MotionInfo};
-use super::basins::Confidence;
+use super::optima::Confidence;
 use super::paper::PaperParameters;
 use super::problem::{Form, Weights};
 use super::statistics::{Noise, Region};

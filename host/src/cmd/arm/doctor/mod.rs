@@ -39,7 +39,7 @@ const MOTOR_OFF_V: f64 = 5.0;
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl doctor --bus can0\n  cubectl doctor --bus can0 --modules 1-2    # only these are plugged in\n  cubectl doctor --robot robots/openarm7.toml --bus can0    # motors: classical CAN or CAN FD?\n  cubectl doctor --robot kr16_2 --bus rsi:udp://0.0.0.0:49152\n  cubectl doctor --bus can0 --probe-29-bit   # motors off!\n\nNothing is set in motion. Beside a controller nothing is asked: its fault is told, and the modules as they are heard.\nWith findings of the level PROBLEM the exit code is 9. `cubectl explain WORD` says what a word of a state means."
+    after_help = "Examples:\n  cubectl doctor --bus can0\n  cubectl doctor --bus can0 --modules 1-2    # only these are plugged in\n  cubectl doctor --robot robots/openarm7.toml --bus can0    # motors: classical CAN or CAN FD?\n  cubectl doctor --robot kr16_2 --bus rsi:udp://0.0.0.0:49152\n  cubectl doctor --bus can0 --probe-29-bit   # motors off!\n\nNothing is set in motion. Beside a controller nothing is asked: its fault is reported, and the modules as they are heard.\nWith findings of the level PROBLEM the exit code is 9. `cubectl explain WORD` says what a word of a state means."
 )]
 pub struct Args {
     #[command(flatten)]

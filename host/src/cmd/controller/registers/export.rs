@@ -30,7 +30,7 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
     let (mut session, node) = args.target.open()?;
     let mut found = Vec::new();
     for name in session.register_names(node)? {
-        found.push(session.told_register(node, &name)?);
+        found.push(session.reported_register(node, &name)?);
     }
     session.finish()?;
     let text = file(&found);

@@ -28,7 +28,7 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
     let (mut session, node) = args.target.open()?;
     let mut found = Vec::new();
     for name in &args.names {
-        found.push(session.told_register(node, name)?);
+        found.push(session.reported_register(node, name)?);
     }
     session.finish()?;
     if args.json {

@@ -52,7 +52,7 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
     let mut found = Vec::new();
     for name in session.register_names(node)? {
         if name.starts_with(&args.prefix) {
-            found.push(session.told_register(node, &name)?);
+            found.push(session.reported_register(node, &name)?);
         }
     }
     session.finish()?;

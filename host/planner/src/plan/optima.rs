@@ -41,16 +41,16 @@ pub struct Confidence {
 
 /// Ends of starts at one price.
 #[derive(Debug, Clone, Copy)]
-struct Basin {
+struct Optimum {
     found: Found,
     hits: usize,
 }
 
 /// Ends of all starts of a search so far.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Basins {
+pub(super) struct Optima {
     /// Cheapest first.
-    basins: Vec<Basin>,
+    optima: Vec<Optimum>,
     stored: usize,
     random: usize,
     solved: usize,
@@ -59,7 +59,7 @@ pub(super) struct Basins {
 
 /// Prices that differ by less than this share are one price.
 const SAME_SHARE: f64 = 1e-3;
-/// Basins that are remembered; the dearest are forgotten.
+/// Optima that are remembered; the dearest are forgotten.
 const REMEMBERED: usize = 64;
 /// Random starts that have to fail to find a better throw than those stored around the target.
 pub(super) const ENOUGH_STORED: usize = 4;
@@ -71,7 +71,7 @@ const ENOUGH_EMPTY: usize = 8;
 const ENOUGH_ALONE: usize = 96;
 const ENOUGH_HITS: usize = 4;
 
-impl Basins {
+impl Optima {
     /// A random start has ended.
     pub(super) fn add_random(&mut self, found: Option<Found>) {
         self.random += 1;
@@ -90,31 +90,31 @@ impl Basins {
         self.solved += 1;
         let price = found.objective;
         if self
-            .basins
+            .optima
             .first()
             .is_none_or(|b| price < b.found.objective - SAME_SHARE * b.found.objective.abs())
         {
             self.since_best = 0;
         }
-        let same = |b: &Basin| (b.found.objective - price).abs() <= SAME_SHARE * price.abs();
-        match self.basins.iter_mut().find(|b| same(b)) {
-            Some(basin) => {
-                basin.hits += 1;
+        let same = |b: &Optimum| (b.found.objective - price).abs() <= SAME_SHARE * price.abs();
+        match self.optima.iter_mut().find(|b| same(b)) {
+            Some(optimum) => {
+                optimum.hits += 1;
                 // Of equal prices the first stays, so that its throw does not change with the number of starts.
-                if price < basin.found.objective {
-                    basin.found = found;
+                if price < optimum.found.objective {
+                    optimum.found = found;
                 }
             }
-            None => self.basins.push(Basin { found, hits: 1 }),
+            None => self.optima.push(Optimum { found, hits: 1 }),
         }
-        self.basins.sort_by(|a, b| a.found.objective.total_cmp(&b.found.objective));
-        self.basins.truncate(REMEMBERED);
+        self.optima.sort_by(|a, b| a.found.objective.total_cmp(&b.found.objective));
+        self.optima.truncate(REMEMBERED);
     }
 
     /// True if more random starts are unlikely to find a better throw.
     pub(super) fn enough(&self, surroundings: Surroundings, nulled: bool) -> bool {
         let enough_stored = if nulled { ENOUGH_STORED } else { ENOUGH_STORED_PLAIN };
-        match (surroundings, self.basins.first()) {
+        match (surroundings, self.optima.first()) {
             (Surroundings::Stored, Some(_)) => self.since_best >= enough_stored,
             (Surroundings::Empty, None) => self.random >= ENOUGH_EMPTY,
             (_, Some(best)) => self.since_best >= ENOUGH_ALONE && best.hits >= ENOUGH_HITS,
@@ -124,7 +124,7 @@ impl Basins {
 
     /// The cheapest throw of every local optimum, cheapest first.
     pub(super) fn found(&self) -> Vec<Found> {
-        self.basins.iter().map(|b| b.found).collect()
+        self.optima.iter().map(|b| b.found).collect()
     }
 
     /// Starts that were run.
@@ -143,7 +143,7 @@ impl Basins {
     }
 
     pub(super) fn confidence(&self) -> Confidence {
-        let prices: Vec<f64> = self.basins.iter().map(|b| b.found.objective).collect();
+        let prices: Vec<f64> = self.optima.iter().map(|b| b.found.objective).collect();
         let better_chance = 1.0 / (self.since_best as f64 + 2.0);
         let steps = prices.len().saturating_sub(1);
         let mean_step = match prices[..] {
@@ -152,7 +152,7 @@ impl Basins {
         };
         Confidence {
             random_starts: self.random,
-            at_best: self.basins.first().map_or(0, |b| b.hits),
+            at_best: self.optima.first().map_or(0, |b| b.hits),
             distinct: prices.len(),
             since_best: self.since_best,
             better_chance,
