@@ -21,7 +21,7 @@ rm -rf "$out"
 # Most of the long run goes to the targets that read what any node of the bus may send.
 table='powercube 2500 550000 13
 cyphal_frames 1000 40000 256
-cyphal_transfers 700 5000 400
+cyphal_transfers 300 5000 400
 candump 2500 345000 80
 slcan 1000 30000 160
 socketcand 1000 15000 160
