@@ -7,7 +7,7 @@
 use std::ops::Range;
 
 use nalgebra::Vector3;
-use planner::solve::sqp::{Settings, solve};
+use planner::solve::sqp::{Ended, Settings, solve};
 use planner::solve::{Row, Sink, Task, WIDTH, When};
 use robot_model::{JointVec, RobotModel};
 
@@ -80,13 +80,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let off_m = (arm.ball(&arm.fk(&q)).pos - point_m).norm();
     let torque = |q: &JointVec| arm.gravity_torques(q).norm();
     let (before_nm, after_nm) = (torque(&JointVec::from(start)), torque(&q));
-    println!("{} steps: {before_nm:.1} Nm before, {after_nm:.1} Nm now, {off_m:.1e} m off", found.iterations);
+    println!(
+        "{:?} after {} steps: {before_nm:.1} Nm before, {after_nm:.1} Nm now, {off_m:.1e} m off",
+        found.ended, found.iterations
+    );
     let in_range = arm
         .joints()
         .iter()
         .zip(q.iter())
         .all(|(joint, q)| *q >= joint.limits.q_min_rad - 1e-6 && *q <= joint.limits.q_max_rad + 1e-6);
-    if off_m < 1e-6 && in_range && after_nm < 0.9 * before_nm {
+    if found.ended == Ended::Converged && off_m < 1e-6 && in_range && after_nm < 0.9 * before_nm {
         return Ok(());
     }
     Err("the posture does not hold the point with less torque".into())

@@ -23,6 +23,7 @@ mod plan_limits;
 mod plan_spread;
 mod prepare;
 mod relaxation;
+mod solve;
 mod stored_throws;
 mod targets;
 mod timing;

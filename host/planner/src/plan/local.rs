@@ -88,7 +88,7 @@ pub(crate) fn solve_from(
         let local: Local =
             sqp::solve(&ThrowTask { problem, layout, cuts: &cuts }, &x, &left, multipliers.take());
         iterations += local.iterations;
-        if local.violation.is_nan() || local.violation > FEASIBLE || !local.objective.is_finite() {
+        if !local.is_feasible(FEASIBLE) {
             if may_begin_again && !cuts.is_empty() {
                 may_begin_again = false;
                 x = layout.row(start);
@@ -155,7 +155,7 @@ pub(crate) fn nearest_from(
     for _ in 0..ROUNDS_MAX {
         let local: Local = sqp::solve(&ThrowTask { problem, layout, cuts: &cuts }, &x, settings, None);
         let constraint = blocking(problem, &local.multipliers, &cuts);
-        if local.violation.is_nan() || local.violation > FEASIBLE || !local.objective.is_finite() {
+        if !local.is_feasible(FEASIBLE) {
             return Err(Blocked { violation: local.violation, constraint });
         }
         x = local.x;

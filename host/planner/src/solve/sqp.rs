@@ -72,9 +72,28 @@ impl Default for Settings {
     }
 }
 
+/// Why a local solve has ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ended {
+    /// The point keeps the constraints, and a step changes the objective by no more than [`Settings::objective`].
+    Converged,
+    /// Near the constraints, and not below [`Settings::give_up_above`] any more.
+    NotBetter,
+    /// Far from the constraints, and no nearer within [`Settings::patience`] steps, or farther than [`Settings::hopeless_above`].
+    Infeasible,
+    /// No step along the direction makes the merit function smaller, or the program of a step has no solution.
+    Stalled,
+    /// [`Settings::iterations_max`]. The point may keep the constraints; another solve can go on from it.
+    OutOfSteps,
+    /// The objective or a constraint is not a number.
+    Undefined,
+}
+
 /// Result of a local solve.
 #[derive(Debug, Clone)]
 pub struct Local {
+    /// Why it ended there.
+    pub ended: Ended,
     /// The variables.
     pub x: Row,
     /// Value of the objective.
@@ -85,6 +104,14 @@ pub struct Local {
     pub iterations: usize,
     /// Multipliers of the last step; they start a solve of a task nearby.
     pub multipliers: Multipliers,
+}
+
+impl Local {
+    /// Whether no scaled row is violated by more than `most`.
+    #[must_use]
+    pub fn is_feasible(&self, most: f64) -> bool {
+        self.violation <= most && self.objective.is_finite()
+    }
 }
 
 /// Joint angles move at most this far in one step, in rad.
@@ -138,15 +165,19 @@ pub(crate) fn multipliers_at<T: Task>(task: &T, x: &Row) -> Option<Multipliers> 
     Some(out)
 }
 
-/// Solves from `start`; always returns the last point of the run, feasible or not (see [`Local::violation`]).
+/// Solves from `start`; always returns the last point of the run, feasible or not (see [`Local::violation`]), and why it is the last.
 ///
 /// `warm` are multipliers to begin with, from a near solution.
 #[must_use]
 pub fn solve<T: Task>(task: &T, start: &Row, settings: &Settings, warm: Option<Multipliers>) -> Local {
     let mut run = Run::new(task, start, settings, warm);
-    while run.may_go_on() && run.step().is_some() {}
+    let ended = loop {
+        if let Some(ended) = run.ended().or_else(|| run.step().err()) {
+            break ended;
+        }
+    };
     let Run { x, rows, next, violation, iterations, multipliers, .. } = run;
-    let mut end = Local { x, objective: rows.objective, violation, iterations, multipliers };
+    let mut end = Local { ended, x, objective: rows.objective, violation, iterations, multipliers };
     step_back(task, settings, &mut end, rows, next);
     end
 }
@@ -211,32 +242,36 @@ impl<'t, T: Task> Run<'t, T> {
         }
     }
 
-    fn may_go_on(&self) -> bool {
-        self.iterations < self.settings.iterations_max
-            && self.violation.is_finite()
-            && self.violation <= self.settings.hopeless_above
-            && self.rows.objective.is_finite()
+    /// What keeps the run from another step.
+    fn ended(&self) -> Option<Ended> {
+        if !(self.violation.is_finite() && self.rows.objective.is_finite()) {
+            Some(Ended::Undefined)
+        } else if self.violation > self.settings.hopeless_above {
+            Some(Ended::Infeasible)
+        } else {
+            (self.iterations >= self.settings.iterations_max).then_some(Ended::OutOfSteps)
+        }
     }
 
-    /// One step; `None` ends the run.
-    fn step(&mut self) -> Option<()> {
+    /// One step; an error ends the run.
+    fn step(&mut self) -> Result<(), Ended> {
         let n = self.task.variables();
         self.iterations += 1;
         if self.violation < 0.5 * self.mark.0 || self.violation <= DESCENDING_VIOLATION {
             self.mark = (self.violation, self.iterations);
         } else if self.iterations - self.mark.1 > self.settings.patience {
-            return None;
+            return Err(Ended::Infeasible);
         }
-        let Direction { mut d, plain, used } = self.direction()?;
+        let Direction { mut d, plain, used } = self.direction().ok_or(Ended::Stalled)?;
         let slope: f64 = self.rows.gradient.iter().zip(&d).take(n).map(|(g, d)| g * d).sum();
         let small_change = slope.abs() <= self.settings.objective * self.rows.objective.abs().max(1e-3);
         if self.violation <= self.settings.feasibility && small_change {
-            return None;
+            return Err(Ended::Converged);
         }
         let short = |most: f64| d.iter().take(n).all(|d| d.abs() < most);
         let near_the_end = self.violation <= GIVE_UP_VIOLATION && short(GIVE_UP_STEP);
         if near_the_end && self.rows.objective + 2.0 * slope.min(0.0) > self.settings.give_up_above {
-            return None;
+            return Err(Ended::NotBetter);
         }
         let chord = short(self.settings.chord.step);
         // Nothing left to gain, or no steps left to gain it, but not feasible yet: steps along a nearly flat valley would
@@ -252,18 +287,18 @@ impl<'t, T: Task> Run<'t, T> {
                 Err(QpFailure::Infeasible | QpFailure::Numerical) => {}
             }
         }
-        let full = self.go_along(&d, slope)? && plain;
+        let full = self.go_along(&d, slope).ok_or(Ended::Stalled)? && plain;
         let before = std::mem::replace(&mut self.violation, self.rows.worst());
         // The step that has just been taken was the last one needed.
         if full && self.believed && finish && self.violation <= self.settings.feasibility {
-            return None;
+            return Err(if small_change { Ended::Converged } else { Ended::OutOfSteps });
         }
         if full && self.believed && chord && self.violation <= (self.settings.chord.share * before).max(1e-7)
         {
             self.factor = Some(used);
         }
         self.believed = plain;
-        Some(())
+        Ok(())
     }
 
     /// Solves the program of this step; its multipliers become those of the run.
