@@ -10,7 +10,7 @@ use planner::solve::{Row, Sink, Task, WIDTH, When};
 struct Nearest {
     half_planes: Vec<([f64; 2], f64)>,
     radius: Option<f64>,
-    /// The objective has no value left of this.
+    /// For a smaller x[0] the objective is not a number.
     defined_from: Option<f64>,
 }
 
@@ -71,7 +71,7 @@ fn run(task: &Nearest, start: [f64; 2], settings: &Settings) -> Local {
 
 fn assert_at(local: &Local, x: [f64; 2], objective: f64) {
     let off = (local.x[0] - x[0]).hypot(local.x[1] - x[1]);
-    // The run ends when a step to the solution changes the objective, here twice the squared distance, by no more than 1e-10.
+    // A run ends when the next step would change the objective by 1e-10 or less. Here that is twice the squared distance to the solution.
     assert!(off < 1e-5 && (local.objective - objective).abs() < 1e-6, "{:?}", &local.x[..2]);
     assert!(local.is_feasible(Settings::default().feasibility), "{}", local.violation);
 }

@@ -93,9 +93,9 @@ pub(super) struct Situation {
 /// See the [module](self).
 #[derive(Clone, Debug)]
 pub(super) struct Dictionary {
-    /// Sorted, apart from the rows: they are searched many times in each period.
+    /// Sorted. They have a list of their own, because they are searched many times in each period.
     objects: Vec<Object>,
-    /// One for each object.
+    /// In the order of `objects`.
     rows: Vec<Row>,
     /// Objects that are not shown.
     hidden: &'static [u16],

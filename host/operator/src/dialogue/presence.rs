@@ -88,8 +88,8 @@ impl Session {
         self.listen()
     }
 
-    /// Listens for `span`, at least [`OTHERS_LISTEN`], or with `until_reported` until a controller was found and had
-    /// time to show its host. Nothing is sent; before it returns the session may send again.
+    /// Listens for `span`, at least [`OTHERS_LISTEN`]. With `until_reported` it ends when a controller was found and had time to
+    /// show its host. Nothing is sent; before it returns the session may send again.
     pub fn listen_for(&mut self, span: Duration, until_reported: bool) -> Result<Presence, AskError> {
         let (begun, before) = (self.now(), self.host_node().tally());
         let heard_since = |at: Instant| at > begun;

@@ -59,7 +59,7 @@ pub(super) struct Optima {
 
 /// Prices that differ by less than this share are one price.
 const SAME_SHARE: f64 = 1e-3;
-/// Optima that are remembered; the dearest are forgotten.
+/// Number of optima that are kept. Those with the highest price are dropped.
 const REMEMBERED: usize = 64;
 /// Random starts that have to fail to find a better throw than those stored around the target.
 pub(super) const ENOUGH_STORED: usize = 4;

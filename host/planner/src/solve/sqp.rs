@@ -75,15 +75,15 @@ impl Default for Settings {
 /// Why a local solve has ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ended {
-    /// The point keeps the constraints, and a step changes the objective by no more than [`Settings::objective`].
+    /// The point keeps the constraints. The next step would change the objective by [`Settings::objective`] or less.
     Converged,
-    /// Near the constraints, and not below [`Settings::give_up_above`] any more.
+    /// The point is near the constraints, and the objective will not get below [`Settings::give_up_above`].
     NotBetter,
-    /// Far from the constraints, and no nearer within [`Settings::patience`] steps, or farther than [`Settings::hopeless_above`].
+    /// The violation was not halved within [`Settings::patience`] steps, or it is larger than [`Settings::hopeless_above`].
     Infeasible,
     /// No step along the direction makes the merit function smaller, or the program of a step has no solution.
     Stalled,
-    /// [`Settings::iterations_max`]. The point may keep the constraints; another solve can go on from it.
+    /// [`Settings::iterations_max`] steps were made. The point may keep the constraints. Another solve can start from it.
     OutOfSteps,
     /// The objective or a constraint is not a number.
     Undefined,
