@@ -31,6 +31,7 @@ use protocol::cyphal::cubecell::group_state::DriveDifference;
 use protocol::{Duration, Instant, JointIndex};
 
 use crate::fault::{Cause, Fault, Refusal};
+use crate::registers::{FamilyRegisters, family};
 use crate::settings::Settings;
 
 /// A position and when it was measured.
@@ -239,6 +240,11 @@ pub struct GroupCounters {
 pub trait DriveGroup: Default {
     /// What goes over the wire: a CAN frame, a datagram.
     type Packet;
+
+    /// Registers that only its family has.
+    fn registers(&self) -> &'static FamilyRegisters {
+        &family::NONE
+    }
 
     /// Takes a packet.
     fn handle_packet(&mut self, now: Instant, settings: &Settings, packet: &Self::Packet);

@@ -5,6 +5,7 @@ use protocol::{Duration, JointIndex, ModuleId};
 
 use crate::feedback::{Gains, Weights};
 use crate::joints::PerJoint;
+use crate::registers::{FamilyRegisters, FamilySettings, family};
 
 /// Settings of one joint. Positions are of the joint: q_joint = ±q_drive + offset.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,10 +34,6 @@ pub struct JointSettings {
     pub jog_v_rad_s: f32,
     /// Acceleration of jogging, rad/s².
     pub jog_a_rad_s2: f32,
-    /// Current limit of the drive while homing and jogging, A.
-    pub slow_current_a: f32,
-    /// Speed of homing with its direction, rad/s, of the drive.
-    pub home_v_rad_s: f32,
     /// Feedback, 1/s².
     pub k_error_1_s2: f32,
     /// Feedback, 1/s.
@@ -91,8 +88,6 @@ pub struct Settings {
     /// the controller's own messages. A limit of five leaves room for two more. A period that is too short for the
     /// drives makes every cycle late.
     pub cycle_late_max: u32,
-    /// Read one drive's current or state word in each control cycle, in turn.
-    pub cycle_monitoring: bool,
     /// A motion stops when the host's heartbeat is older than this, µs.
     pub host_timeout_us: u32,
     /// A reply that takes longer counts as missed, µs.
@@ -103,12 +98,6 @@ pub struct Settings {
     pub reply_age_us: u32,
     /// How far a drive's position is behind its ramp generator, µs: 2ζ/ω of its position loop.
     pub drive_lag_us: u32,
-    /// Drives with a request in flight at the same time.
-    pub in_flight_max: u32,
-    /// Distance of the target position in a motion command, rad.
-    pub reach_rad: f32,
-    /// Switch the drives' watchdogs on.
-    pub watchdog_enable: bool,
     /// Let the watchdogs expire once at start-up and check that they stop the drives.
     pub watchdog_prove: bool,
     /// Time between signs of life to the drives, µs.
@@ -136,10 +125,6 @@ pub struct Settings {
     pub stop_share: f32,
     /// A stop along the path that takes longer becomes a quick stop, µs.
     pub stop_path_max_us: u32,
-    /// Address of the module whose output drives the gripper; 0: an output of the board.
-    pub gripper_address: u32,
-    /// Output line of that module, 0..=3.
-    pub gripper_line: u32,
     /// Output on means closed.
     pub gripper_inverted: bool,
     /// Time from switching the output to the ball being free, µs.
@@ -162,6 +147,8 @@ pub struct Settings {
     pub target_answer_subject: u32,
     /// Per joint.
     pub joint: PerJoint<JointSettings>,
+    /// What only this family of drives has.
+    pub family: FamilySettings,
 }
 
 /// Checksum of the robot file `powercube6`, as `host` computes it.
@@ -203,8 +190,6 @@ impl Settings {
                 current_max_a: current_a,
                 jog_v_rad_s: 0.25,
                 jog_a_rad_s2: 1.0,
-                slow_current_a: 0.5 * current_a,
-                home_v_rad_s: -0.1,
                 k_error_1_s2: gains.0,
                 k_rate_1_s: gains.1,
                 k_last: gains.2,
@@ -227,15 +212,11 @@ impl Settings {
             cycle_period_us: 3_000,
             monitor_period_us: 10_000,
             cycle_late_max: 5,
-            cycle_monitoring: true,
             host_timeout_us: 100_000,
             reply_deadline_us: 2_000,
             reply_missed_max: 2,
             reply_age_us: 130,
             drive_lag_us: 5_000,
-            in_flight_max: 4,
-            reach_rad: 3.0,
-            watchdog_enable: true,
             watchdog_prove: true,
             watchdog_refresh_us: 20_000,
             watchdog_timeout_us: 50_000,
@@ -249,8 +230,6 @@ impl Settings {
             estimator_beta: 0.2,
             stop_share: 0.9,
             stop_path_max_us: 1_000_000,
-            gripper_address: 6,
-            gripper_line: 0,
             gripper_inverted: false,
             gripper_opening_us: 20_000,
             telemetry_period_us: 100_000,
@@ -262,6 +241,7 @@ impl Settings {
             target_subject: 1003,
             target_answer_subject: 1004,
             joint: PerJoint([j1, j2, j3, j4, j5, j6, j7, j8]),
+            family: FamilySettings::of(&family::NONE),
         }
     }
 
@@ -300,6 +280,13 @@ impl Settings {
             i += 1;
         }
         settings
+    }
+
+    /// Makes them settings for drives of the family with these registers: its defaults, unless they are for it already.
+    pub fn take_family(&mut self, list: &'static FamilyRegisters) {
+        if !self.family.is_of(list) {
+            self.family = FamilySettings::of(list);
+        }
     }
 
     /// Joints in use, base first.

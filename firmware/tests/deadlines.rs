@@ -3,6 +3,7 @@
 use crate::bench::*;
 use firmware::events::{Action, PlanEvent, PlanEvents};
 use firmware::fault::Cause;
+use firmware::groups::powercube::settings::GRIPPER_ADDRESS;
 use firmware::orders::{Done, Order};
 use firmware::settings::Settings;
 use firmware::state::StateKind;
@@ -14,7 +15,8 @@ use protocol::Duration;
 #[test]
 fn two_switchings_of_the_gripper_at_one_time_are_both_served_at_once() {
     let mut settings = Settings::powercube6();
-    (settings.gripper_address, settings.gripper_opening_us) = (0, 20_000);
+    GRIPPER_ADDRESS.set(&mut settings, 0);
+    settings.gripper_opening_us = 20_000;
     let mut bench = Bench::ready(Options { settings, ..Options::default() }, &throw_start());
     let mut events = PlanEvents::default();
     for (t_us, action) in [(100_000, Action::Close), (120_000, Action::Open)] {

@@ -10,7 +10,7 @@ use protocol::powercube::CubeState;
 
 /// Every register that needs a new search, with a value that changes it.
 fn writes(bench: &Bench) -> Vec<(&'static str, Vec<Number>)> {
-    let table = registers::TABLE.iter().enumerate();
+    let table = registers::all(bench.controller.settings()).enumerate();
     let searched = table.filter(|(_, info)| info.writable == Writable::NextStart);
     let changed = searched.map(|(index, info)| {
         let now = bench.controller.register(index).unwrap();

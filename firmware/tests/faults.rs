@@ -2,6 +2,7 @@
 
 use crate::bench::*;
 use firmware::fault::{Cause, Refusal};
+use firmware::groups::powercube::settings::{GRIPPER_ADDRESS, GRIPPER_LINE};
 use firmware::orders::{Done, Order};
 use firmware::registers::Number;
 use firmware::settings::Settings;
@@ -325,7 +326,8 @@ fn jog_is_refused_for_nonsense_and_stops_when_the_host_is_lost() {
 fn release_switches_the_boards_output_at_its_microsecond_with_the_opening_delay_taken_off() {
     for (settings, period) in [(Settings::powercube6(), 3_000), (Settings::powercube6_paper(), 17_000)] {
         let mut settings = settings;
-        (settings.gripper_address, settings.gripper_opening_us) = (0, 12_345);
+        GRIPPER_ADDRESS.set(&mut settings, 0);
+        settings.gripper_opening_us = 12_345;
         let mut bench = Bench::ready(Options { settings, ..Options::default() }, &throw_start());
         bench.start(&throw_file(period, true));
         let t0 = bench.now + 2 * u64::from(period);
@@ -338,7 +340,8 @@ fn release_switches_the_boards_output_at_its_microsecond_with_the_opening_delay_
 #[test]
 fn release_through_a_drives_output_is_on_the_bus_within_half_a_millisecond() {
     let mut settings = Settings::powercube6();
-    (settings.gripper_line, settings.gripper_opening_us) = (1, 0);
+    GRIPPER_LINE.set(&mut settings, 1);
+    settings.gripper_opening_us = 0;
     for seed in 0..5 {
         let mut bench = Bench::ready(Options { settings, seed, ..Options::default() }, &throw_start());
         bench.start(&throw_file(3_000, true));

@@ -2,6 +2,7 @@
 
 use crate::bench::*;
 use firmware::fault::Cause;
+use firmware::groups::powercube::settings::GRIPPER_ADDRESS;
 use firmware::orders::Order;
 use firmware::settings::Settings;
 use firmware::state::StateKind;
@@ -17,7 +18,7 @@ fn is_gripper_write(frame: &Frame) -> bool {
 
 /// A throw in which the module with the gripper misses this many of its writes.
 fn throw_that_misses(writes: u32) -> Bench {
-    let address = Settings::powercube6().gripper_address as u8;
+    let address = GRIPPER_ADDRESS.get(&Settings::powercube6()) as u8;
     let mut bench = Bench::ready(Options::default(), &throw_start());
     let holder = bench.drives.iter().position(|drive| drive.module.get() == address).unwrap();
     bench.start(&throw_file(3_000, true));
@@ -46,7 +47,7 @@ fn gripper_that_stays_unanswered_ends_the_throw_with_its_cause() {
 
 #[test]
 fn stop_while_the_gripper_write_is_unanswered_keeps_the_ball() {
-    let address = Settings::powercube6().gripper_address as u8;
+    let address = GRIPPER_ADDRESS.get(&Settings::powercube6()) as u8;
     let mut bench = Bench::ready(Options::default(), &throw_start());
     let holder = bench.drives.iter().position(|drive| drive.module.get() == address).unwrap();
     bench.start(&throw_file(3_000, true));

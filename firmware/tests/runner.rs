@@ -10,6 +10,7 @@ use crate::bench::{Bench, Controlled, Options};
 use embedded_can::nb::Can;
 use embedded_hal::digital::{ErrorKind as PinErrorKind, ErrorType, OutputPin};
 use firmware::groups::powercube::PowerCubes;
+use firmware::groups::powercube::settings::GRIPPER_ADDRESS;
 use firmware::runner::{Clock, FRAMES_BEFORE_DEADLINE, LATE_MAX, Pins, Runner, Turn};
 use firmware::spline::Spline;
 use firmware::state::StateKind;
@@ -208,7 +209,7 @@ fn throw(options: Options, mailboxes_max: usize) -> Host<Board> {
 fn a_throw_through_three_mailboxes_keeps_to_its_path_and_sets_the_pins() {
     let mut options = Options::default();
     // The gripper is connected to the board's own output.
-    options.settings.gripper_address = 0;
+    GRIPPER_ADDRESS.set(&mut options.settings, 0);
     let mut host = throw(options, 3);
     assert!(host.bench.distance_from_path() < 1e-3, "{} rad", host.bench.distance_from_path());
     let board = &host.bench.controller;

@@ -45,6 +45,12 @@ fn it_homes_jogs_and_goes_to_a_pose() {
     for Arm { file, address, jog_off_rad, .. } in ARMS {
         let homed = cubectl(&["home", "--robot", file]);
         assert_eq!(code(&homed), 0, "{}{}", out(&homed), err(&homed));
+        assert!(!err(&homed).contains("rad/s"), "nothing moves: {}", err(&homed));
+        for option in [&["--verify"][..], &["--speed-rad-s", "0.05"], &["--current-share", "0.2"]] {
+            let refused = cubectl(&[&["home", "--robot", file], option].concat());
+            assert_eq!(code(&refused), 4, "{}{}", out(&refused), err(&refused));
+            assert!(err(&refused).contains("do not move to find their zero"), "{}", err(&refused));
+        }
         let jogged = cubectl(&["jog", address, "--for-s", "0.5", "--robot", file]);
         assert_eq!(code(&jogged), 0, "{}{}", out(&jogged), err(&jogged));
         let said = out(&jogged);

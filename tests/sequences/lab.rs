@@ -6,6 +6,7 @@ use std::collections::{BTreeMap, VecDeque};
 use firmware::ControllerNode;
 use firmware::authority::Seed;
 use firmware::events::{Action, PlanEvent, PlanEvents};
+use firmware::groups::powercube::settings::{GRIPPER_ADDRESS, HOME_V_RAD_S};
 use firmware::joints::PerJoint;
 use firmware::settings::Settings;
 use firmware::spline::{Knot, Spline};
@@ -40,14 +41,14 @@ const BEAT: Duration = Duration::from_millis(30);
 pub(crate) fn settings<F: Family>() -> Settings {
     let mut settings = Settings::powercube6();
     settings.joints = JOINTS as u32;
-    settings.gripper_address = 2;
+    GRIPPER_ADDRESS.set(&mut settings, 2);
     // The widest that is allowed without an unlock: either value may be written, and a change begins a search for the drives.
     settings.watchdog_prove = false;
     settings.gripper_opening_us = u32::from(OPENING_MS) * 1_000;
     for joint in JointIndex::first(JOINTS) {
         let limits = settings.joint.at_mut(joint);
         (limits.q_min_rad, limits.q_max_rad) = (-0.6, 1.0);
-        limits.home_v_rad_s = -0.5;
+        HOME_V_RAD_S.set_at(&mut settings, joint, -0.5);
     }
     F::adapt(&mut settings);
     settings.gains_certificate_crc32 = firmware::registers::certificate_crc32(&settings);

@@ -139,9 +139,14 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.foreign_bits = self.foreign_bits.wrapping_add(bits);
     }
 
-    /// Numbers of register number `index` ([`registers::TABLE`]); `None` if there is no such register.
+    /// Numbers of register number `index` of [`registers::all`]; `None` if there is no such register.
     pub fn register(&self, index: usize) -> Option<Numbers> {
         registers::read(&self.settings, index)
+    }
+
+    /// [`Self::register`], by name.
+    pub fn register_named(&self, name: &str) -> Option<Numbers> {
+        self.register(registers::find(&self.settings, name)?)
     }
 
     /// [`Self::write_register_at`], by name.
@@ -156,14 +161,14 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         name: &str,
         numbers: &[Number],
     ) -> Result<(), Refusal> {
-        let index = registers::find(name).ok_or(Refusal::of(Cause::BadValue))?;
+        let index = registers::find(&self.settings, name).ok_or(Refusal::of(Cause::BadValue))?;
         self.write_register_at(now, source, index, numbers)
     }
 
     /// Writes a register: all of its numbers, or nothing.
     ///
     /// A register that shapes motion can change only while nothing moves and nothing is armed; the change voids an
-    /// offer to arm. The [table](registers::TABLE) lists what else a change needs and voids.
+    /// offer to arm. Its [row](RegisterInfo) lists what else a change needs and voids.
     ///
     /// # Errors
     ///
@@ -194,7 +199,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         numbers: &[Number],
     ) -> Result<(), Refusal> {
         let unknown = Refusal::of(Cause::BadValue);
-        let info = registers::TABLE.get(index).ok_or(unknown)?;
+        let info = registers::info(&self.settings, index).ok_or(unknown)?;
         if info.writable == Writable::Never {
             return Err(Refusal::of(Cause::OrderNotNow));
         }

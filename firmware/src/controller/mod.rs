@@ -200,9 +200,13 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     /// Loads the stored settings and trajectory.
     #[inline(never)]
     pub(crate) fn restore(&mut self, defaults: &Settings) {
-        let defaults = if defaults.check().is_ok() { defaults } else { &Settings::BUILT_IN };
         self.ceiling = *defaults;
-        self.settings = store::load_settings(&self.storage, defaults);
+        self.ceiling.take_family(self.group.registers());
+        if self.ceiling.check().is_err() {
+            self.ceiling = Settings::BUILT_IN;
+            self.ceiling.take_family(self.group.registers());
+        }
+        self.settings = store::load_settings(&self.storage, &self.ceiling);
         // An unlock ends with the power: limits that were saved during the unlock are put back.
         if registers::narrow(&mut self.settings, &self.ceiling) {
             self.note(Instant::ZERO, TraceEvent::LimitsPutBack);

@@ -147,6 +147,11 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> App<S, M, G> {
         });
     }
 
+    /// Registers of the controller and its drives; those of the host link follow.
+    fn own_registers(&self) -> usize {
+        registers::all(self.controller.settings()).count()
+    }
+
     /// Takes the key, or removes it if the value is empty. A refusal is visible in register `security.keyed`, and in the trace.
     fn write_key(&mut self, now: Instant, source: Source<'_>, value: &Value<'_>) {
         if value.kind() != ValueType::Unstructured {
@@ -195,28 +200,28 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Application for App<S, M, 
     }
 
     fn register_count(&self) -> u16 {
-        (registers::TABLE.len() + TYPES.len() + KEYS.len()) as u16
+        (self.own_registers() + TYPES.len() + KEYS.len()) as u16
     }
 
     fn register_name(&self, index: u16) -> &[u8] {
         let index = usize::from(index);
-        let own = registers::TABLE.get(index).map(|info| info.name);
+        let own = registers::info(self.controller.settings(), index).map(|info| info.name);
         let name = own.or_else(|| {
             let mut others = TYPES.iter().map(|(name, _)| *name).chain(KEYS);
-            others.nth(index.checked_sub(registers::TABLE.len())?)
+            others.nth(index.checked_sub(self.own_registers())?)
         });
         name.unwrap_or("").as_bytes()
     }
 
     fn register_read(&self, index: u16) -> Option<Register> {
         let index = usize::from(index);
-        if let Some(info) = registers::TABLE.get(index) {
+        if let Some(info) = registers::info(self.controller.settings(), index) {
             let numbers = self.controller.register(index)?;
             let value = to_value(info.name, info.kind, numbers.as_slice())?;
             let mutable = info.writable != Writable::Never;
             return Some(Register { mutable, persistent: mutable, value });
         }
-        let index = index.checked_sub(registers::TABLE.len())?;
+        let index = index.checked_sub(self.own_registers())?;
         if let Some((_, text)) = TYPES.get(index) {
             let value = Value::string(text).ok()?.into();
             return Some(Register { mutable: false, persistent: true, value });
@@ -235,7 +240,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Application for App<S, M, 
         let content = content.as_ref().map_or(&[][..], Content::as_slice);
         let source = Source { peer: peer(client), content };
         let index = usize::from(index);
-        let Some(info) = registers::TABLE.get(index) else {
+        let Some(info) = registers::info(self.controller.settings(), index) else {
             // The only other register that can be written.
             self.write_key(now, source, value);
             return;

@@ -1,15 +1,15 @@
 //! The checksum of what a certificate of gains depends on, and the digest of what a run depends on. Both are
-//! computed over the stored rows of registers, in the order of the table.
+//! computed over the stored rows of registers, those of the controller before those of its drives.
 
 use sha2::{Digest as _, Sha256};
 
-use super::{RegisterInfo, TABLE, to_row};
+use super::{RegisterInfo, all, to_row};
 use crate::crc::Crc32;
 use crate::credentials::Digest;
 use crate::settings::Settings;
 
 fn rows(settings: &Settings, wanted: fn(&RegisterInfo) -> bool, mut take: impl FnMut(&[u8])) {
-    for (index, _) in TABLE.iter().enumerate().filter(|(_, info)| wanted(info)) {
+    for (index, _) in all(settings).enumerate().filter(|(_, info)| wanted(info)) {
         if let Some(row) = to_row(settings, index) {
             take(&row);
         }

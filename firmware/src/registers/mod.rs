@@ -4,10 +4,12 @@
 //! checked and what is stored cannot differ. A register of the joints holds one number per joint in use.
 
 mod digest;
+pub(crate) mod family;
 
 use protocol::{JOINTS_MAX, JointIndex};
 
 pub use self::digest::{certificate_crc32, run_digest};
+pub use self::family::{FAMILY_MAX, FamilyRegisters, FamilySetting, FamilySettings};
 use crate::crc::Crc32;
 use crate::fault::{Cause, Refusal};
 use crate::settings::Settings;
@@ -96,9 +98,24 @@ pub struct RegisterInfo {
 enum Place {
     Group(Group),
     Joint(Joint),
+    /// Row of the family's list.
+    Family(usize),
 }
 
 impl RegisterInfo {
+    /// Row of a family's list.
+    #[allow(private_bounds)]
+    pub(crate) const fn of_family<T: Field>(
+        name: &'static str,
+        per_joint: bool,
+        (min, max): (f32, f32),
+        (writable, wider): (Writable, Wider),
+        row: usize,
+    ) -> Self {
+        let place = Place::Family(row);
+        Self { name, kind: T::KIND, per_joint, min, max, writable, wider, is_proven: FREE, place }
+    }
+
     /// Numbers the register has.
     const fn count(&self, settings: &Settings) -> usize {
         if self.per_joint { settings.joints as usize } else { 1 }
@@ -200,14 +217,15 @@ impl Number {
 }
 
 /// Types a field can have.
-trait Field: Copy {
+pub(crate) trait Field: Copy {
     const KIND: Kind;
     fn number(self) -> Number;
     fn of(number: Number) -> Option<Self>;
+    fn from_bits(bits: u32) -> Self;
 }
 
 macro_rules! field {
-    ($type:ty, $kind:ident) => {
+    ($type:ty, $kind:ident, $from_bits:expr) => {
         impl Field for $type {
             const KIND: Kind = Kind::$kind;
             fn number(self) -> Number {
@@ -216,12 +234,15 @@ macro_rules! field {
             fn of(number: Number) -> Option<Self> {
                 if let Number::$kind(x) = number { Some(x) } else { None }
             }
+            fn from_bits(bits: u32) -> Self {
+                $from_bits(bits)
+            }
         }
     };
 }
-field!(f32, Real32);
-field!(u32, Natural32);
-field!(bool, Bit);
+field!(f32, Real32, f32::from_bits);
+field!(u32, Natural32, core::convert::identity);
+field!(bool, Bit, |bits| bits != 0);
 
 macro_rules! registers {
     (group { $($gname:literal $gfield:ident: $gtype:ty, $gmin:expr, $gmax:expr, $gwhen:ident, $gwider:ident, $gproven:ident, $gtext:literal;)* }
@@ -236,7 +257,7 @@ macro_rules! registers {
         #[allow(non_camel_case_types)]
         enum Joint { $($jfield,)* }
 
-        /// All registers; the index in this table is the register's number.
+        /// Registers of the controller itself. Their numbers are the places here; those of the family follow.
         pub const TABLE: &[RegisterInfo] = &[
             $(RegisterInfo { name: $gname, kind: <$gtype as Field>::KIND, per_joint: false, min: $gmin, max: $gmax,
                 writable: Writable::$gwhen, wider: Wider::$gwider, is_proven: $gproven, place: Place::Group(Group::$gfield) },)*
@@ -248,20 +269,22 @@ macro_rules! registers {
         pub const MEANINGS: &[&str] = &[$($gtext,)* $($jtext,)*];
 
         /// One number of a register.
-        fn get(settings: &Settings, place: Place, joint: JointIndex) -> Number {
-            let joint = settings.joint.at(joint);
-            match place {
+        fn get(settings: &Settings, info: &RegisterInfo, joint: JointIndex) -> Number {
+            let limits = settings.joint.at(joint);
+            match info.place {
                 $(Place::Group(Group::$gfield) => settings.$gfield.number(),)*
-                $(Place::Joint(Joint::$jfield) => joint.$jfield.number(),)*
+                $(Place::Joint(Joint::$jfield) => limits.$jfield.number(),)*
+                Place::Family(row) => settings.family.number(row, info.kind, joint),
             }
         }
 
         /// Sets one number; `None` if its type is not that of the register.
-        fn set(settings: &mut Settings, place: Place, joint: JointIndex, number: Number) -> Option<()> {
-            let joint = settings.joint.at_mut(joint);
-            match place {
+        fn set(settings: &mut Settings, info: &RegisterInfo, joint: JointIndex, number: Number) -> Option<()> {
+            let limits = settings.joint.at_mut(joint);
+            match info.place {
                 $(Place::Group(Group::$gfield) => settings.$gfield = Field::of(number)?,)*
-                $(Place::Joint(Joint::$jfield) => joint.$jfield = Field::of(number)?,)*
+                $(Place::Joint(Joint::$jfield) => limits.$jfield = Field::of(number)?,)*
+                Place::Family(row) => settings.family.set_number(row, info.kind, joint, number)?,
             }
             Some(())
         }
@@ -275,15 +298,11 @@ registers! {
         "cycle.period_us" cycle_period_us: u32, 1_000.0, 40_000.0, AtRest, No, FREE, "control period";
         "cycle.monitor_us" monitor_period_us: u32, 4_000.0, 40_000.0, AtRest, No, FREE, "period of looking at the drives while nothing moves";
         "cycle.late_max" cycle_late_max: u32, 1.0, 100.0, AtRest, More, FREE, "late cycles in a row that stop the group";
-        "cycle.monitoring" cycle_monitoring: bool, 0.0, 1.0, AtRest, No, FREE, "read one drive's current or state word per cycle, in turn";
         "host.timeout_us" host_timeout_us: u32, 20_000.0, 500_000.0, AtRest, More, FREE, "age of the host's last sign of life at which a motion stops; a host sends uavcan.node.Heartbeat at least three times in this time, not once a second, while anything is armed or moves";
         "reply.deadline_us" reply_deadline_us: u32, 500.0, 20_000.0, AtRest, More, FREE, "a reply that takes longer is missed";
         "reply.missed_max" reply_missed_max: u32, 1.0, 10.0, AtRest, More, FREE, "missed replies in a row that stop the group";
         "reply.age_us" reply_age_us: u32, 0.0, 5_000.0, AtRest, No, PROVEN, "time from a drive's measurement to the end of its reply";
         "drives.lag_us" drive_lag_us: u32, 0.0, 20_000.0, AtRest, No, PROVEN, "how far a drive's position runs behind its ramp generator";
-        "drives.in_flight_max" in_flight_max: u32, 1.0, 8.0, AtRest, No, FREE, "drives with a request in flight at the same time";
-        "ramp.reach_rad" reach_rad: f32, 0.5, 6.3, AtRest, More, FREE, "distance of the target ahead of the measured position";
-        "watchdog.enable" watchdog_enable: bool, 0.0, 1.0, NextStart, Less, FREE, "switch the drives' watchdogs on";
         "watchdog.prove" watchdog_prove: bool, 0.0, 1.0, NextStart, Less, FREE, "let the watchdogs expire once at start-up";
         "watchdog.refresh_us" watchdog_refresh_us: u32, 2_000.0, 100_000.0, AtRest, More, FREE, "time between signs of life to the drives";
         "watchdog.timeout_us" watchdog_timeout_us: u32, 10_000.0, 1_000_000.0, AtRest, More, FREE, "time after which the drives' watchdogs expire";
@@ -297,8 +316,6 @@ registers! {
         "estimator.beta" estimator_beta: f32, 0.01, 1.0, AtRest, No, PROVEN, "weight of a measurement on the rate of the error, 1 is the plain difference";
         "stop.share" stop_share: f32, 0.1, 1.0, AtRest, No, FREE, "share of the acceleration that a stop along the path may use";
         "stop.path_max_us" stop_path_max_us: u32, 50_000.0, 5_000_000.0, AtRest, More, FREE, "a stop along the path that takes longer becomes a quick stop";
-        "gripper.address" gripper_address: u32, 0.0, 31.0, AtRest, No, FREE, "module whose output drives the gripper, 0 for the board's own output";
-        "gripper.line" gripper_line: u32, 0.0, 3.0, AtRest, No, FREE, "output line of that module";
         "gripper.inverted" gripper_inverted: bool, 0.0, 1.0, AtRest, No, FREE, "output on means closed";
         "gripper.opening_us" gripper_opening_us: u32, 0.0, 200_000.0, AtRest, No, FREE, "time from switching the output to the ball being free";
         "telemetry.period_us" telemetry_period_us: u32, 1_000.0, 10_000_000.0, Always, No, FREE, "time between telemetry samples";
@@ -323,25 +340,34 @@ registers! {
         "joint.current_max_a" current_max_a: f32, 0.1, 60.0, AtRest, More, FREE, "largest current";
         "joint.jog_v_rad_s" jog_v_rad_s: f32, 0.005, 0.5, AtRest, More, FREE, "speed of jogging";
         "joint.jog_a_rad_s2" jog_a_rad_s2: f32, 0.05, 5.0, AtRest, More, FREE, "acceleration of jogging";
-        "joint.slow_current_a" slow_current_a: f32, 0.1, 60.0, AtRest, More, FREE, "current limit of the drive while homing and jogging";
-        "joint.home_v_rad_s" home_v_rad_s: f32, -0.5, 0.5, AtRest, No, FREE, "speed of homing with its direction, of the drive";
         "joint.k_error_1_s2" k_error_1_s2: f32, -20_000.0, 0.0, AtRest, No, PROVEN, "feedback on the position error";
         "joint.k_rate_1_s" k_rate_1_s: f32, -1_000.0, 0.0, AtRest, No, PROVEN, "feedback on the rate of the error";
         "joint.k_last" k_last: f32, -2.5, 2.5, AtRest, No, PROVEN, "feedback on the input that acts meanwhile";
     }
 }
 
+/// Registers of a controller with these settings: its own, then those of its drives. The place is the register's number.
+pub fn all(settings: &Settings) -> impl Iterator<Item = &'static RegisterInfo> + Clone + use<> {
+    TABLE.iter().chain(settings.family.list().table)
+}
+
+/// Register number `index`.
+pub fn info(settings: &Settings, index: usize) -> Option<&'static RegisterInfo> {
+    let family = || settings.family.list().table.get(index.checked_sub(TABLE.len())?);
+    TABLE.get(index).or_else(family)
+}
+
 /// Number of the register with this name.
-pub fn find(name: &str) -> Option<usize> {
-    TABLE.iter().position(|info| info.name == name)
+pub fn find(settings: &Settings, name: &str) -> Option<usize> {
+    all(settings).position(|info| info.name == name)
 }
 
 /// Numbers of register number `index`; `None` if there is no such register.
 pub fn read(settings: &Settings, index: usize) -> Option<Numbers> {
-    let info = TABLE.get(index)?;
+    let info = info(settings, index)?;
     let mut numbers = Numbers { numbers: [Number::Natural32(0); JOINTS_MAX], count: info.count(settings) };
     for (joint, number) in JointIndex::first(numbers.count).zip(&mut numbers.numbers) {
-        *number = get(settings, info.place, joint);
+        *number = get(settings, info, joint);
     }
     Some(numbers)
 }
@@ -354,7 +380,7 @@ pub fn read(settings: &Settings, index: usize) -> Option<Numbers> {
 /// register's range (index: which number); [`Cause::SettingsInvalid`] if it does not go with the
 /// other settings.
 pub fn write(settings: &mut Settings, index: usize, numbers: &[Number]) -> Result<(), Refusal> {
-    let info = TABLE.get(index).ok_or(Refusal::of(Cause::BadValue))?;
+    let info = info(settings, index).ok_or(Refusal::of(Cause::BadValue))?;
     let before = read(settings, index).ok_or(Refusal::of(Cause::BadValue))?;
     if numbers.len() != info.count(settings) {
         return Err(Refusal::of(Cause::BadValue));
@@ -378,14 +404,13 @@ impl Settings {
     /// The first joint with a value out of range, whose limits are not in order or whose address is taken.
     pub fn check(&self) -> Result<(), Refusal> {
         check_ranges(self)?;
+        (self.family.list().check)(self)?;
         for joint in self.joints() {
             let j = self.joint.at(joint);
             // Written so that NaN fails.
             let in_order = j.q_min_rad < j.q_max_rad
                 && j.jog_v_rad_s <= j.v_max_rad_s
-                && j.home_v_rad_s.abs() <= j.v_max_rad_s
-                && j.jog_a_rad_s2 <= j.a_max_rad_s2
-                && j.slow_current_a <= j.current_max_a;
+                && j.jog_a_rad_s2 <= j.a_max_rad_s2;
             if !in_order {
                 return Err(Refusal::at(Cause::SettingsInvalid, joint));
             }
@@ -408,9 +433,9 @@ impl Settings {
 ///
 /// [`Cause::SettingsInvalid`] with the joint of the first number out of range (`None`: of the group); index: the register.
 pub fn check_ranges(settings: &Settings) -> Result<(), Refusal> {
-    for (index, info) in TABLE.iter().enumerate() {
+    for (index, info) in all(settings).enumerate() {
         for joint in JointIndex::first(info.count(settings)) {
-            if !info.allows(get(settings, info.place, joint)) {
+            if !info.allows(get(settings, info, joint)) {
                 let joint = info.per_joint.then_some(joint);
                 return Err(Refusal::in_file(Cause::SettingsInvalid, joint, index));
             }
@@ -430,8 +455,8 @@ pub fn check_widening(
     ceiling: &Settings,
     index: usize,
 ) -> Result<(), Refusal> {
-    let Some(info) = TABLE.get(index) else { return Ok(()) };
-    let number = |settings: &Settings, joint| get(settings, info.place, joint);
+    let Some(info) = info(settings, index) else { return Ok(()) };
+    let number = |settings: &Settings, joint| get(settings, info, joint);
     let widened = JointIndex::first(info.count(settings))
         .find(|&joint| info.widens(number(settings, joint), number(old, joint), number(ceiling, joint)));
     match widened {
@@ -443,15 +468,15 @@ pub fn check_widening(
 /// Puts every limit that is wider than in `ceiling` back to it; true if there was one. If the settings are then
 /// inconsistent, all limits are set to those of `ceiling`; if they still are, all settings.
 pub fn narrow(settings: &mut Settings, ceiling: &Settings) -> bool {
-    let put_back = |settings: &mut Settings, all: bool| {
+    let put_back = |settings: &mut Settings, every: bool| {
         let mut any = false;
-        for info in TABLE.iter().filter(|info| matches!(info.wider, Wider::More | Wider::Less)) {
+        for info in all(settings).filter(|info| matches!(info.wider, Wider::More | Wider::Less)) {
             for joint in JointIndex::first(info.count(settings)) {
-                let limit = get(ceiling, info.place, joint);
-                if all || info.is_wider(get(settings, info.place, joint), limit) {
+                let limit = get(ceiling, info, joint);
+                if every || info.is_wider(get(settings, info, joint), limit) {
                     any = true;
                     // From the same register, so the type is right.
-                    let _ = set(settings, info.place, joint, limit);
+                    let _ = set(settings, info, joint, limit);
                 }
             }
         }
@@ -471,7 +496,7 @@ pub fn narrow(settings: &mut Settings, ceiling: &Settings) -> bool {
 /// not against the other registers, since limits may pass through an inconsistent state. False if the numbers are
 /// not allowed; then nothing changes.
 pub fn set_held(settings: &mut Settings, index: usize, numbers: &[Number]) -> bool {
-    let Some(info) = TABLE.get(index) else { return false };
+    let Some(info) = info(settings, index) else { return false };
     let fits = !numbers.is_empty() && (info.per_joint || numbers.len() == 1);
     let taken = fits && numbers.iter().all(|number| info.allows(*number));
     if taken {
@@ -484,14 +509,16 @@ pub fn set_held(settings: &mut Settings, index: usize, numbers: &[Number]) -> bo
 fn put(settings: &mut Settings, info: &RegisterInfo, numbers: &[Number]) {
     for (joint, number) in JointIndex::first(numbers.len()).zip(numbers) {
         // A number of another type changes nothing; the callers have checked the type.
-        let _ = set(settings, info.place, joint, *number);
+        let _ = set(settings, info, joint, *number);
     }
 }
 
 /// Bytes of one stored register: key, count, eight numbers.
 pub const ROW_LEN: usize = 8 + 4 * JOINTS_MAX;
-/// Bytes of the stored settings.
-pub const STORED_LEN: usize = TABLE.len() * ROW_LEN;
+/// Most registers of a controller.
+pub const REGISTERS_MAX: usize = TABLE.len() + FAMILY_MAX;
+/// Most bytes of the stored settings.
+pub const STORED_LEN: usize = REGISTERS_MAX * ROW_LEN;
 
 /// Key of a register in storage: the checksum of its name, so that a later version finds the registers that it
 /// knows and skips the others.
@@ -501,7 +528,7 @@ fn key(info: &RegisterInfo) -> u32 {
 
 /// Stored form of register number `index`.
 pub fn to_row(settings: &Settings, index: usize) -> Option<[u8; ROW_LEN]> {
-    let info = TABLE.get(index)?;
+    let info = info(settings, index)?;
     let numbers = read(settings, index)?;
     let mut row = [0; ROW_LEN];
     let (head, tail) = row.split_first_chunk_mut::<8>()?;
@@ -519,8 +546,8 @@ pub fn take_row(settings: &mut Settings, row: &[u8; ROW_LEN]) -> bool {
     let Some((head, tail)) = row.split_first_chunk::<8>() else { return false };
     let [k0, k1, k2, k3, count, ..] = *head;
     let wanted = u32::from_le_bytes([k0, k1, k2, k3]);
-    let Some(index) = TABLE.iter().position(|info| key(info) == wanted) else { return false };
-    let Some(info) = TABLE.get(index).filter(|info| info.writable != Writable::Never) else { return false };
+    let mut known = all(settings).enumerate().filter(|(_, info)| info.writable != Writable::Never);
+    let Some((index, info)) = known.find(|(_, info)| key(info) == wanted) else { return false };
     let mut numbers = [Number::Natural32(0); JOINTS_MAX];
     for (number, bytes) in numbers.iter_mut().zip(tail.as_chunks::<4>().0) {
         *number = Number::from_bits(info.kind, u32::from_le_bytes(*bytes));

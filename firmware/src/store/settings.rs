@@ -24,7 +24,7 @@ pub fn save_settings(storage: &mut impl Storage, settings: &Settings) -> Result<
     storage.erase(Area::SettingsSeal(slot))?;
     storage.erase(Area::Settings(slot))?;
     let (mut crc64, mut offset) = (Crc64::new(), 0);
-    for index in 0..registers::TABLE.len() {
+    for index in 0..registers::REGISTERS_MAX {
         let Some(row) = registers::to_row(settings, index) else { continue };
         storage.write(Area::Settings(slot), offset, &row)?;
         crc64.update(&row);
@@ -58,7 +58,7 @@ fn for_each_row<const N: usize>(
 ) -> Option<()> {
     let seal = Seal::read(storage, Area::SettingsSeal(slot))?;
     let mut row = [0; N];
-    for index in 0..(seal.len as usize).checked_div(N)?.min(registers::TABLE.len()) {
+    for index in 0..(seal.len as usize).checked_div(N)?.min(registers::REGISTERS_MAX) {
         storage.read(Area::Settings(slot), index * N, &mut row).ok()?;
         take(&row);
     }

@@ -132,8 +132,8 @@ fn gains_limits_and_periods_cannot_be_written_while_armed_or_running() {
     bench.arm(name);
     for kind in [StateKind::Armed, StateKind::Running] {
         assert_eq!(bench.kind(), kind);
-        for info in registers::TABLE.iter().filter(|info| info.shapes_motion()) {
-            let held = bench.controller.register(registers::find(info.name).unwrap()).unwrap();
+        for info in registers::all(bench.controller.settings()).filter(|info| info.shapes_motion()) {
+            let held = bench.controller.register_named(info.name).unwrap();
             assert_eq!(cause(write(&mut bench, FIRST, info.name, held.as_slice())), Cause::OrderNotNow);
             assert_eq!(cause(write(&mut bench, SECOND, info.name, held.as_slice())), Cause::OtherHost);
         }
@@ -397,7 +397,8 @@ proptest! {
                 let now = bench.instant();
                 match kind {
                     12 => {
-                        let info = &registers::TABLE[x as usize % registers::TABLE.len()];
+                        let all: Vec<_> = registers::all(bench.controller.settings()).collect();
+                        let info = all[x as usize % all.len()];
                         let number = match info.kind {
                             registers::Kind::Real32 => Number::Real32(f32::from_bits(x as u32)),
                             registers::Kind::Natural32 => Number::Natural32(x as u32),

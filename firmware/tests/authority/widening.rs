@@ -79,7 +79,7 @@ fn an_offset_or_an_inversion_changes_only_while_unlocked_and_voids_the_commit() 
         assert!(runnable(&mut bench, name).is_ok(), "{register}: nothing has changed");
         unlock(&mut bench);
         write(&mut bench, FIRST, register, &other).unwrap();
-        let held = bench.controller.register(registers::find(register).unwrap()).unwrap();
+        let held = bench.controller.register_named(register).unwrap();
         assert_eq!(held.as_slice(), other);
         assert!(bench.controller.trace().iter().any(|(_, event)| event == TraceEvent::LimitsChanged));
         if register == "joint.offset_rad" {

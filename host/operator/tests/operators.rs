@@ -2,12 +2,13 @@
 //! reports where the ball landed.
 
 use firmware::authority::Key;
+use firmware::groups::powercube::settings::REGISTERS;
 use firmware::settings::Settings;
 use hil_sim::scenario::fault_from_line;
 use nalgebra::Vector3;
-use operator::bus::BusArgs;
-use operator::bus::args::Cell;
+use operator::bus::args::{Cell, CellArgs};
 use operator::bus::period::settings_with_gains;
+use operator::bus::{BusArgs, Session};
 use operator::dialogue::operator::OperatorError;
 use operator::dialogue::registers::Numbers;
 use operator::job::cell::take_plan;
@@ -16,6 +17,7 @@ use operator::port::{BallSeen, InProcess, OnBus, Operator};
 use planner::motion::{Knot, Motion};
 use planner::plan::file::PlanFile;
 use planner::plan::{Arm, Joints};
+use planner::store::fingerprint_of;
 use planner::way::Travel;
 use protocol::Duration;
 use protocol::cyphal::cubecell::group_state::State;
@@ -227,10 +229,51 @@ fn long_path_is_followed_by_a_controller_with_a_key() {
     let cell = cell(&plan, None);
     let settings = settings_with_gains(&cell.robot, &cell.setup).unwrap();
     let mut session = BusArgs::default().open_cell(&cell, Some(&settings)).unwrap();
-    let node = session.find_controller(None).unwrap();
-    session.wait_for(Duration::from_secs(20), &|state| state == State::Ready).unwrap();
-    session.write_key(node, &[0x42; 32]).unwrap();
-    session.set_key(Some(Key::new([0x42; 32])));
+    lock(&mut session);
     let (record, _) = follow_long_path(&mut OnBus::new(&mut session, None), &arm, &plan);
     assert_eq!((record.verdict.outcome, record.ended.is_none()), (Outcome::Reached, true));
+}
+
+/// Host and controller compute the digest of a run over the same registers.
+#[test]
+fn an_arm_of_servos_has_no_register_of_powercubes_and_runs_with_a_key() {
+    let args = BusArgs {
+        cell: CellArgs {
+            robot: Some(concat!(env!("CARGO_MANIFEST_DIR"), "/../../robots/canopen6.toml").to_owned()),
+            ..CellArgs::default()
+        },
+        ..BusArgs::default()
+    };
+    let cell = args.cell.load().unwrap();
+    let settings = settings_with_gains(&cell.robot, &cell.setup).unwrap();
+    let mut session = args.open_cell(&cell, Some(&settings)).unwrap();
+    let node = lock(&mut session);
+    let names = session.register_names(node).unwrap();
+    for register in REGISTERS.table {
+        assert!(!names.iter().any(|name| name == register.name), "{}", register.name);
+        assert!(!session.has_register(node, register.name).unwrap());
+    }
+    assert!(names.iter().any(|name| name == "watchdog.timeout_us"));
+    let mut operator = OnBus::new(&mut session, None);
+    operator.connect().unwrap();
+    let start_rad = Joints::from_slice(&operator.pose().unwrap());
+    let program = Program::Motion(long_path(&start_rad));
+    let mut order = Order::new(&cell.robot, &fingerprint_of(&cell.robot), program, Judge::Reach);
+    order.homes = true;
+    let record = perform(&mut operator, &order, &mut |_| Answer::Yes);
+    assert_eq!(
+        (record.verdict.outcome, record.ended.is_none()),
+        (Outcome::Reached, true),
+        "{:?}",
+        record.ended
+    );
+}
+
+/// Gives the controller a key that the session has.
+fn lock(session: &mut Session) -> NodeId {
+    let node = session.find_controller(None).unwrap();
+    session.wait_for(Duration::from_secs(20), &|state| state != State::Boot).unwrap();
+    session.write_key(node, &[0x42; 32]).unwrap();
+    session.set_key(Some(Key::new([0x42; 32])));
+    node
 }

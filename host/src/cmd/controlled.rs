@@ -206,7 +206,10 @@ impl Controlled {
     /// stop for want of it. After a stop or a fault the drives are halted and stay so: nothing is written to them.
     pub(super) fn finish(mut self) -> Result<(), ExpectedError> {
         let state = self.session.group().map(|group| group.state);
-        if self.soft && matches!(state, Some(State::Idle | State::Ready)) {
+        if self.soft
+            && matches!(state, Some(State::Idle | State::Ready))
+            && self.session.has_register(self.node, "watchdog.enable")?
+        {
             // Without watchdogs nothing supervises the drives: a limit like the others.
             let robot_crc32 = self.session.natural(self.node, "limits.robot_crc32")? as u32;
             let unlock = Unlock { robot_crc32, valid_s: 60 };

@@ -26,6 +26,7 @@ use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_rt::exception;
 use embedded_can::nb::Can;
 use firmware::Runner;
+use firmware::groups::powercube::settings::{IN_FLIGHT_MAX, MONITORING};
 use firmware::runner::{Clock, NoPin, Pins};
 use firmware::settings::Settings;
 use protocol::text::slcan::{Assembled, Assembler, CR, Reply};
@@ -98,10 +99,10 @@ pub fn settings() -> Settings {
     settings.cycle_period_us = PERIOD_US;
     settings.gains_period_us = PERIOD_US;
     (settings.gains_delay_min_us, settings.gains_delay_max_us) = (30_600, PERIOD_US);
-    settings.cycle_monitoring = false;
+    MONITORING.set(&mut settings, false);
     settings.reply_age_us = 1_500;
     // One at a time: several replies would wait for each other on the line, and look older than they are.
-    settings.in_flight_max = 1;
+    IN_FLIGHT_MAX.set(&mut settings, 1);
     // The write to the gripper's drive also takes time on the UART.
     settings.gripper_opening_us += 1_500;
     settings.reply_deadline_us = 16_000;

@@ -14,6 +14,7 @@ use super::drives::DriveRecord;
 use super::order::Order;
 use super::ramp::{self, RampLimits, RampState};
 use super::schedule::Agenda;
+use super::settings::{MONITORING, REACH_RAD};
 use super::slots::Slots;
 use super::{Mode, PowerCubes};
 use crate::group::{GroupEvent, PositionSample, SetPoint, Taken};
@@ -250,7 +251,7 @@ impl PowerCubes {
         let loaded = self.drives.at(joint).loaded;
         let axis = self.axes.at_mut(joint);
         let state = RampState { q_rad: set_point.q_rad, v_rad_s: axis.generator.v_at(set_point.acts_at) };
-        let limits_of_ramp = RampLimits::of(limits, SoftLimits::of(limits), settings.reach_rad);
+        let limits_of_ramp = RampLimits::of(limits, SoftLimits::of(limits), REACH_RAD.get(settings));
         let mut command =
             ramp::realise(set_point.qdd_rad_s2, set_point.period_s, state, &limits_of_ramp, &loaded);
         let u_rad_s2 = command.qdd_rad_s2 - set_point.qdd_reference_rad_s2;
@@ -274,7 +275,7 @@ impl PowerCubes {
         let Some(Extra { monitored, second_write: false, overrun: false }) = self.cycle.extra.take() else {
             return;
         };
-        if let Some(joint) = monitored.filter(|_| settings.cycle_monitoring) {
+        if let Some(joint) = monitored.filter(|_| MONITORING.get(settings)) {
             let turn = self.cycle.number / settings.joints.max(1);
             let parameter =
                 if turn.is_multiple_of(2) { Self::slow_look(turn / 2) } else { Parameter::CubeState };
@@ -334,7 +335,8 @@ impl PowerCubes {
         let a_rad_s2 = if jogged.is_some() { limits.jog_a_rad_s2 } else { limits.a_max_rad_s2 };
         let state = self.axes.at(joint).model.generator_at(now + BRAKE_LEAD);
         let soft = SoftLimits::kept(limits, self.drives.at(joint).is_homed());
-        let a_rad_s2 = ramp::stop_rad_s2(state, a_rad_s2, &RampLimits::of(limits, soft, settings.reach_rad));
+        let a_rad_s2 =
+            ramp::stop_rad_s2(state, a_rad_s2, &RampLimits::of(limits, soft, REACH_RAD.get(settings)));
         // The speed in the drive is at least the present one; writing it would cost time.
         let requests = [
             Request::Set(Parameter::TargetAcc, Value::F32(a_rad_s2)),

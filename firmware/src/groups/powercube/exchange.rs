@@ -8,6 +8,7 @@ use protocol::{Duration, Frame, Instant, JointIndex};
 
 use super::cycle::Sent;
 use super::drives::{Lane, Matched, is_foreign_request};
+use super::settings::{IN_FLIGHT_MAX, SLOW_CURRENT_A};
 use super::words::{check_short_state, check_state_word};
 use super::{Mode, PowerCubes, ramp};
 use crate::fault::{Cause, Fault};
@@ -28,7 +29,7 @@ impl PowerCubes {
         if self.cycle.due <= now {
             return;
         }
-        let window = settings.in_flight_max as usize;
+        let window = IN_FLIGHT_MAX.get(settings) as usize;
         let mut round = self.schedule.round(now, settings.joints(), &self.drives);
         // Each turn puts one more drive in flight, so it ends after at most `joints` turns.
         while let Some(next) = self.schedule.next(&mut round, now, &self.drives, window) {
@@ -421,7 +422,7 @@ impl PowerCubes {
     fn take_current(&mut self, settings: &Settings, joint: JointIndex, current_a: f32) {
         let limits = settings.joint.at(joint);
         let slow = matches!(self.mode, Mode::Jogging(_) | Mode::Homing(_));
-        let limit_a = if slow { 1.2 * limits.slow_current_a } else { limits.current_max_a };
+        let limit_a = if slow { 1.2 * SLOW_CURRENT_A.at(settings, joint) } else { limits.current_max_a };
         let drive = self.drives.at_mut(joint);
         drive.current_a = Some(current_a);
         // Written so that NaN counts as too much.

@@ -26,6 +26,7 @@ use protocol::powercube::{Config, CubeState, Parameter, Reply, Request, Value};
 use protocol::{Duration, Instant, JointIndex};
 
 use super::readiness::RESET_SETTLE;
+use super::settings::WATCHDOG_ENABLE;
 use super::words::check_state_word;
 use super::{Mode, PowerCubes};
 use crate::fault::{Cause, Fault};
@@ -101,7 +102,7 @@ impl PowerCubes {
             (drive.rest, drive.motion_words) = (Rest::default(), 0);
             (drive.max_cur_a, drive.config) = (None, None);
         }
-        if settings.watchdog_enable {
+        if WATCHDOG_ENABLE.get(settings) {
             // A watchdog that still runs from before must not expire during the search.
             self.send_watchdog(now, settings);
         }
@@ -217,7 +218,7 @@ impl PowerCubes {
     fn wanted_config(&self, settings: &Settings, joint: JointIndex) -> Option<u32> {
         let config = self.drives.at(joint).config?;
         let wanted = config
-            .with(Config::WATCHDOG_ENABLE, settings.watchdog_enable)
+            .with(Config::WATCHDOG_ENABLE, WATCHDOG_ENABLE.get(settings))
             .with(Config::DISABLE_ACK, false)
             .with(Config::SYNC_MOTION, false);
         (wanted != config).then_some(wanted.bits())
@@ -286,7 +287,7 @@ impl PowerCubes {
                 self.settle(now, waits_left - 1);
             } else {
                 self.send_reset(now, settings);
-                if settings.watchdog_enable {
+                if WATCHDOG_ENABLE.get(settings) {
                     // As in `find`.
                     self.send_watchdog(now, settings);
                 }
@@ -294,10 +295,10 @@ impl PowerCubes {
             }
             return;
         }
-        if settings.watchdog_enable {
+        if WATCHDOG_ENABLE.get(settings) {
             self.send_watchdog(now, settings);
         }
-        if settings.watchdog_enable && settings.watchdog_prove {
+        if WATCHDOG_ENABLE.get(settings) && settings.watchdog_prove {
             self.restart_at(settings, STATE);
             self.enter(Stage::Check);
         } else {

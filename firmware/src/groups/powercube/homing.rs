@@ -3,6 +3,7 @@
 use protocol::powercube::{CubeState, Parameter, Request, SimpleCommand, Value};
 use protocol::{Instant, JointIndex};
 
+use super::settings::{HOME_V_RAD_S, SLOW_CURRENT_A};
 use super::words::check_state_word;
 use super::{Mode, PowerCubes};
 use crate::fault::{Cause, Fault};
@@ -36,12 +37,11 @@ impl PowerCubes {
     }
 
     fn start_homing(&mut self, settings: &Settings, joint: JointIndex) {
-        let limits = settings.joint.at(joint);
         self.set_agenda(
             joint,
             &[
-                Request::Set(Parameter::MaxCur, Value::F32(limits.slow_current_a)),
-                Request::Set(Parameter::HomeVel, Value::F32(limits.home_v_rad_s)),
+                Request::Set(Parameter::MaxCur, Value::F32(SLOW_CURRENT_A.at(settings, joint))),
+                Request::Set(Parameter::HomeVel, Value::F32(HOME_V_RAD_S.at(settings, joint))),
                 Request::Simple(SimpleCommand::Home),
             ],
         );

@@ -9,6 +9,7 @@ use protocol::{Duration, Instant, JointIndex};
 
 use super::drive_model::DriveModel;
 use super::readiness::RESET_SETTLE;
+use super::settings::SLOW_CURRENT_A;
 use super::{Mode, PowerCubes};
 use crate::fault::{Cause, Fault};
 use crate::group::GroupEvent;
@@ -79,7 +80,7 @@ impl PowerCubes {
         self.set_agenda(
             joint,
             &[
-                Request::Set(Parameter::MaxCur, Value::F32(limits.slow_current_a)),
+                Request::Set(Parameter::MaxCur, Value::F32(SLOW_CURRENT_A.at(settings, joint))),
                 Request::Set(Parameter::TargetVel, Value::F32(limits.jog_v_rad_s)),
                 Request::Set(Parameter::TargetAcc, Value::F32(limits.jog_a_rad_s2)),
             ],

@@ -4,6 +4,7 @@
 //!
 //! | module | is |
 //! |---|---|
+//! | [`settings`] | registers that only PowerCubes have |
 //! | [`drives`] | one drive: requests on their way, which reply belongs to which request, what was read last |
 //! | [`words`] | what state words say |
 //! | [`schedule`], [`order`], [`slots`], [`cycle_timing`] | who is asked next, in which order, when in the cycle; how long a cycle takes |
@@ -34,6 +35,7 @@ mod generator;
 pub mod order;
 pub mod ramp;
 pub mod schedule;
+pub mod settings;
 pub mod slots;
 pub mod transmit;
 pub mod words;
@@ -61,6 +63,7 @@ use self::homing::Homing;
 use self::jogging::Jog;
 use self::output::GripperWrite;
 use self::schedule::Schedule;
+use self::settings::{GRIPPER_ADDRESS, MONITORING, REGISTERS};
 use self::slots::Slots;
 use self::transmit::TransmitQueue;
 use crate::fault::{Fault, Refusal};
@@ -69,6 +72,7 @@ use crate::group::{
     Standing, Taken,
 };
 use crate::joints::PerJoint;
+use crate::registers::FamilyRegisters;
 use crate::settings::Settings;
 
 /// Cycles between the order to run and the start of the plan: the loop settles on the standing reference.
@@ -225,7 +229,7 @@ impl PowerCubes {
     /// Durations of the control cycles of the last run; and how long one takes by the last timing checks, µs ([`cycle_timing`]), `None`
     /// before the first.
     pub fn cycle_times(&self, settings: &Settings) -> (CycleTimes, Option<u32>) {
-        (self.timing.times(), self.timing.cycle_us(settings.joints, settings.cycle_monitoring))
+        (self.timing.times(), self.timing.cycle_us(settings.joints, MONITORING.get(settings)))
     }
 
     fn push(&mut self, event: GroupEvent) {
@@ -270,6 +274,10 @@ impl PowerCubes {
 
 impl DriveGroup for PowerCubes {
     type Packet = Frame;
+
+    fn registers(&self) -> &'static FamilyRegisters {
+        &REGISTERS
+    }
 
     fn handle_packet(&mut self, now: Instant, settings: &Settings, frame: &Frame) {
         self.counters.bits = self.counters.bits.wrapping_add(frame.nominal_bits());
@@ -364,7 +372,7 @@ impl DriveGroup for PowerCubes {
     }
 
     fn set_gripper(&mut self, settings: &Settings, open: bool) -> bool {
-        let is_module = settings.gripper_address != 0;
+        let is_module = GRIPPER_ADDRESS.get(settings) != 0;
         if is_module {
             self.write_gripper(open);
         }

@@ -6,6 +6,7 @@ use protocol::{Duration, Instant, JointIndex, ModuleId};
 
 use super::PowerCubes;
 use super::drives::Lane;
+use super::settings::{GRIPPER_ADDRESS, GRIPPER_LINE};
 use crate::fault::{Cause, Fault};
 use crate::settings::Settings;
 
@@ -83,16 +84,16 @@ impl PowerCubes {
 
 /// The joint whose drive holds the gripper.
 fn gripper_joint(settings: &Settings) -> Option<JointIndex> {
-    settings.joints().find(|&joint| settings.joint.at(joint).address == settings.gripper_address)
+    settings.joints().find(|&joint| settings.joint.at(joint).address == GRIPPER_ADDRESS.get(settings))
 }
 
 fn gripper_module(settings: &Settings) -> Option<ModuleId> {
-    u8::try_from(settings.gripper_address).ok().and_then(|address| ModuleId::new(address).ok())
+    u8::try_from(GRIPPER_ADDRESS.get(settings)).ok().and_then(|address| ModuleId::new(address).ok())
 }
 
 /// Write that sets the gripper's line of a module and leaves its other outputs as last seen.
 fn gripper_request(open: bool, seen: Dio, settings: &Settings) -> Request {
-    let line = 1u8 << (settings.gripper_line & 3);
+    let line = 1u8 << (GRIPPER_LINE.get(settings) & 3);
     let level = open != settings.gripper_inverted;
     let outputs = if level { seen.outputs() | line } else { seen.outputs() & !line };
     // Outputs are bits 4 to 7 of the word; inputs are not written.
@@ -106,7 +107,7 @@ mod tests {
     #[test]
     fn gripper_write_keeps_the_other_lines_of_the_module() {
         let mut settings = Settings::powercube6();
-        settings.gripper_line = 2;
+        GRIPPER_LINE.set(&mut settings, 2);
         let seen = Dio::new(0b0000, 0b1001);
         let request = gripper_request(true, seen, &settings);
         assert_eq!(request, Request::Set(Parameter::DioData, Value::U32(0b1101_0000)));

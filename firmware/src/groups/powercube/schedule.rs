@@ -6,7 +6,7 @@
 //! Per joint: write acceleration (or speed), wait for its acknowledge, send the motion, wait for its
 //! answer: four frames, 372 to 450 bits, so six joints fill 2.2 to 2.7 ms at 1 Mbit/s. A drive thinks for 0.1 to
 //! 0.3 ms before it answers; other drives use the bus meanwhile. With W requests in flight the bus is fully used once
-//! W · (request + answer) > request + answer + thinking: W is about three at 0.3 ms, and [`Settings::in_flight_max`] is four
+//! W · (request + answer) > request + answer + thinking: W is about three at 0.3 ms, and [`IN_FLIGHT_MAX`] is four
 //! ([`crate::groups::powercube::cycle_timing`] has the whole count). A larger W would only fill transmit queues, where a halt
 //! would have to wait.
 //!
@@ -16,7 +16,7 @@
 //! Each motion has a slot ([`crate::groups::powercube::slots`]) and never leaves before it, so that the commands of a drive come
 //! one period apart. Reads for monitoring wait until the last motion is on the bus.
 //!
-//! [`Settings::in_flight_max`]: crate::settings::Settings::in_flight_max
+//! [`IN_FLIGHT_MAX`]: crate::groups::powercube::settings::IN_FLIGHT_MAX
 
 use protocol::powercube::{Parameter, Request};
 use protocol::{Duration, Instant, JointIndex};

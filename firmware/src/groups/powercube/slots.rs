@@ -28,6 +28,7 @@
 
 use protocol::{Duration, JointIndex};
 
+use super::settings::{IN_FLIGHT_MAX, MONITORING};
 use crate::groups::powercube::order::Order;
 use crate::joints::PerJoint;
 use crate::settings::Settings;
@@ -57,9 +58,9 @@ impl Slots {
     /// Slots in this order for drives and bus with which a cycle, read for monitoring included, takes `cycle_us`.
     pub fn plan(settings: &Settings, cycle_us: u32, order: &Order) -> Self {
         let n = settings.joints.max(1);
-        let lanes = settings.in_flight_max.clamp(1, n);
+        let lanes = IN_FLIGHT_MAX.get(settings).clamp(1, n);
         let others_us = (n - 1) * DRIVE_US
-            + if settings.cycle_monitoring {
+            + if MONITORING.get(settings) {
                 crate::groups::powercube::cycle_timing::MONITORING_US
             } else {
                 0
@@ -161,8 +162,8 @@ mod tests {
             for in_flight_max in 1..=8 {
                 for cycle_period_us in [1_000, 2_000, 3_000, 5_000, 10_000, 40_000] {
                     for cycle_us in [0, 500, 2_000, 2_600, 3_000, 9_000, 39_000, u32::MAX / 8] {
-                        let settings =
-                            Settings { joints, in_flight_max, cycle_period_us, ..Settings::powercube6() };
+                        let mut settings = Settings { joints, cycle_period_us, ..Settings::powercube6() };
+                        IN_FLIGHT_MAX.set(&mut settings, in_flight_max);
                         let slots = Slots::plan(&settings, cycle_us, &Order::BASE_FIRST);
                         let us: Vec<u64> =
                             settings.joints().map(|joint| slots.of(joint).as_micros()).collect();

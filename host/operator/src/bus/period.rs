@@ -271,7 +271,7 @@ mod tests {
             let (mut wanted, mut written) = (Settings::powercube6(), Settings::powercube6());
             apply(&choice, &mut wanted);
             for name in ["joint.k_error_1_s2", "joint.k_rate_1_s", "joint.k_last"] {
-                let index = registers::find(name).unwrap();
+                let index = registers::find(&wanted, name).unwrap();
                 let numbers = registers::read(&wanted, index).unwrap();
                 assert_eq!(
                     registers::write(&mut written, index, numbers.as_slice()),
@@ -285,7 +285,7 @@ mod tests {
 
     #[test]
     fn no_advice_names_a_period_that_a_controller_does_not_take() {
-        let register = registers::find("cycle.period_us").unwrap();
+        let register = registers::find(&Settings::BUILT_IN, "cycle.period_us").unwrap();
         for needs_us in (500..200_000).step_by(500) {
             let timing = CycleTiming::that_needs(needs_us);
             for wish in [PeriodRequest::Any, PeriodRequest::Period(3_000), PeriodRequest::Period(30_000)] {

@@ -1,6 +1,7 @@
 //! Settings of a soft controller, from a robot file.
 
 use firmware::crc::Crc32;
+use firmware::groups::powercube::settings::{GRIPPER_ADDRESS, SLOW_CURRENT_A};
 use firmware::joints::PerJoint;
 use firmware::settings::{JointSettings, Settings};
 use protocol::{JointIndex, ModuleId};
@@ -103,10 +104,14 @@ pub fn settings_of(model: &RobotModel) -> Result<Settings, NoSettings> {
     }
     for (place, drive) in places.iter_mut().zip(model.drives().unwrap_or_default()) {
         place.current_max_a = drive.current_max_a as f32;
-        place.slow_current_a = (SLOW_CURRENT_SHARE * drive.current_max_a) as f32;
     }
-    // The gripper hangs on the last PowerCube, as in the simulated cell.
-    settings.gripper_address = model.drives().and(addresses.last().copied()).unwrap_or(0).into();
+    if let Some(drives) = model.drives() {
+        for (joint, drive) in JointIndex::first(drives.len()).zip(drives) {
+            SLOW_CURRENT_A.set_at(&mut settings, joint, (SLOW_CURRENT_SHARE * drive.current_max_a) as f32);
+        }
+        // The gripper hangs on the last PowerCube, as in the simulated cell.
+        GRIPPER_ADDRESS.set(&mut settings, addresses.last().copied().unwrap_or(0).into());
+    }
     if let Some(opening_s) = model.opening_s() {
         settings.gripper_opening_us = (1e6 * opening_s).round() as u32;
     }
@@ -142,17 +147,19 @@ pub fn of_modules(settings: &Settings, modules: &[ModuleId]) -> Result<Settings,
         settings.joints().filter(|joint| modules.contains(&settings.joint.at(*joint).module())).collect();
     let mut part = *settings;
     part.joints = kept.len() as u32;
+    part.family = settings.family.of_joints(&kept.iter().copied());
     for (to, from) in JointIndex::first(kept.len()).zip(kept) {
         *part.joint.at_mut(to) = *settings.joint.at(from);
     }
     // The gripper hangs on a drive that may not be among them.
-    part.gripper_address = 0;
+    GRIPPER_ADDRESS.set(&mut part, 0);
     Ok(part)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use firmware::groups::powercube::settings::REGISTERS;
 
     #[test]
     fn a_part_of_the_joints_keeps_its_order_and_an_unknown_module_is_refused() {
@@ -168,7 +175,8 @@ mod tests {
     #[test]
     fn the_built_in_robot_file_gives_the_built_in_settings() {
         let settings = settings_of(&RobotModel::load("powercube6").unwrap()).unwrap();
-        let built_in = Settings::powercube6();
+        let mut built_in = Settings::powercube6();
+        built_in.take_family(&REGISTERS);
         let rounded = |settings: &Settings| {
             let mut settings = *settings;
             for joint in JointIndex::first(8) {

@@ -3,7 +3,6 @@
 use std::fmt::Write as _;
 
 use firmware::fault::Cause;
-use firmware::registers;
 use protocol::cyphal::bits::Decode;
 use protocol::cyphal::client::Policy;
 use protocol::cyphal::cubecell::group_state::State;
@@ -14,6 +13,7 @@ use protocol::cyphal::id::NodeId;
 use protocol::cyphal::uavcan::file::{self, PIECE_LEN_MAX, ReadRequest, ReadResponse};
 
 use super::operator::OperatorError;
+use super::registers::name_of;
 use crate::bus::session::Session;
 
 /// Longest file that is read: more than any controller has.
@@ -122,7 +122,7 @@ pub fn describe(entry: &TraceEntry) -> String {
             format!("node {} wrote to the upload of another one, which is void", entry.detail)
         }
         kind::REGISTER_REFUSED => {
-            let name = registers::TABLE.get(usize::from(entry.detail)).map_or("?", |info| info.name);
+            let name = name_of(entry.detail.into()).unwrap_or("?");
             format!("register write refused: {name}")
         }
         other => format!("event {other}"),

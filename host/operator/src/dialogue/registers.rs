@@ -1,6 +1,6 @@
 //! Registers of a controller: settings by name, written and read back.
 
-use firmware::registers::{self, Number, RegisterInfo, TABLE};
+use firmware::registers::{self, Number, RegisterInfo};
 use firmware::settings::Settings;
 use protocol::cyphal::bits::Decode;
 use protocol::cyphal::client::Policy;
@@ -13,6 +13,7 @@ use protocol::cyphal::uavcan::value::{Value, ValueBuf, ValueType};
 
 use super::operator::OperatorError;
 use crate::bus::session::Session;
+use crate::drives::family_registers;
 
 /// More registers than any controller has.
 const REGISTERS_MAX: u16 = 1_000;
@@ -101,6 +102,24 @@ pub(crate) fn to_host(numbers: &[Number]) -> Numbers {
     }
 }
 
+/// Registers of controllers, and what each is: those of every controller, then those of one family of drives.
+pub fn known() -> impl Iterator<Item = (&'static RegisterInfo, &'static str)> {
+    let of_families = family_registers().flat_map(|list| list.table.iter().zip(list.meanings));
+    registers::TABLE
+        .iter()
+        .zip(registers::MEANINGS)
+        .chain(of_families)
+        .map(|(info, meaning)| (info, *meaning))
+}
+
+/// Name of register `number` of a controller; `None` if it depends on the family of its drives.
+pub(super) fn name_of(number: usize) -> Option<&'static str> {
+    let after = number.checked_sub(registers::TABLE.len());
+    let mut of_families = family_registers().filter_map(|list| list.table.get(after?));
+    let found = registers::TABLE.get(number).or_else(|| of_families.next())?;
+    of_families.next().is_none().then_some(found.name)
+}
+
 /// Settings with the registers that `wanted` accepts, read by `read`, and the number of joints. The others are as built in.
 ///
 /// # Errors
@@ -110,7 +129,15 @@ pub fn settings_of(
     read: &mut dyn FnMut(&str) -> Result<Numbers, OperatorError>,
 ) -> Result<Settings, OperatorError> {
     let mut settings = Settings::BUILT_IN;
-    for (index, info) in TABLE.iter().enumerate() {
+    for list in family_registers() {
+        let Some(first) = list.table.iter().find(|info| wanted(info)) else { continue };
+        match read(first.name) {
+            Ok(_) => settings.take_family(list),
+            Err(OperatorError::NoRegister { .. }) => {}
+            Err(error) => return Err(error),
+        }
+    }
+    for (index, info) in registers::all(&settings).enumerate() {
         if (info.name == "group.joints" || wanted(info))
             && !registers::set_held(&mut settings, index, &to_controller(&read(info.name)?))
         {
@@ -150,6 +177,15 @@ impl Session {
     /// [`OperatorError::NoRegister`] for a name that the controller does not know; or another [`OperatorError`].
     pub fn register(&mut self, node: NodeId, name: &str) -> Result<Numbers, OperatorError> {
         self.access(node, name, Value::EMPTY).map(|reported| reported.value)
+    }
+
+    /// Whether `node` has the register: some are of one family of drives only.
+    pub fn has_register(&mut self, node: NodeId, name: &str) -> Result<bool, OperatorError> {
+        match self.register(node, name) {
+            Ok(_) => Ok(true),
+            Err(OperatorError::NoRegister { .. }) => Ok(false),
+            Err(error) => Err(error),
+        }
     }
 
     pub fn reported_register(&mut self, node: NodeId, name: &str) -> Result<RegisterEntry, OperatorError> {

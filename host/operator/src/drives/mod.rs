@@ -20,6 +20,7 @@ use firmware::groups::cia402::Cia402;
 use firmware::groups::mit::Mit;
 use firmware::groups::odrive::Odrive;
 use firmware::groups::powercube::PowerCubes;
+use firmware::registers::FamilyRegisters;
 use firmware::settings::Settings;
 use protocol::cyphal::cubecell::group_state::DriveDifference;
 use protocol::powercube::Address;
@@ -109,6 +110,11 @@ macro_rules! families {
             $($family($family),)*
         }
 
+        /// Registers that only one family has, of all families.
+        pub fn family_registers() -> impl Iterator<Item = &'static FamilyRegisters> {
+            [$($family::default().registers()),*].into_iter()
+        }
+
         macro_rules! each {
             ($own:expr, $drives:ident => $call:expr) => {
                 match $own {
@@ -157,6 +163,10 @@ macro_rules! forward {
 
 impl DriveGroup for CanDrives {
     type Packet = Frame;
+
+    fn registers(&self) -> &'static FamilyRegisters {
+        each!(self, drives => drives.registers())
+    }
 
     forward! {
         fn handle_packet(&mut self, now: Instant, settings: &Settings, packet: &Frame);

@@ -378,7 +378,7 @@ impl Steps<'_, '_> {
             let mut wanted = settings_of(RegisterInfo::is_of_gains, &mut |name| operator.register(name))?;
             file.enter(crc, &mut wanted);
             for name in REGISTERS {
-                let index = registers::find(name).unwrap_or(usize::MAX);
+                let index = registers::find(&wanted, name).unwrap_or(usize::MAX);
                 let numbers = registers::read(&wanted, index).map(|numbers| to_host(numbers.as_slice()));
                 operator.set_register(
                     name,

@@ -12,7 +12,6 @@ use firmware::fault::Cause;
 use firmware::group::DriveGroup;
 use firmware::host_link::group_message;
 use firmware::orders::{Done, Order};
-use firmware::registers;
 use firmware::settings::Settings;
 use firmware::spline::Spline;
 use firmware::store::{FileName, RamStorage};
@@ -284,12 +283,8 @@ impl Operator for InProcess {
     }
 
     fn register(&mut self, name: &str) -> Result<Numbers, OperatorError> {
-        let index =
-            registers::find(name).ok_or_else(|| OperatorError::NoRegister { name: name.to_owned() })?;
-        let numbers = self
-            .controller()
-            .register(index)
-            .ok_or_else(|| OperatorError::NoRegister { name: name.to_owned() })?;
+        let numbers = self.controller().register_named(name);
+        let numbers = numbers.ok_or_else(|| OperatorError::NoRegister { name: name.to_owned() })?;
         Ok(to_host(numbers.as_slice()))
     }
 

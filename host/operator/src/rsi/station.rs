@@ -10,7 +10,6 @@ use firmware::groups::rsi::{AT_START_RAD, Options, Packet, Rsi, Telegram};
 use firmware::host_link::{group_message, history, target_of};
 use firmware::joints::PerJoint;
 use firmware::orders::{Done, Order};
-use firmware::registers;
 use firmware::settings::Settings;
 use firmware::spline::Spline;
 use firmware::state::StateKind;
@@ -264,7 +263,7 @@ impl Station {
     }
 
     pub(super) fn register(&self, name: &str) -> Option<Numbers> {
-        Some(to_host(self.controller.register(registers::find(name)?)?.as_slice()))
+        Some(to_host(self.controller.register_named(name)?.as_slice()))
     }
 
     /// Freeze frame and trace of the controller, in the form of the files of a controller on a bus; the first is empty without

@@ -1,6 +1,7 @@
 //! `cubectl home`
 
-use firmware::settings::Settings;
+use firmware::groups::powercube::settings::{HOME_V_RAD_S, SLOW_CURRENT_A};
+use firmware::settings::{JointSettings, Settings};
 use protocol::{Duration, JointIndex, ModuleId};
 
 use crate::cmd::controlled::{Controlled, ControllerArgs};
@@ -69,14 +70,33 @@ impl Args {
             settings.monitor_period_us = VERIFY_MONITOR_US;
         }
         for joint in JointIndex::first(settings.joints as usize) {
-            let place = settings.joint.at_mut(joint);
+            let JointSettings { v_max_rad_s, current_max_a, .. } = *settings.joint.at(joint);
             if let Some(v) = self.speed {
-                place.home_v_rad_s = (v as f32).min(place.v_max_rad_s).copysign(place.home_v_rad_s);
+                let v_rad_s = (v as f32).min(v_max_rad_s).copysign(HOME_V_RAD_S.at(settings, joint));
+                HOME_V_RAD_S.set_at(settings, joint, v_rad_s);
             }
             if let Some(share) = self.current {
-                place.slow_current_a = share as f32 * place.current_max_a;
+                SLOW_CURRENT_A.set_at(settings, joint, share as f32 * current_max_a);
             }
         }
+    }
+
+    /// Speed of homing of each joint, with its direction; `None`: these drives know their position without a motion.
+    fn speeds(&self, controlled: &mut Controlled) -> Result<Option<Vec<f32>>, ExpectedError> {
+        let node = controlled.node;
+        if controlled.session.has_register(node, "joint.home_v_rad_s")? {
+            return match controlled.session.register(node, "joint.home_v_rad_s")? {
+                Numbers::Real(speeds) => Ok(Some(speeds)),
+                _ => Err(OperatorError::Unreadable { node }.into()),
+            };
+        }
+        if self.verify || self.speed.is_some() || self.current.is_some() {
+            return Err(ExpectedError::bad_input(
+                &"these drives do not move to find their zero: --verify, --speed-rad-s and --current-share mean nothing",
+            )
+            .next("leave these options out; nothing has moved"));
+        }
+        Ok(None)
     }
 
     /// What is asked for, as registers of a controller that has others.
@@ -112,6 +132,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let mut controlled = Controlled::open(&args.bus, &args.controller, named, &adjust)?;
     let mut joints = controlled.select(named)?;
     joints.sort_by_key(|(joint, _)| std::cmp::Reverse(joint.get()));
+    // Refuses before anything moves.
+    args.speeds(&mut controlled)?;
     // A controller of this program began with them.
     let wishes = if controlled.soft { Vec::new() } else { args.wishes(&mut controlled)? };
     let homed = controlled
@@ -168,10 +190,8 @@ fn home_all(
     joints: &[(JointIndex, ModuleId)],
 ) -> Result<Rows, ExpectedError> {
     let node = controlled.node;
+    let speeds = args.speeds(controlled)?;
     let limit = Duration::from_secs_f64(args.timeout);
-    let Numbers::Real(speeds) = controlled.session.register(node, "joint.home_v_rad_s")? else {
-        return Err(OperatorError::Unreadable { node }.into());
-    };
     let (mut rows, mut findings) = (Vec::new(), Vec::new());
     for &(joint, module) in joints {
         let number = controlled.number(joint);
@@ -185,12 +205,13 @@ fn home_all(
             );
             continue;
         }
-        let v_rad_s = speeds.get(joint.get()).map_or(0.0, |v| f64::from(v.abs()));
+        let v_rad_s = speeds.as_ref().and_then(|speeds| speeds.get(joint.get())).map(|v| f64::from(v.abs()));
         if !args.json {
-            console::note!("module {module}: homing at {v_rad_s:.2} rad/s; Ctrl-C halts");
+            let speed = v_rad_s.map_or(String::new(), |v_rad_s| format!(" at {v_rad_s:.2} rad/s"));
+            console::note!("module {module}: homing{speed}; Ctrl-C halts");
         }
         // Without a zero before there is nothing to compare.
-        let zero = (args.verify && is_homed).then(|| ZeroCheck::new(v_rad_s));
+        let zero = v_rad_s.filter(|_| args.verify && is_homed).map(ZeroCheck::new);
         let what = format!("module {module}: looking for its zero");
         let at_most = format!("up to {:.0} s of the arm", args.timeout);
         let homed = while_working(&what, &at_most, |_| {

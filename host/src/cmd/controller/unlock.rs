@@ -1,13 +1,13 @@
 //! `cubectl controller unlock`
 
-use firmware::registers::{Kind, RegisterInfo, TABLE};
+use firmware::registers::{Kind, RegisterInfo};
 use protocol::cyphal::cubecell::command::{UNLOCK, UNLOCK_VALID_S_MAX, Unlock};
 use robot_model::RobotModel;
 
 use crate::cmd::target::Target;
 use crate::error::ExpectedError;
 use operator::bus::settings::crc32_of;
-use operator::dialogue::registers::Numbers;
+use operator::dialogue::registers::{Numbers, known};
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -33,10 +33,10 @@ pub struct Args {
 fn setting(text: &str) -> Result<(&'static str, Vec<f32>), String> {
     let (name, values) = text.split_once('=').ok_or("must be REGISTER=VALUE,...")?;
     // Others than those of the joints: `cubectl controller registers set`.
-    let is_real = |info: &&RegisterInfo| info.is_limit() && info.per_joint && info.kind == Kind::Real32;
-    let limits = TABLE.iter().filter(is_real);
-    let info = limits.clone().find(|info| info.name == name);
-    let limits: Vec<&str> = limits.map(|info| info.name).collect();
+    let is_real = |info: &RegisterInfo| info.is_limit() && info.per_joint && info.kind == Kind::Real32;
+    let limits: Vec<_> = known().map(|(info, _)| info).filter(|info| is_real(info)).collect();
+    let info = limits.iter().find(|info| info.name == name);
+    let limits: Vec<&str> = limits.iter().map(|info| info.name).collect();
     let info = info.ok_or_else(|| format!("'{name}' is no limit; the limits are {}", limits.join(", ")))?;
     let values: Result<Vec<f32>, _> = values.split(',').map(|value| value.trim().parse::<f32>()).collect();
     let values = values.map_err(|error| format!("{name}: {error}"))?;

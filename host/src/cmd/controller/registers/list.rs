@@ -1,6 +1,6 @@
 //! `cubectl controller registers list`
 
-use firmware::registers::{MEANINGS, RegisterInfo, TABLE, Wider, Writable};
+use firmware::registers::{RegisterInfo, Wider, Writable};
 
 use super::value;
 use crate::cmd::print_json;
@@ -43,8 +43,7 @@ fn when(info: &RegisterInfo) -> String {
 }
 
 fn known(name: &str) -> Option<(&'static RegisterInfo, &'static str)> {
-    let index = firmware::registers::find(name)?;
-    TABLE.get(index).zip(MEANINGS.get(index).copied())
+    operator::dialogue::registers::known().find(|(info, _)| info.name == name)
 }
 
 pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
