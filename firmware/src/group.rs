@@ -195,6 +195,8 @@ pub struct InForce {
 pub struct Standing {
     /// Error that it reports.
     pub cause: Option<Cause>,
+    /// It is halted, by whomever.
+    pub halted: bool,
     /// It has reported motion several times in a row.
     pub reports_motion: bool,
     /// Its position loop is open: people may move the joint by hand.
@@ -321,8 +323,8 @@ pub trait DriveGroup: Default {
     /// The joint is known to move. A drive that reports nothing may move or stand.
     fn is_moving(&self, now: Instant, settings: &Settings, joint: JointIndex) -> bool;
 
-    /// See [`Standing`]. `halted_is_fine`: the controller halted it.
-    fn standing(&self, joint: JointIndex, halted_is_fine: bool) -> Standing;
+    /// See [`Standing`].
+    fn standing(&self, joint: JointIndex) -> Standing;
 
     /// See [`Readings`].
     fn readings(&self, joint: JointIndex) -> Readings;
@@ -335,9 +337,9 @@ pub trait DriveGroup: Default {
     /// See [`GroupCounters`].
     fn counters(&self) -> GroupCounters;
 
-    /// The wire is reserved for the drives until they have answered: other senders must wait.
-    fn is_keeping_time(&self) -> bool;
-
-    /// Every drive has answered in this period.
-    fn is_cycle_done(&self, settings: &Settings) -> bool;
+    /// The wire is reserved until the drives have answered in this period: other senders must wait.
+    fn needs_wire(&self, settings: &Settings) -> bool {
+        let _ = settings;
+        false
+    }
 }

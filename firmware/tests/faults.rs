@@ -394,7 +394,7 @@ fn stop_for_late_cycles_sends_ramps_to_rest_and_no_further_set_points() {
     assert_eq!(bench.kind(), StateKind::Running);
     // The runner sleeps past the beginning of three cycles, once the drives have answered.
     for _ in 0..3 {
-        bench.run_until(10_000, |bench| bench.controller.is_cycle_done());
+        bench.run_until(10_000, |bench| !bench.controller.needs_wire());
         bench.now += 5_000;
         bench.run_until(100, |bench| bench.kind() != StateKind::Running);
     }
@@ -430,7 +430,7 @@ fn joints_whose_answers_are_missed_at_the_same_moment_all_get_their_ramp_to_rest
         bench.drives[first].drop_replies = 2;
         bench.run_until(10_000, |bench| bench.controller.group().drive(joint(first)).missed_in_row == 1);
         // In the next cycle all others miss one answer with it.
-        bench.run_until(10_000, |bench| bench.controller.is_cycle_done());
+        bench.run_until(10_000, |bench| !bench.controller.needs_wire());
         for drive in bench.drives.iter_mut().filter(|drive| drive.drop_replies == 0) {
             drive.drop_replies = 1;
         }

@@ -88,18 +88,19 @@ fn a_motor_without_mode_and_time_out_gets_both_and_a_silent_one_is_named() {
 #[test]
 fn bus_is_kept_for_the_motors_that_are_held_while_another_one_is_looked_for_and_after_it_is_lost() {
     let mut rig = Rig::new();
-    assert!(!rig.controller().is_keeping_time(), "no motor is held yet");
+    assert!(!rig.controller().needs_wire(), "no motor is held yet");
     rig.motor(5, |motor| motor.set_power(false));
     let enabled = |rig: &mut Rig, i| rig.motor(i, |motor| motor.status()) == Status::Enabled;
     rig.run_us(200_000);
     assert_eq!(rig.kind(), StateKind::Boot);
     assert!((0..JOINTS).all(|i| enabled(&mut rig, i) == (i != 5)));
-    assert!(rig.controller().is_keeping_time());
     // The silent one does not keep others waiting: within a period the held ones have answered.
-    rig.run_until(4, |rig| rig.controller().is_cycle_done());
+    rig.run_until(4, |rig| rig.controller().needs_wire());
+    rig.run_until(4, |rig| !rig.controller().needs_wire());
     rig.run_to(2_000, StateKind::Fault);
-    assert!(rig.controller().is_keeping_time(), "the others are still held");
-    rig.run_until(4, |rig| rig.controller().is_cycle_done());
+    // The others are still held.
+    rig.run_until(4, |rig| rig.controller().needs_wire());
+    rig.run_until(4, |rig| !rig.controller().needs_wire());
 }
 
 #[test]

@@ -38,14 +38,9 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.counters.cycles
     }
 
-    /// True in a control cycle and in a cycle that only checks the timing: the bus is for the drives until they have answered.
-    pub fn is_keeping_time(&self) -> bool {
-        self.group.is_keeping_time()
-    }
-
-    /// True if every drive has answered in this cycle: the rest of the cycle is free for other frames.
-    pub fn is_cycle_done(&self) -> bool {
-        self.group.is_cycle_done(&self.settings)
+    /// True in a cycle until the drives have answered: other frames must wait.
+    pub fn needs_wire(&self) -> bool {
+        self.group.needs_wire(&self.settings)
     }
 
     /// State of the group at `now`; the jitter is measured anew from here.

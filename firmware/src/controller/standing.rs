@@ -72,11 +72,13 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     /// Faults and state changes while nothing moves.
     pub(super) fn judge_standing(&mut self, now: Instant) {
         let kind = self.kind();
-        let halted_is_fine = kind == StateKind::Stopped;
         if matches!(kind, StateKind::Idle | StateKind::Ready | StateKind::Armed | StateKind::Stopped) {
             for joint in self.joints() {
                 let silent = self.group.readings(joint).missed_in_row > self.settings.reply_missed_max;
-                let cause = self.group.standing(joint, halted_is_fine).cause;
+                let standing = self.group.standing(joint);
+                // After a stop the drives may be halted.
+                let halted = standing.halted && kind != StateKind::Stopped;
+                let cause = standing.cause.or(halted.then_some(Cause::DriveError));
                 if let Some(cause) = if silent { Some(Cause::DriveSilent) } else { cause } {
                     self.fail(now, Fault::at(cause, joint));
                     return;
@@ -101,7 +103,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     pub(super) fn judge_places(&mut self, now: Instant, at_work: Option<JointIndex>) {
         for joint in self.joints().filter(|&joint| Some(joint) != at_work) {
             let Some(position) = self.group.position(joint) else { continue };
-            let Standing { reports_motion, yields, .. } = self.group.standing(joint, true);
+            let Standing { reports_motion, yields, .. } = self.group.standing(joint);
             // Written so that NaN counts as motion.
             let in_place = (position.q_rad - self.stood_at_rad.get(joint)).abs() <= PLACE_RAD;
             if in_place && !reports_motion {

@@ -458,9 +458,9 @@ impl<F: Family> DriveGroup for PositionDrives<F> {
         self.drives.at(joint).answers().is_moving(now, settings)
     }
 
-    fn standing(&self, joint: JointIndex, _: bool) -> Standing {
+    fn standing(&self, joint: JointIndex) -> Standing {
         let yields = !self.drives.at(joint).is_held();
-        Standing { cause: F::cause(self, self.at, joint), reports_motion: false, yields }
+        Standing { cause: F::cause(self, self.at, joint), yields, ..Standing::default() }
     }
 
     fn readings(&self, joint: JointIndex) -> Readings {
@@ -476,13 +476,11 @@ impl<F: Family> DriveGroup for PositionDrives<F> {
         self.counters
     }
 
-    fn is_keeping_time(&self) -> bool {
+    fn needs_wire(&self, settings: &Settings) -> bool {
         // A drive that is held takes a set point in each period: at rest, and while others are looked for.
-        JointIndex::first(F::drives(&self.options)).any(|place| self.drives.at(place).is_held())
-    }
-
-    fn is_cycle_done(&self, settings: &Settings) -> bool {
-        let mut held = self.places(settings).map(|place| self.drives.at(place)).filter(|own| own.is_held());
-        F::has_asked(self) && held.all(|drive| !drive.answers().awaited)
+        let is_held = |place| self.drives.at(place).is_held();
+        let awaits = |place| is_held(place) && self.drives.at(place).answers().awaited;
+        let is_kept = JointIndex::first(F::drives(&self.options)).any(is_held);
+        is_kept && (!F::has_asked(self) || self.places(settings).any(awaits))
     }
 }

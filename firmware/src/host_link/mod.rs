@@ -331,8 +331,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> ControllerNode<S, M, G> {
     /// When a Cyphal frame may be handed out.
     fn may_send_at(&self) -> Instant {
         let controller = &self.app.controller;
-        let waits =
-            self.host_bus == HostBus::Shared && controller.is_keeping_time() && !controller.is_cycle_done();
+        let waits = self.host_bus == HostBus::Shared && controller.needs_wire();
         self.last_frame + if waits { controller.settings().cycle_period() * 2 } else { SPACING }
     }
 

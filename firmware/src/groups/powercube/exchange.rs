@@ -412,7 +412,7 @@ impl PowerCubes {
         };
         if watched {
             let lost = homed_before && !state.contains(CubeState::HOME_OK);
-            let cause = check_state_word(state, false).or(lost.then_some(Cause::DriveLostHome));
+            let cause = check_state_word(state).or(lost.then_some(Cause::DriveLostHome));
             if let Some(cause) = cause {
                 self.fail(Fault::at(cause, joint));
             }

@@ -329,7 +329,7 @@ impl PowerCubes {
             return Some(Fault::at(Cause::MovesUnordered, joint));
         }
         settings.joints().find_map(|joint| {
-            let cause = check_state_word(self.state_word(joint), false)?;
+            let cause = check_state_word(self.state_word(joint))?;
             Some(Fault::at(cause, joint))
         })
     }

@@ -89,7 +89,7 @@ impl PowerCubes {
             (Step::Starting, Request::Simple(SimpleCommand::Home)) => Step::Searching,
             (Step::Searching, Request::Get(Parameter::CubeState)) => {
                 let Some((state, _)) = self.drives.at(joint).state else { return };
-                if check_state_word(state, false).is_some() {
+                if check_state_word(state).is_some() {
                     self.fail(Fault::at(Cause::HomingFailed, joint));
                     return;
                 }

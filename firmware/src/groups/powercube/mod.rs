@@ -417,8 +417,8 @@ impl DriveGroup for PowerCubes {
         self.moves(now, settings, joint)
     }
 
-    fn standing(&self, joint: JointIndex, halted_is_fine: bool) -> Standing {
-        self.report_of(joint, halted_is_fine)
+    fn standing(&self, joint: JointIndex) -> Standing {
+        self.report_of(joint)
     }
 
     fn readings(&self, joint: JointIndex) -> Readings {
@@ -429,11 +429,8 @@ impl DriveGroup for PowerCubes {
         self.counters
     }
 
-    fn is_keeping_time(&self) -> bool {
-        self.mode.is_cyclic() || self.timing.is_checking()
-    }
-
-    fn is_cycle_done(&self, settings: &Settings) -> bool {
-        settings.joints().all(|joint| self.schedule.is_done(joint, self.drives.at(joint)))
+    fn needs_wire(&self, settings: &Settings) -> bool {
+        let is_done = |joint| self.schedule.is_done(joint, self.drives.at(joint));
+        (self.mode.is_cyclic() || self.timing.is_checking()) && !settings.joints().all(is_done)
     }
 }

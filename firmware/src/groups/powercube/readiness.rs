@@ -4,7 +4,7 @@ use protocol::powercube::{CubeState, ShortState};
 use protocol::{Duration, Instant, JointIndex};
 
 use super::PowerCubes;
-use super::words::check_state_word;
+use super::words::error_of;
 use crate::fault::{Cause, Refusal};
 use crate::group::{Readings, Standing};
 use crate::rest;
@@ -39,11 +39,12 @@ impl PowerCubes {
         (read && drive.motion_words > 0) || drive.rest.is_moving(now, rest_age_max(settings))
     }
 
-    pub(super) fn report_of(&self, joint: JointIndex, halted_is_fine: bool) -> Standing {
+    pub(super) fn report_of(&self, joint: JointIndex) -> Standing {
         let drive = self.drives.at(joint);
         let word = drive.state.filter(|(_, at)| *at >= self.reset_at);
         Standing {
-            cause: word.and_then(|(word, _)| check_state_word(word, halted_is_fine)),
+            cause: word.and_then(|(word, _)| error_of(word)),
+            halted: word.is_some_and(|(word, _)| word.intersects(CubeState::HALTED)),
             reports_motion: drive.motion_words >= MOTION_WORDS,
             yields: drive.state.is_some_and(|(word, _)| word.intersects(CubeState::BRAKEACTIVE)),
         }

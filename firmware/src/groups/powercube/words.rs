@@ -4,8 +4,8 @@ use protocol::powercube::{CubeState, ShortState};
 
 use crate::fault::Cause;
 
-/// The gravest thing that a state word reports. `halted_is_fine`: the controller halted the drive.
-pub fn check_state_word(state: CubeState, halted_is_fine: bool) -> Option<Cause> {
+/// The gravest error that a state word reports; a halt is none.
+pub fn error_of(state: CubeState) -> Option<Cause> {
     let table = [
         (CubeState::POW_VOLT_ERR, Cause::DriveSupply),
         (CubeState::POWERFAULT, Cause::DrivePowerFault),
@@ -21,9 +21,12 @@ pub fn check_state_word(state: CubeState, halted_is_fine: bool) -> Option<Cause>
         (CubeState::COMM_ERROR, Cause::DriveWatchdog),
         (CubeState::ERROR, Cause::DriveError),
     ];
-    let cause = table.into_iter().find(|(bits, _)| state.intersects(*bits)).map(|(_, cause)| cause);
-    let halted = state.intersects(CubeState::HALTED) && !halted_is_fine;
-    cause.or(halted.then_some(Cause::DriveError))
+    table.into_iter().find(|(bits, _)| state.intersects(*bits)).map(|(_, cause)| cause)
+}
+
+/// [`error_of`], or a halt.
+pub fn check_state_word(state: CubeState) -> Option<Cause> {
+    error_of(state).or(state.intersects(CubeState::HALTED).then_some(Cause::DriveError))
 }
 
 /// Error or halt of a drive that has found its zero, from the byte in every motion answer.
@@ -41,13 +44,13 @@ mod tests {
             let state = CubeState::from_bits(1 << bit);
             let is_error = state.intersects(CubeState::CAUSES) || state.intersects(CubeState::ERROR);
             if is_error && !state.intersects(CubeState::SETUP_OR_LOGIC_VOLT) {
-                assert!(check_state_word(state, true).is_some(), "{state}");
+                assert!(error_of(state).is_some(), "{state}");
             }
         }
-        assert_eq!(check_state_word(CubeState::HALTED, true), None);
-        assert_eq!(check_state_word(CubeState::HALTED, false), Some(Cause::DriveError));
-        assert_eq!(check_state_word(CubeState::HOME_OK.union(CubeState::RAMP_END), false), None);
+        assert_eq!(error_of(CubeState::HALTED), None);
+        assert_eq!(check_state_word(CubeState::HALTED), Some(Cause::DriveError));
+        assert_eq!(check_state_word(CubeState::HOME_OK.union(CubeState::RAMP_END)), None);
         let many = CubeState::ERROR.union(CubeState::TOW_ERROR).union(CubeState::POWERFAULT);
-        assert_eq!(check_state_word(many, false), Some(Cause::DrivePowerFault));
+        assert_eq!(check_state_word(many), Some(Cause::DrivePowerFault));
     }
 }

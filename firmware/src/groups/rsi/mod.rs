@@ -506,7 +506,7 @@ impl DriveGroup for Rsi {
         self.rest.at(joint).is_moving(now, settings.cycle_period() * (WINDOWS + 1))
     }
 
-    fn standing(&self, _: JointIndex, _: bool) -> Standing {
+    fn standing(&self, _: JointIndex) -> Standing {
         Standing::default()
     }
 
@@ -517,13 +517,5 @@ impl DriveGroup for Rsi {
 
     fn counters(&self) -> GroupCounters {
         GroupCounters { motions: self.answers, ..GroupCounters::default() }
-    }
-
-    fn is_keeping_time(&self) -> bool {
-        false
-    }
-
-    fn is_cycle_done(&self, _: &Settings) -> bool {
-        self.unanswered.is_none()
     }
 }

@@ -190,12 +190,11 @@ impl DriveGroup for CanDrives {
         fn is_homed(&self, joint: JointIndex) -> bool;
         fn is_at_rest(&self, now: Instant, settings: &Settings, joint: JointIndex) -> bool;
         fn is_moving(&self, now: Instant, settings: &Settings, joint: JointIndex) -> bool;
-        fn standing(&self, joint: JointIndex, halted_is_fine: bool) -> Standing;
+        fn standing(&self, joint: JointIndex) -> Standing;
         fn readings(&self, joint: JointIndex) -> Readings;
         fn difference(&self) -> Option<(JointIndex, DriveDifference)>;
         fn counters(&self) -> GroupCounters;
-        fn is_keeping_time(&self) -> bool;
-        fn is_cycle_done(&self, settings: &Settings) -> bool;
+        fn needs_wire(&self, settings: &Settings) -> bool;
     }
 }
 
