@@ -36,7 +36,7 @@ impl RobotModel {
     pub fn ik_near(&self, x_we: &Pose, q_ref: &JointVec) -> Result<IkSolutions, NoClosedForm> {
         let x_wn = *x_we * self.x_ne.inverse();
         let mut out = match &self.family {
-            Family::OrthoParallel(arm) => arm.solve(&x_wn, q_ref),
+            Family::OrthoParallel(arm) => arm.solve(&x_wn, q_ref, None),
             Family::TurntablePlanar(arm) => arm.solve(&x_wn, q_ref),
             Family::General => return Err(NoClosedForm),
         };
@@ -50,6 +50,35 @@ impl RobotModel {
             all_inside
         });
         Ok(out)
+    }
+
+    /// The solution next to `q_ref`, as a step along a path needs it. Angles are next to those of `q_ref` by whole turns, in range or not.
+    /// `None` if the pose is out of reach.
+    ///
+    /// # Errors
+    /// As [`RobotModel::ik`].
+    pub fn ik_next(&self, x_we: &Pose, q_ref: &JointVec) -> Result<Option<JointVec>, NoClosedForm> {
+        let x_wn = *x_we * self.x_ne.inverse();
+        let next = |solutions: &IkSolutions| {
+            let placed = solutions.iter().map(|s| s.q.zip_map(q_ref, next_turn));
+            let apart = placed.map(|q| ((q - q_ref).amax(), q));
+            apart.min_by(|(a, _), (b, _)| a.total_cmp(b))
+        };
+        let all = match &self.family {
+            Family::OrthoParallel(arm) => {
+                // On a path the branch seldom changes, and the others cost most of the time.
+                let branch = q_ref[..].try_into().ok().map(|q| arm.branch_of(q));
+                if let Some((apart, q)) = next(&arm.solve(&x_wn, q_ref, branch))
+                    && apart < arm.half_gap_rad(&q.array())
+                {
+                    return Ok(Some(q));
+                }
+                arm.solve(&x_wn, q_ref, None)
+            }
+            Family::TurntablePlanar(arm) => arm.solve(&x_wn, q_ref),
+            Family::General => return Err(NoClosedForm),
+        };
+        Ok(next(&all).map(|(_, q)| q))
     }
 
     /// The branch a configuration belongs to; `None` if the family has no closed form.
@@ -70,6 +99,12 @@ impl RobotModel {
     }
 }
 
+/// `angle` moved by whole turns next to `reference`.
+fn next_turn(angle: f64, reference: f64) -> f64 {
+    use std::f64::consts::TAU;
+    angle + TAU * ((reference - angle) / TAU).round_ties_even()
+}
+
 /// The angle `q` moved by whole turns into the range, as near to `q_ref` as possible, and whether that succeeded.
 ///
 /// If no whole number of turns brings it inside, the value nearest to the middle of the range is returned, which is
@@ -77,7 +112,7 @@ impl RobotModel {
 pub(crate) fn place(q: f64, q_ref: f64, min: f64, max: f64) -> (f64, bool) {
     use std::f64::consts::TAU;
     let inside = |v: f64| v >= min - RANGE_SLACK_RAD && v <= max + RANGE_SLACK_RAD;
-    let near_ref = q + TAU * ((q_ref - q) / TAU).round_ties_even();
+    let near_ref = next_turn(q, q_ref);
     if inside(near_ref) {
         return (near_ref, true);
     }
@@ -87,7 +122,7 @@ pub(crate) fn place(q: f64, q_ref: f64, min: f64, max: f64) -> (f64, bool) {
         return (near_ref + step, true);
     }
     let middle = 0.5 * (min + max);
-    let near_middle = q + TAU * ((middle - q) / TAU).round_ties_even();
+    let near_middle = next_turn(q, middle);
     (near_middle, inside(near_middle))
 }
 

@@ -54,6 +54,26 @@ proptest! {
     }
 
     #[test]
+    fn the_next_solution_is_the_nearest_of_all_near_and_far_from_the_reference(
+        u in prop::array::uniform6(0.0..1.0_f64),
+        step in prop::array::uniform6(-1.0..1.0_f64),
+        size_rad in prop::sample::select(vec![1e-3, 0.1, 0.5, 1.0, 3.0]),
+    ) {
+        let arm = arm();
+        let q = configuration(arm, &u);
+        let q_ref = q + JointVec::from(step) * size_rad;
+        let pose = arm.ee_at(&q);
+        let apart = |q: &JointVec| {
+            let by = (q - q_ref).map(|d| d - std::f64::consts::TAU * (d / std::f64::consts::TAU).round());
+            by.amax()
+        };
+        let next = arm.ik_next(&pose, &q_ref).expect("closed form").expect("reached");
+        let nearest_rad = arm.ik(&pose).expect("closed form").iter().map(|s| apart(&s.q)).fold(f64::MAX, f64::min);
+        prop_assert!((next - q_ref).amax() < nearest_rad + 1e-9, "{} {} {}", next, q_ref, nearest_rad);
+        prop_assert!(pose_error(&arm.ee_at(&next), &pose) < 1e-9);
+    }
+
+    #[test]
     fn a_small_step_keeps_the_branches(
         u in prop::array::uniform6(0.0..1.0_f64),
         step in prop::array::uniform6(-1e-4..1e-4_f64),

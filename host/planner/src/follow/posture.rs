@@ -57,11 +57,7 @@ impl<'m> Reach<'m> {
         if !self.closed {
             return self.arm.ik_from(&x_we, q_ref);
         }
-        let solutions = self.arm.ik_near(&x_we, q_ref).ok()?;
-        let apart = |q: &Axes| (q - q_ref).amax();
-        // Whole turns are those next to the reference, in range or not.
-        let unwrapped = solutions.iter().map(|s| s.q.zip_map(q_ref, next_turn));
-        unwrapped.min_by(|a, b| apart(a).total_cmp(&apart(b)))
+        self.arm.ik_next(&x_we, q_ref).ok()?
     }
 
     /// Speeds by the inverse Jacobian (paper 000, equation 5) and accelerations; `None` at a singular posture.
@@ -81,10 +77,4 @@ impl<'m> Reach<'m> {
 pub fn reach_m(arm: &Arm) -> f64 {
     let links: f64 = arm.joints().iter().skip(1).map(|j| j.x_pj.pos.norm()).sum();
     links + (*arm.end_effector() * arm.gripper().x_eb).pos.norm()
-}
-
-/// `angle` moved by whole turns next to `reference`.
-fn next_turn(angle: f64, reference: f64) -> f64 {
-    use std::f64::consts::TAU;
-    angle + TAU * ((reference - angle) / TAU).round_ties_even()
 }

@@ -17,10 +17,10 @@ use crate::pose::Pose;
 const STRAIGHT_WRIST: f64 = 1e-10;
 
 impl OrthoParallel {
-    /// All solutions for the pose of the last joint frame in the world; free angles are taken from `q_ref`.
+    /// All solutions for the pose of the last joint frame in the world, or that of the branch `only`; free angles are taken from `q_ref`.
     ///
     /// Angles are in (-3π, 3π), not yet placed in the joint ranges.
-    pub(crate) fn solve(&self, x_wn: &Pose, q_ref: &JointVec) -> IkSolutions {
+    pub(crate) fn solve(&self, x_wn: &Pose, q_ref: &JointVec, only: Option<Branch>) -> IkSolutions {
         let mut out = IkSolutions::none(6);
         let r_fn = mat3::tr_mul(&self.x_wf.rot, &x_wn.rot);
         let centre = self.x_wf.inverse_transform_point(&x_wn.transform_point(&self.wrist_centre_n));
@@ -39,6 +39,9 @@ impl OrthoParallel {
         let radial = radial2.max(0.0).sqrt();
         let on_axis1 = across2.sqrt() <= ON_AXIS * reach;
         for (back, radial) in [(false, radial), (true, -radial)] {
+            if only.is_some_and(|branch| branch.shoulder_back() != back) {
+                continue;
+            }
             // Joint 1 turns (radial, b) onto the wrist centre.
             let turn1 = if on_axis1 {
                 let free = Complex::turn(q_ref[0]);
@@ -47,7 +50,7 @@ impl OrthoParallel {
                 across.times(Complex::new(radial, -self.b_m)).unit(across2)
             };
             let target = Complex::new(centre.z - self.c1_m, radial - self.a1_m);
-            self.solve_elbows(&mut out, back, turn1, on_axis1, target, &r_fn, q_ref);
+            self.solve_elbows(&mut out, back, turn1, on_axis1, target, &r_fn, (q_ref, only));
         }
         out
     }
@@ -62,7 +65,7 @@ impl OrthoParallel {
         free1: bool,
         target: Complex,
         r_fn: &Matrix3<f64>,
-        q_ref: &JointVec,
+        (q_ref, only): (&JointVec, Option<Branch>),
     ) {
         let links = TwoLinks { upper_m: self.c2_m, fore_m: self.k_m };
         out.reach_margin_m[usize::from(back)] = links.margin_m(target);
@@ -73,6 +76,9 @@ impl OrthoParallel {
         let q1 = turn1.angle();
         let r_1 = rot_z_transposed(turn1, r_fn);
         for (bend, negative) in bends.into_iter().zip([false, true]) {
+            if only.is_some_and(|branch| branch.elbow_negative() != negative) {
+                continue;
+            }
             let q2 = self.sign2 * (bend.upper.angle() - self.upper_arm_zero_rad);
             let q3 = self.sign3 * (bend.elbow_rad - self.forearm_zero_rad + self.upper_arm_zero_rad);
             // How far the forearm has turned about y since q = 0.
@@ -115,6 +121,18 @@ impl OrthoParallel {
                 arm_free || straight,
             );
         }
+    }
+
+    /// Half of the distance, in one joint, from a configuration to the nearest one of another branch for the same pose; smaller values
+    /// are safe. Twins of the wrist are half a turn apart in joint 4.
+    pub(crate) fn half_gap_rad(&self, q: &[f64; 6]) -> f64 {
+        use std::f64::consts::{FRAC_PI_2, PI, TAU};
+        let upper_arm = self.upper_arm_zero_rad + self.sign2 * q[1];
+        let forearm = self.forearm_zero_rad + self.sign2 * q[1] + self.sign3 * q[2];
+        let radial = self.a1_m + self.c2_m * upper_arm.sin() + self.k_m * forearm.sin();
+        let elbow = forearm - upper_arm;
+        let bent = (elbow - TAU * (elbow / TAU).round_ties_even()).abs();
+        bent.min(PI - bent).min(radial.abs().atan2(self.b_m.abs())).min(FRAC_PI_2)
     }
 
     /// The branch of a configuration.

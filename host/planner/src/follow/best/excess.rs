@@ -28,10 +28,18 @@ pub(super) struct Excess<'a> {
     blend_max_s: f64,
 }
 
-/// A window with its ramps.
-struct Parts {
+/// The part of a motion on the parabola.
+pub(super) struct Window {
+    /// Joints in its middle.
+    pub(super) q_center: Axes,
     flight: Parabola,
-    window: Vec<Posture>,
+    postures: Vec<Posture>,
+}
+
+/// A window with its ramps.
+struct Parts<'w> {
+    flight: Parabola,
+    window: &'w [Posture],
     start: Ramps,
     stop: Ramps,
 }
@@ -74,13 +82,14 @@ impl<'a> Excess<'a> {
         &mut self.clear
     }
 
-    /// Joints in the middle of the window, next to `q_ref`.
-    pub(super) fn center(&self, x: &Variables, q_ref: &Axes) -> Option<Axes> {
+    /// The window of `x` with its middle next to `q_ref`; `None` if the hand has no posture.
+    pub(super) fn window(&self, x: &Variables, q_ref: &Axes, points: usize) -> Option<Window> {
         let state = x.hand().at(&x.flight(self.setting), 0.0);
-        self.reach.near(&state.x_wb, q_ref)
+        self.window_around(x, &self.reach.near(&state.x_wb, q_ref)?, points)
     }
 
-    fn parts(&self, x: &Variables, q_center: &Axes, points: usize) -> Option<Parts> {
+    /// The window of `x` around the joints of its middle.
+    pub(super) fn window_around(&self, x: &Variables, q_center: &Axes, points: usize) -> Option<Window> {
         let (flight, hand) = (x.flight(self.setting), x.hand());
         let period_s = self.setting.period_s;
         // Instants relative to the middle of the window.
@@ -97,15 +106,19 @@ impl<'a> Excess<'a> {
             q_ref = posture.q;
             window[k] = Some(posture);
         }
-        let window: Vec<Posture> = window.into_iter().collect::<Option<_>>()?;
+        let postures = window.into_iter().collect::<Option<_>>()?;
+        Some(Window { q_center: *q_center, flight: flight.from_time(time(0)), postures })
+    }
+
+    fn parts<'w>(&self, x: &Variables, window: &'w Window) -> Parts<'w> {
         let [start, stop] = x.ramps(self.fade_s);
-        let limits = &self.setting.limits;
-        Some(Parts {
-            flight: flight.from_time(time(0)),
-            start: Ramps::start(&window[0], start, limits),
-            stop: Ramps::stop(&window[points - 1], stop, limits),
-            window,
-        })
+        let (limits, postures) = (&self.setting.limits, &window.postures);
+        Parts {
+            flight: window.flight,
+            start: Ramps::start(&postures[0], start, limits),
+            stop: Ramps::stop(&postures[postures.len() - 1], stop, limits),
+            window: postures,
+        }
     }
 
     /// The motion, and its flight with t = 0 at the first step on the parabola.
@@ -115,8 +128,9 @@ impl<'a> Excess<'a> {
         q_center: &Axes,
         points: usize,
     ) -> Option<(FollowMotion, Parabola)> {
-        let parts = self.parts(x, q_center, points)?;
-        let motion = FollowMotion::around(&parts.window, &parts.start, &parts.stop, self.setting.period_s);
+        let window = self.window_around(x, q_center, points)?;
+        let parts = self.parts(x, &window);
+        let motion = FollowMotion::around(parts.window, &parts.start, &parts.stop, self.setting.period_s);
         Some((motion, parts.flight))
     }
 
@@ -131,20 +145,21 @@ impl<'a> Excess<'a> {
         steps && commands.iter().all(|command| self.setting.commands.holds(command))
     }
 
-    /// Residuals, all less than [`SPARE`] inside the limits; their number depends only on `points`. `None` if the hand has no
-    /// posture.
-    pub(super) fn residuals(&mut self, x: &Variables, q_center: &Axes, points: usize) -> Option<Vec<f64>> {
-        let parts = self.parts(x, q_center, points)?;
+    /// Residuals of `x` with its window, all less than [`SPARE`] inside the limits; their number depends only on the points
+    /// of the window.
+    pub(super) fn residuals(&mut self, x: &Variables, window: &Window) -> Vec<f64> {
+        let parts = self.parts(x, window);
+        let points = parts.window.len();
         let mut out = Vec::with_capacity(40 * (points + 30));
         self.rates(&parts, &mut out);
         self.ranges(&parts, &mut out);
         self.contacts(&parts, x.flight_s() + 0.5 * (points - 1) as f64 * self.setting.period_s, &mut out);
         self.turn(x, points, &mut out);
-        Some(out)
+        out
     }
 
     /// Finite differences of what is commanded, in and around the window.
-    fn rates(&self, parts: &Parts, out: &mut Vec<f64>) {
+    fn rates(&self, parts: &Parts<'_>, out: &mut Vec<f64>) {
         let (limits, period_s, lag_s) = (&self.setting.limits, self.setting.period_s, self.setting.lag_s);
         let around = (self.blend_max_s / period_s).ceil() as usize + 4;
         let before = (1..=around).rev().map(|k| parts.start.at(k as f64 * period_s));
@@ -161,7 +176,7 @@ impl<'a> Excess<'a> {
         }
     }
 
-    fn ranges(&self, parts: &Parts, out: &mut Vec<f64>) {
+    fn ranges(&self, parts: &Parts<'_>, out: &mut Vec<f64>) {
         let limits = &self.setting.limits;
         let mut test = |q: &Axes, qd: &Axes| {
             let command = q + qd * self.setting.lag_s;
@@ -175,7 +190,7 @@ impl<'a> Excess<'a> {
         let at_rest = Axes::zeros(AXES);
         test(&parts.start.rest(), &at_rest);
         test(&parts.stop.rest(), &at_rest);
-        for state in &parts.window {
+        for state in parts.window {
             test(&state.q, &state.qd);
         }
         for k in 1..RAMP_TESTS {
@@ -190,7 +205,7 @@ impl<'a> Excess<'a> {
     }
 
     /// Floor, boxes, and the ball after the window; `flight_s` from the first step on the parabola to the target.
-    fn contacts(&mut self, parts: &Parts, flight_s: f64, out: &mut Vec<f64>) {
+    fn contacts(&mut self, parts: &Parts<'_>, flight_s: f64, out: &mut Vec<f64>) {
         let period_s = self.setting.period_s;
         let window_s = (parts.window.len() - 1) as f64 * period_s;
         let (start_s, stop_s) = (parts.start.duration_s(), parts.stop.duration_s());

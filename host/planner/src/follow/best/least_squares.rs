@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::follow::limits::Axes;
 
-use super::excess::{Excess, SPARE};
+use super::excess::{Excess, SPARE, Window};
 use super::variables::{SCALES, Variables};
 
 /// Steps of one solve.
@@ -26,15 +26,15 @@ pub(super) fn solve(
     let free = Variables::free(hand);
     let mut x = *x;
     x.clamp(hand, blend_max_s);
-    let mut q = excess.center(&x, q_center)?;
-    let mut residuals = excess.residuals(&x, &q, points)?;
+    let mut window = excess.window(&x, q_center, points)?;
+    let mut residuals = excess.residuals(&x, &window);
     let mut cost = squares(&residuals);
     let (mut damping, mut slow) = (1e-2, 0);
     for _ in 0..STEPS_MAX {
         if inside(&residuals) {
-            return Some((x, q));
+            return Some((x, window.q_center));
         }
-        let (normal, gradient) = linearised(excess, &x, &q, points, &residuals, &free);
+        let (normal, gradient) = linearised(excess, &x, &window, points, &residuals, &free);
         let before = cost;
         loop {
             let damped =
@@ -46,12 +46,13 @@ pub(super) fn solve(
                 trial.0[*i] -= SCALES[*i] * step[k].clamp(-10.0, 10.0);
             }
             trial.clamp(hand, blend_max_s);
-            let moved =
-                excess.center(&trial, &q).and_then(|q| Some((q, excess.residuals(&trial, &q, points)?)));
-            if let Some((q_trial, r_trial)) = moved
-                && squares(&r_trial) < cost
+            let moved = excess.window(&trial, &window.q_center, points);
+            if let Some((there, r_trial)) = moved.map(|there| {
+                let residuals = excess.residuals(&trial, &there);
+                (there, residuals)
+            }) && squares(&r_trial) < cost
             {
-                (x, q, cost, residuals) = (trial, q_trial, squares(&r_trial), r_trial);
+                (x, window, cost, residuals) = (trial, there, squares(&r_trial), r_trial);
                 damping = (damping * 0.2).max(1e-6);
                 break;
             }
@@ -65,7 +66,7 @@ pub(super) fn solve(
             return None;
         }
     }
-    inside(&residuals).then_some((x, q))
+    inside(&residuals).then_some((x, window.q_center))
 }
 
 /// True if the remaining excess is less than the reserve of the residuals: the limits themselves hold.
@@ -81,7 +82,7 @@ fn squares(residuals: &[f64]) -> f64 {
 fn linearised(
     excess: &mut Excess<'_>,
     x: &Variables,
-    q: &Axes,
+    window: &Window,
     points: usize,
     residuals: &[f64],
     free: &[usize],
@@ -95,8 +96,11 @@ fn linearised(
             if moved.0[*i] == x.0[*i] {
                 return None;
             }
-            let q = excess.center(&moved, q)?;
-            Some((excess.residuals(&moved, &q, points)?, h))
+            if Variables::is_of_ramps(*i) {
+                return Some((excess.residuals(&moved, window), h));
+            }
+            let there = excess.window(&moved, &window.q_center, points)?;
+            Some((excess.residuals(&moved, &there), h))
         });
         columns.push(column);
     }

@@ -99,7 +99,7 @@ fn draw_some(
                 counts.add(Stage::Speed, 1);
                 continue;
             }
-            match excess.residuals(&x, &q, POINTS) {
+            match excess.window_around(&x, &q, POINTS).map(|window| excess.residuals(&x, &window)) {
                 Some(r) => seeds.push(Seed { x, q, cost: r.iter().map(|r| r * r).sum() }),
                 None => counts.add(Stage::Reach, 1),
             }

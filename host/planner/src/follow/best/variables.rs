@@ -92,6 +92,11 @@ impl Variables {
         free
     }
 
+    /// True for a variable of which the window does not depend.
+    pub(super) const fn is_of_ramps(index: usize) -> bool {
+        matches!(index, at::START_TOGETHER | at::STOP_TOGETHER | at::BLEND)
+    }
+
     /// Moves every variable into its bounds; those that are not free keep their values.
     pub(super) fn clamp(&mut self, hand: HandFreedom, blend_max_s: f64) {
         for i in 0..COUNT {
