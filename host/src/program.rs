@@ -44,10 +44,41 @@ pub fn run<C: CommandFactory + FromArgMatches>(
     }
 }
 
-/// The command line of a program; every verb has `--json`.
+/// The command line of a program; every verb has `--json`, and a help for one screen.
 #[must_use]
 pub fn command<C: CommandFactory>() -> Command {
-    with_json(C::command())
+    let command = with_json(C::command());
+    let has_manual = command.find_subcommand("man").is_some();
+    with_short_help(command, has_manual)
+}
+
+/// `-h` has the first sentence of each option, and the examples. So has `--help` where a manual page has everything.
+fn with_short_help(mut command: Command, has_manual: bool) -> Command {
+    if let Some(full) = command.get_after_help().map(ToString::to_string)
+        && let Some((examples, _)) = full.split_once("\n\n")
+    {
+        command = command.after_help(examples.to_owned()).after_long_help(full);
+    }
+    if has_manual && !command.is_disable_help_flag_set() {
+        let help = "Print this; `cubectl man`, with the verb behind it, says everything";
+        let flag = Arg::new("help").short('h').long("help").action(ArgAction::HelpShort);
+        command = command.disable_help_flag(true).arg(flag.help(help).help_heading(None));
+    }
+    let command = command.mut_args(|arg| match arg.get_help().map(ToString::to_string) {
+        Some(full) if arg.get_long_help().is_none() => {
+            let short = first_sentence(&full).to_owned();
+            arg.help(short).long_help(full)
+        }
+        _ => arg,
+    });
+    command.mut_subcommands(|verb| with_short_help(verb, has_manual))
+}
+
+/// Up to the first full stop that ends a sentence.
+fn first_sentence(text: &str) -> &str {
+    let next_is_capital =
+        |end: usize| text[end + 2..].starts_with(|next: char| next.is_uppercase() || next == '`');
+    text.match_indices(". ").find(|(end, _)| next_is_capital(*end)).map_or(text, |(end, _)| &text[..end])
 }
 
 fn with_json(command: Command) -> Command {
@@ -104,4 +135,29 @@ pub fn after_help(examples: &str) -> String {
         text += &format!("  {code:2}  {meaning}\n");
     }
     text + "`cubectl explain exit` says what to do next."
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::Cli;
+
+    #[test]
+    fn the_short_help_of_a_throw_fits_on_a_screen_and_the_long_one_has_every_sentence() {
+        let mut command = command::<Cli>();
+        let throw = command.find_subcommand_mut("throw").unwrap();
+        let (short, long) = (throw.render_help().to_string(), throw.render_long_help().to_string());
+        assert!((30..=50).contains(&short.lines().count()), "{short}");
+        assert!(short.contains("cubectl throw --plan plan.json") && !short.contains("Outcomes"), "{short}");
+        assert!(long.contains("Outcomes and exit codes") && long.contains("With a seed the"), "{long}");
+        let mut shown = throw.get_arguments().filter(|arg| !arg.is_hide_set());
+        assert!(shown.all(|arg| short.contains(arg.get_long().unwrap_or("help"))), "{short}");
+    }
+
+    #[test]
+    fn a_sentence_ends_at_a_full_stop_before_another_one() {
+        assert_eq!(first_sentence("Seed, e.g. 5. Default: 1"), "Seed, e.g. 5");
+        assert_eq!(first_sentence("At 0.5 m. `sim` has none"), "At 0.5 m");
+        assert_eq!(first_sentence("A port, or 127.0.0.1:PORT"), "A port, or 127.0.0.1:PORT");
+    }
 }
