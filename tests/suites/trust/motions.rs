@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 
+use firmware::settings::Settings;
 use firmware::spline::KNOTS_MAX;
 use hil_sim::fault::{Fault, FaultKind, PhysicalFault};
 use lab::trust::matrix::{Entry, entries};
@@ -164,15 +165,14 @@ struct Seen {
     outside_rad: f64,
 }
 
-fn moved(motion: Motion, bench: &Bench, entry: Option<&Entry>) -> Seen {
+fn moved(motion: Motion, bench: &Bench, settings: &Settings, entry: Option<&Entry>) -> Seen {
     let scenario = bench.scenario(1);
     let mut faults = scenario.faults.clone();
     faults.extend(entry.map(|entry| entry.fault.clone()));
     let (cell, bus, actions) = (scenario.cell.clone(), scenario.bus, scenario.actions.clone());
     let setup = SimSetup { cell, bus, faults, actions };
     let cell = Cell { robot_source: bench.robot_source.to_owned(), robot: bench.arm.clone(), seed: 1, setup };
-    let settings = settings_with_gains(&bench.arm, &Default::default()).unwrap();
-    let mut session = BusArgs::default().open_cell(&cell, Some(&settings)).unwrap();
+    let mut session = BusArgs::default().open_cell(&cell, Some(settings)).unwrap();
     session.sim().unwrap().world().with_participants(|all, _| all.0.0.0.record_trace()).unwrap();
     let reported = motion.job(&mut session, bench);
     let ended = session.now();
@@ -284,12 +284,13 @@ fn all(motion: Motion, bench: &Bench) -> Vec<Entry> {
 fn run(family: Family, motion: Motion, step: usize) {
     let bench = Bench::of(family).unwrap();
     let entries: Vec<Entry> = all(motion, &bench).into_iter().step_by(step).collect();
-    let nominal = moved(motion, &bench, None);
+    let settings = settings_with_gains(&bench.arm, &Default::default()).unwrap();
+    let nominal = moved(motion, &bench, &settings, None);
     let (name, wrong) = judged(&bench, &nominal, None);
     let why = nominal.reported.as_ref().err().map_or("", |failed| failed.text.as_str());
     assert!(name == "followed" && wrong.is_empty() && nominal.travel_rad > 0.3, "{name} {wrong:?} {why}");
     let results: Vec<(&Entry, Seen)> =
-        entries.par_iter().map(|entry| (entry, moved(motion, &bench, Some(entry)))).collect();
+        entries.par_iter().map(|entry| (entry, moved(motion, &bench, &settings, Some(entry)))).collect();
     let (mut rows, mut wrong): (BTreeMap<&str, usize>, Vec<String>) = Default::default();
     for (entry, seen) in &results {
         let (name, findings) = judged(&bench, seen, Some(&entry.fault));

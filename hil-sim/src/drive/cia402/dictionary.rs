@@ -95,6 +95,8 @@ pub(super) struct Situation {
 pub(super) struct Dictionary {
     /// Sorted. They have a list of their own, because they are searched many times in each period.
     objects: Vec<Object>,
+    /// Place of the first object whose index is not below sixteen times the place here.
+    first: Box<[u16; 0x1000]>,
     /// In the order of `objects`.
     rows: Vec<Row>,
     /// Objects that are not shown.
@@ -229,13 +231,19 @@ impl Dictionary {
         let mut rows: Vec<_> =
             rows.chain(own).map(|(index, sub, row)| (Object::new(index, sub), row)).collect();
         rows.sort_by_key(|(object, _)| *object);
-        let (objects, rows) = rows.into_iter().unzip();
-        Self { objects, rows, hidden, name: options.name, errors: Vec::new() }
+        let (objects, rows): (Vec<Object>, _) = rows.into_iter().unzip();
+        let mut first = Box::new([0; 0x1000]);
+        for (place, block) in first.iter_mut().zip((0..=u16::MAX).step_by(16)) {
+            *place = objects.partition_point(|own| own.index < block) as u16;
+        }
+        Self { objects, first, rows, hidden, name: options.name, errors: Vec::new() }
     }
 
     fn place(&self, object: Object) -> Option<usize> {
-        let key = |object: &Object| u32::from(object.index) << 8 | u32::from(object.sub);
-        self.objects.binary_search_by_key(&key(&object), key).ok()
+        let from = usize::from(self.first[usize::from(object.index >> 4)]);
+        let behind = self.objects[from..].iter().take_while(|own| **own <= object);
+        let place = from + behind.count();
+        place.checked_sub(1).filter(|place| self.objects[*place] == object)
     }
 
     /// Value of an object that there is.
