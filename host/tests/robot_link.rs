@@ -5,18 +5,26 @@ use std::io::{BufRead, BufReader, Read};
 use std::net::{TcpListener, UdpSocket};
 use std::path::Path;
 use std::process::{Child, ChildStderr, Command, Stdio};
+use std::sync::atomic::{AtomicU16, Ordering};
 
 use serde_json::Value;
 
 use crate::program::{cubectl, cubectl_line, folder, text};
 
-/// A port that nobody has just now.
+/// A port that nobody has, and that no test gets twice.
+///
+/// It lies below those that Linux gives to sockets which name none. One of those could be given to another socket of these tests
+/// before a program takes it.
 pub(crate) fn free_port(tcp: bool) -> u16 {
-    if tcp {
-        TcpListener::bind("127.0.0.1:0").and_then(|s| s.local_addr()).expect("a port").port()
-    } else {
-        UdpSocket::bind("127.0.0.1:0").and_then(|s| s.local_addr()).expect("a port").port()
-    }
+    static NEXT: AtomicU16 = AtomicU16::new(0);
+    let first = (std::process::id() % 8_000) as u16;
+    std::iter::repeat_with(|| 20_000 + (first + NEXT.fetch_add(1, Ordering::Relaxed)) % 10_000)
+        .take(1_000)
+        .find(|port| {
+            let at = ("127.0.0.1", *port);
+            if tcp { TcpListener::bind(at).is_ok() } else { UdpSocket::bind(at).is_ok() }
+        })
+        .expect("a free port")
 }
 
 pub(crate) fn robot(words: &[&str]) -> Child {
