@@ -26,7 +26,7 @@ pub struct FamilyRegisters {
     /// What each of them is.
     pub meanings: &'static [&'static str],
     pub(crate) defaults: Bits,
-    /// Conditions between values, beyond the ranges; the arguments pass [`Settings::check`] otherwise.
+    /// Conditions between these numbers and those of the joints. All of them are in their ranges by then.
     pub(crate) check: fn(&Settings) -> Result<(), Refusal>,
 }
 
