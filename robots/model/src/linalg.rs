@@ -154,12 +154,13 @@ impl Lu {
                 row_of.swap(pivot, k);
                 odd = !odd;
             }
-            let inverse_pivot = 1.0 / rows[k][k];
-            for i in k + 1..n {
-                let l = rows[i][k] * inverse_pivot;
-                rows[i][k] = l;
+            let of_pivot = rows[k];
+            let inverse_pivot = 1.0 / of_pivot[k];
+            for row in &mut rows[k + 1..n] {
+                let l = row[k] * inverse_pivot;
+                row[k] = l;
                 for j in k + 1..n {
-                    rows[i][j] -= l * rows[k][j];
+                    row[j] -= l * of_pivot[j];
                 }
             }
         }
