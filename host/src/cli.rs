@@ -71,12 +71,13 @@ pub fn with_short_names(command: Command) -> Command {
 
 /// The words of a command line with the verb's full name; an old name is noted on standard error.
 pub fn full_names(mut words: Vec<OsString>) -> Vec<OsString> {
-    let Some(name) = words.get(1).and_then(|word| word.to_str()) else { return words };
+    let at = if words.get(1).is_some_and(|word| word == "help") { 2 } else { 1 };
+    let Some(name) = words.get(at).and_then(|word| word.to_str()) else { return words };
     let named = |names: &[(&str, &'static str)]| {
         names.iter().find(|(short, _)| *short == name).map(|(_, full)| *full)
     };
     // Version 0.1 had no verbs below it.
-    let is_bare = name == "controller"
+    let is_bare = (at, name) == (1, "controller")
         && words
             .get(2)
             .is_none_or(|word| word.to_str().is_some_and(|word| word.starts_with("--") && word != "--help"));
@@ -85,7 +86,7 @@ pub fn full_names(mut words: Vec<OsString>) -> Vec<OsString> {
         console::note!("`cubectl {name}` is `cubectl {full}` now");
     }
     if let Some(full) = old.or_else(|| named(&SHORT_NAMES)) {
-        words.splice(1..2, full.split(' ').map(OsString::from));
+        words.splice(at..=at, full.split(' ').map(OsString::from));
     }
     words
 }
@@ -109,6 +110,7 @@ mod tests {
     fn short_and_old_names_lead_to_verbs_that_are_there() {
         for (name, full) in SHORT_NAMES.iter().chain(&OLD_NAMES) {
             assert_eq!(named(&format!("cubectl {name} --json")), format!("cubectl {full} --json"));
+            assert_eq!(named(&format!("cubectl help {name}")), format!("cubectl help {full}"));
             let mut verb = &Cli::command();
             for word in full.split(' ') {
                 verb = verb.find_subcommand(word).unwrap_or_else(|| panic!("{full}"));
@@ -121,9 +123,14 @@ mod tests {
     fn a_controller_without_a_verb_is_run_as_in_version_0_1() {
         assert_eq!(named("cubectl controller"), "cubectl controller run");
         assert_eq!(named("cubectl controller --bus can0"), "cubectl controller run --bus can0");
-        for line in
-            ["cubectl controller --help", "cubectl controller clear", "cubectl throw --plan home", "cubectl"]
-        {
+        for line in [
+            "cubectl controller --help",
+            "cubectl controller clear",
+            "cubectl help controller",
+            "cubectl throw --plan home",
+            "cubectl",
+            "cubectl help",
+        ] {
             assert_eq!(named(line), line);
         }
     }

@@ -48,21 +48,20 @@ pub fn run<C: CommandFactory + FromArgMatches>(
 #[must_use]
 pub fn command<C: CommandFactory>() -> Command {
     let command = with_json(C::command());
-    let has_manual = command.find_subcommand("man").is_some();
-    with_short_help(command, has_manual)
+    let help = format!("Print this; `{} help`, with the verb behind it, says everything", command.get_name());
+    with_short_help(command, &help)
 }
 
-/// `-h` has the first sentence of each option, and the examples. So has `--help` where a manual page has everything.
-fn with_short_help(mut command: Command, has_manual: bool) -> Command {
+/// `-h` and `--help` have the first sentence of each option, and the examples. The verb `help` and the manual pages have everything.
+fn with_short_help(mut command: Command, help: &str) -> Command {
     if let Some(full) = command.get_after_help().map(ToString::to_string)
         && let Some((examples, _)) = full.split_once("\n\n")
     {
         command = command.after_help(examples.to_owned()).after_long_help(full);
     }
-    if has_manual && !command.is_disable_help_flag_set() {
-        let help = "Print this; `cubectl man`, with the verb behind it, says everything";
+    if !command.is_disable_help_flag_set() {
         let flag = Arg::new("help").short('h').long("help").action(ArgAction::HelpShort);
-        command = command.disable_help_flag(true).arg(flag.help(help).help_heading(None));
+        command = command.disable_help_flag(true).arg(flag.help(help.to_owned()).help_heading(None));
     }
     let command = command.mut_args(|arg| match arg.get_help().map(ToString::to_string) {
         Some(full) if arg.get_long_help().is_none() => {
@@ -71,7 +70,7 @@ fn with_short_help(mut command: Command, has_manual: bool) -> Command {
         }
         _ => arg,
     });
-    command.mut_subcommands(|verb| with_short_help(verb, has_manual))
+    command.mut_subcommands(|verb| with_short_help(verb, help))
 }
 
 /// Up to the first full stop that ends a sentence.

@@ -1,7 +1,7 @@
 //! `cubectl man`
 
 use std::fmt::Write as _;
-use std::io::{self, IsTerminal as _};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use clap::Command;
@@ -13,13 +13,10 @@ use crate::exit;
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl man throw                              # all options and outcomes of a verb\n  cubectl man plan sweep | man -l -\n  cubectl man --dir ~/.local/share/man/man1      # one page per verb\n\nText on a terminal, the source of a manual page into a pipe or a file."
+    after_help = "Examples:\n  cubectl man | man -l -\n  cubectl man --dir ~/.local/share/man/man1      # one page per verb"
 )]
 pub struct Args {
-    /// Verb of the page, as `throw` or `plan sweep`. Default: the main page.
-    #[arg(value_name = "VERB", conflicts_with = "dir")]
-    pub verb: Vec<String>,
-    /// Write cubectl.1 and a page for each verb into this folder instead of showing one.
+    /// Write cubectl.1 and a page for each verb into this folder instead of the main page to the terminal.
     #[arg(long, value_name = "DIR")]
     pub dir: Option<PathBuf>,
 }
@@ -28,17 +25,8 @@ pub struct Args {
 pub fn run(args: &Args, mut command: Command) -> Result<(), ExpectedError> {
     command.build();
     let Some(dir) = &args.dir else {
-        let verb = args.verb.iter().try_fold(&mut command, |verb, word| verb.find_subcommand_mut(word));
-        let verb = verb.ok_or_else(|| {
-            ExpectedError::bad_input(&format!("there is no verb `{}`", args.verb.join(" ")))
-                .next("`cubectl help` lists the verbs")
-        })?;
-        if io::stdout().is_terminal() {
-            console::line!("{}", verb.render_long_help());
-            return Ok(());
-        }
         return to_terminal(
-            &page(verb).map_err(|error| ExpectedError::output(Path::new("terminal"), &error))?,
+            &page(&command).map_err(|error| ExpectedError::output(Path::new("terminal"), &error))?,
         );
     };
     std::fs::create_dir_all(dir).map_err(|error| ExpectedError::output(dir, &error))?;
