@@ -5,9 +5,11 @@ use host::cli::with_short_names;
 
 use crate::command_lines::{require_options, require_verbs};
 
-/// Command line of the other program, short names included.
+/// Command line of the other program, with short names and its verb `help`.
 fn cubectl() -> Command {
-    with_short_names(host::cli::Cli::command())
+    let mut cli = with_short_names(host::cli::Cli::command());
+    cli.build();
+    cli
 }
 
 const SOURCES: [&str; 1] = ["host/lab/src"];
