@@ -4,8 +4,9 @@
 . .ci/pages.sh
 export PATH=$PWD/target/debug:$PATH
 work=$PWD/target/tutorials
-# Folders of results that the pages name.
-rm -rf "$work" target/there target/square target/arm-first-throw target/arm-second-throw && mkdir -p "$work"
+# Folders of results that the pages name: none is left from an earlier run.
+grep -oh 'target/[a-z0-9-]*' docs/*.md docs/*/*.md | sort -u | grep -vE '^target/(debug|release|thumb.*)?$' | xargs rm -rf "$work"
+mkdir -p "$work"
 count=0
 for page in docs/*.md docs/*/*.md firmware/boards/*.md; do
     [[ " ${pages_with_a_cell[*]} " != *" $page "* ]] || continue
