@@ -195,7 +195,7 @@ pub struct InForce {
 pub struct Standing {
     /// Error that it reports.
     pub cause: Option<Cause>,
-    /// It is halted, by whomever.
+    /// It is halted, by the controller or by another node.
     pub halted: bool,
     /// It has reported motion several times in a row.
     pub reports_motion: bool,
@@ -337,7 +337,7 @@ pub trait DriveGroup: Default {
     /// See [`GroupCounters`].
     fn counters(&self) -> GroupCounters;
 
-    /// The wire is reserved until the drives have answered in this period: other senders must wait.
+    /// An answer of a drive is missing in this period. Other senders must wait then.
     fn needs_wire(&self, settings: &Settings) -> bool {
         let _ = settings;
         false

@@ -11,7 +11,7 @@ use serde_json::Value;
 
 use crate::program::{cubectl, cubectl_line, folder, text};
 
-/// A port that nobody has, and that no test gets twice.
+/// A port that is free. No two tests get the same one.
 ///
 /// It lies below those that Linux gives to sockets which name none. One of those could be given to another socket of these tests
 /// before a program takes it.

@@ -38,7 +38,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.counters.cycles
     }
 
-    /// True in a cycle until the drives have answered: other frames must wait.
+    /// True while an answer of a drive is missing in this cycle. Other frames must wait then.
     pub fn needs_wire(&self) -> bool {
         self.group.needs_wire(&self.settings)
     }

@@ -1,5 +1,5 @@
 //! The checksum of what a certificate of gains depends on, and the digest of what a run depends on. Both are
-//! computed over the stored rows of registers, those of the controller before those of its drives.
+//! computed over the stored rows of registers: first those of the controller, then those of its drives.
 
 use sha2::{Digest as _, Sha256};
 

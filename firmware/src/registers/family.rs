@@ -18,7 +18,7 @@ pub const FAMILY_MAX: usize = 8;
 /// The numbers of a family's registers, as bits; those of the group in the first place.
 type Bits = [PerJoint<u32>; FAMILY_MAX];
 
-/// Registers of one family, made by `family_registers!`. A list is known by its address.
+/// Registers of one family. Two lists are the same if they are the same static variable of `family_registers!`.
 #[derive(Debug)]
 pub struct FamilyRegisters {
     /// Rows, at most [`FAMILY_MAX`].
@@ -93,7 +93,7 @@ impl FamilySettings {
     }
 }
 
-/// Typed access to one register of a family.
+/// One register of a family, to read and set it with its type.
 #[derive(Clone, Copy, Debug)]
 pub struct FamilySetting<T> {
     list: &'static FamilyRegisters,
@@ -107,13 +107,13 @@ impl<T: Field> FamilySetting<T> {
         Self { list, row, kind: PhantomData }
     }
 
-    /// Number of the group; the default if `settings` are those of another family.
+    /// The number of a register for the group. If `settings` belong to another family: the default.
     pub fn get(&self, settings: &Settings) -> T {
         let PerJoint([first, ..]) = self.row_of(settings);
         T::from_bits(*first)
     }
 
-    /// Number of a joint; the default if `settings` are those of another family.
+    /// The number of a joint. If `settings` belong to another family: the default.
     pub fn at(&self, settings: &Settings, joint: JointIndex) -> T {
         T::from_bits(self.row_of(settings).get(joint))
     }
@@ -148,22 +148,22 @@ pub(crate) const GROUP: bool = false;
 /// One number per joint.
 pub(crate) const JOINT: bool = true;
 
-/// Default of a register, as the lists store it.
+/// Default of a u32 register, as bits, the same for all joints.
 pub(crate) const fn natural(value: u32) -> PerJoint<u32> {
     PerJoint([value; JOINTS_MAX])
 }
 
-/// See [`natural`].
+/// Default of a bool register, as [`natural`].
 pub(crate) const fn bit(value: bool) -> PerJoint<u32> {
     natural(value as u32)
 }
 
-/// See [`natural`].
+/// Default of an f32 register, as [`natural`].
 pub(crate) const fn real(value: f32) -> PerJoint<u32> {
     natural(value.to_bits())
 }
 
-/// See [`natural`].
+/// Defaults of an f32 register, one per joint, as bits.
 pub(crate) const fn reals([a, b, c, d, e, f, g, h]: [f32; JOINTS_MAX]) -> PerJoint<u32> {
     PerJoint([
         a.to_bits(),
@@ -199,7 +199,7 @@ macro_rules! family_registers {
 }
 pub(crate) use family_registers;
 
-/// The rows, and nothing behind them.
+/// The rows of a list, filled up with zeros.
 pub(crate) const fn defaults<const N: usize>(rows: [PerJoint<u32>; N]) -> Bits {
     const { assert!(N <= FAMILY_MAX, "FAMILY_MAX is too small") };
     let mut bits = [NOTHING; FAMILY_MAX];

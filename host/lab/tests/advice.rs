@@ -5,7 +5,7 @@ use host::cli::with_short_names;
 
 use crate::command_lines::{require_options, require_verbs};
 
-/// Command line of the other program, with short names and its verb `help`.
+/// Command line of `cubectl`, with its short names and its verb `help`.
 fn cubectl() -> Command {
     let mut cli = with_short_names(host::cli::Cli::command());
     cli.build();

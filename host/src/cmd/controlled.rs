@@ -208,7 +208,7 @@ impl Controlled {
         let state = self.session.group().map(|group| group.state);
         if self.soft
             && matches!(state, Some(State::Idle | State::Ready))
-            && self.session.has_register(self.node, "watchdog.enable")?
+            && self.session.find_register(self.node, "watchdog.enable")?.is_some()
         {
             // Without watchdogs nothing supervises the drives: a limit like the others.
             let robot_crc32 = self.session.natural(self.node, "limits.robot_crc32")? as u32;

@@ -52,8 +52,8 @@ impl RobotModel {
         Ok(out)
     }
 
-    /// The solution next to `q_ref`, as a step along a path needs it. Angles are next to those of `q_ref` by whole turns, in range or not.
-    /// `None` if the pose is out of reach.
+    /// The solution nearest to `q_ref`: the next step along a path. Whole turns are added to each angle until it is nearest to that of
+    /// `q_ref`; joint ranges are not applied. `None` if the pose is out of reach.
     ///
     /// # Errors
     /// As [`RobotModel::ik`].

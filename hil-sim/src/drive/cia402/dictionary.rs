@@ -95,7 +95,7 @@ pub(super) struct Situation {
 pub(super) struct Dictionary {
     /// Sorted. They have a list of their own, because they are searched many times in each period.
     objects: Vec<Object>,
-    /// Place of the first object whose index is not below sixteen times the place here.
+    /// Entry k is the place of the first object with an index of 16 k or more.
     first: Box<[u16; 0x1000]>,
     /// In the order of `objects`.
     rows: Vec<Row>,

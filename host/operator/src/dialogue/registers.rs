@@ -179,12 +179,11 @@ impl Session {
         self.access(node, name, Value::EMPTY).map(|reported| reported.value)
     }
 
-    /// Whether `node` has the register: some are of one family of drives only.
-    pub fn has_register(&mut self, node: NodeId, name: &str) -> Result<bool, OperatorError> {
+    /// As [`Self::register`]; `None` if `node` does not have the register, as one that belongs to other drives.
+    pub fn find_register(&mut self, node: NodeId, name: &str) -> Result<Option<Numbers>, OperatorError> {
         match self.register(node, name) {
-            Ok(_) => Ok(true),
-            Err(OperatorError::NoRegister { .. }) => Ok(false),
-            Err(error) => Err(error),
+            Err(OperatorError::NoRegister { .. }) => Ok(None),
+            found => found.map(Some),
         }
     }
 

@@ -84,19 +84,17 @@ impl Args {
     /// Speed of homing of each joint, with its direction; `None`: these drives know their position without a motion.
     fn speeds(&self, controlled: &mut Controlled) -> Result<Option<Vec<f32>>, ExpectedError> {
         let node = controlled.node;
-        if controlled.session.has_register(node, "joint.home_v_rad_s")? {
-            return match controlled.session.register(node, "joint.home_v_rad_s")? {
-                Numbers::Real(speeds) => Ok(Some(speeds)),
-                _ => Err(OperatorError::Unreadable { node }.into()),
-            };
+        match controlled.session.find_register(node, "joint.home_v_rad_s")? {
+            Some(Numbers::Real(speeds)) => Ok(Some(speeds)),
+            Some(_) => Err(OperatorError::Unreadable { node }.into()),
+            None if self.verify || self.speed.is_some() || self.current.is_some() => {
+                Err(ExpectedError::bad_input(
+                    &"these drives do not move to find their zero: --verify, --speed-rad-s and --current-share mean nothing",
+                )
+                .next("leave these options out; nothing has moved"))
+            }
+            None => Ok(None),
         }
-        if self.verify || self.speed.is_some() || self.current.is_some() {
-            return Err(ExpectedError::bad_input(
-                &"these drives do not move to find their zero: --verify, --speed-rad-s and --current-share mean nothing",
-            )
-            .next("leave these options out; nothing has moved"));
-        }
-        Ok(None)
     }
 
     /// What is asked for, as registers of a controller that has others.

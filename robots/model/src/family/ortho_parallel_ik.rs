@@ -123,8 +123,8 @@ impl OrthoParallel {
         }
     }
 
-    /// Half of the distance, in one joint, from a configuration to the nearest one of another branch for the same pose; smaller values
-    /// are safe. Twins of the wrist are half a turn apart in joint 4.
+    /// Lower bound, in rad: a solution of another branch for the same pose differs by at least twice this value in one joint. The two
+    /// solutions of the wrist differ by half a turn in joint 4.
     pub(crate) fn half_gap_rad(&self, q: &[f64; 6]) -> f64 {
         use std::f64::consts::{FRAC_PI_2, PI, TAU};
         let upper_arm = self.upper_arm_zero_rad + self.sign2 * q[1];

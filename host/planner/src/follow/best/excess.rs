@@ -82,13 +82,13 @@ impl<'a> Excess<'a> {
         &mut self.clear
     }
 
-    /// The window of `x` with its middle next to `q_ref`; `None` if the hand has no posture.
+    /// The window of `x`. The joints in its middle are the solution nearest to `q_ref`. `None` if the arm does not reach a pose of the hand.
     pub(super) fn window(&self, x: &Variables, q_ref: &Axes, points: usize) -> Option<Window> {
         let state = x.hand().at(&x.flight(self.setting), 0.0);
         self.window_around(x, &self.reach.near(&state.x_wb, q_ref)?, points)
     }
 
-    /// The window of `x` around the joints of its middle.
+    /// The window of `x`; `q_center` are the joints in its middle.
     pub(super) fn window_around(&self, x: &Variables, q_center: &Axes, points: usize) -> Option<Window> {
         let (flight, hand) = (x.flight(self.setting), x.hand());
         let period_s = self.setting.period_s;

@@ -92,7 +92,7 @@ impl Variables {
         free
     }
 
-    /// True for a variable of which the window does not depend.
+    /// True for a variable that changes the ramps only: the window does not depend on it.
     pub(super) const fn is_of_ramps(index: usize) -> bool {
         matches!(index, at::START_TOGETHER | at::STOP_TOGETHER | at::BLEND)
     }
